@@ -1,0 +1,124 @@
+# biela: build, tests, demonstration. `make help` lists the targets.
+#
+# Options (make TARGET NAME=value):
+#   FC=gfortran       Fortran compiler (gfortran 12 or newer)
+#   FFLAGS=-O3        optimisation; floating-point arithmetic stays strict (never -ffast-math)
+#   WERROR=-Werror    empty: warnings of another compiler version do not stop the build
+#   NATIVE=1          adds -march=native: faster, runs on this kind of processor only
+#   DEBUG=1           the checked build (build/debug, bin/*-debug) for any target: make test DEBUG=1
+#   LDLIBS="-llapack -lblas"   the linear algebra libraries
+#   PYTHON=python3    the Python (3.9 or newer) from which .venv is made
+#   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
+#   JOBS=auto         processes that share the tests
+
+FC      = gfortran
+FFLAGS  = -O3
+WERROR  = -Werror
+LDLIBS  = -llapack -lblas
+PYTHON  = python3
+TESTS   = tests
+JOBS    = auto
+
+STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra $(WERROR)
+CHECKED  = -O0 -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
+ifeq ($(DEBUG),1)
+  B      := build/debug
+  SUFFIX := -debug
+  FLAGS   = $(STANDARD) $(CHECKED)
+else
+  B      := build/release
+  SUFFIX :=
+  FLAGS   = $(STANDARD) $(FFLAGS) $(if $(filter 1,$(NATIVE)),-march=native)
+endif
+
+SOURCES  := $(sort $(shell find src -name '*.f90'))
+MAIN     := $(B)/main.o
+OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o))
+LIBRARY  := $(B)/libbiela.a
+BIELA    := bin/biela$(SUFFIX)
+PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(wildcard tests/probe.f90))
+BENCH    := $(patsubst tests/bench/%.f90,bin/%$(SUFFIX),$(wildcard tests/bench/*.f90))
+TOOLS    := build/toolchain.ok
+VENV     := .venv/complete
+RUN      := .venv/bin/python
+
+export FC LDLIBS PYTHON
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.PHONY: all debug probe demo test test-debug bench bench-peer extremes lint setup clean help FORCE
+
+all: $(BIELA)                      ## bin/biela
+debug:                             ## bin/biela-debug: -O0 with every run-time check
+	@$(MAKE) DEBUG=1 all
+probe: $(PROBE)                    ## bin/probe: the solver's inside, for the tests
+setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
+
+demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures
+	@$(RUN) post/demo.py --biela $(BIELA)
+
+test: $(BIELA) $(PROBE) $(VENV)    ## all tests
+	@BIELA=$(BIELA) PROBE=$(PROBE) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
+test-debug:                        ## all tests, against the checked build
+	@$(MAKE) DEBUG=1 test
+
+bench: tests/bench/bench.py $(BIELA) $(BENCH) $(VENV)       ## seconds a step, an element, a term, a link
+	@BIELA=$(BIELA) $(RUN) $<
+bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, side by side
+	@BIELA=$(BIELA) $(RUN) $<
+extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
+	@BIELA=$(BIELA) $(RUN) $<
+
+lint: $(VENV)                      ## fortitude and ruff
+	@.venv/bin/fortitude check --quiet src tests
+	@.venv/bin/ruff check --quiet src post tests
+
+clean:                             ## remove what make made, the results and .venv left alone
+	rm -rf build bin
+help:                              ## this list
+	@awk -F '## ' '/^[a-z-]+:.*## / { sub(/:.*/, "", $$1); printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@echo '  options: see the head of the Makefile'
+
+# --- set-up: each file is made once, by setup.sh, and says that all is there
+$(TOOLS): setup.sh
+	@./setup.sh toolchain && mkdir -p $(@D) && touch $@
+$(VENV): requirements.txt setup.sh | $(TOOLS)
+	@./setup.sh python && touch $@
+
+# --- what a change of compiler, options or of the list of sources makes out of date
+$(B)/flags: FORCE
+	@mkdir -p $(@D); echo '$(FC) $(FLAGS) $(LDLIBS)' | cmp -s - $@ || echo '$(FC) $(FLAGS) $(LDLIBS)' > $@
+$(B)/sources: FORCE
+	@mkdir -p $(@D); echo '$(SOURCES)' | cmp -s - $@ || echo '$(SOURCES)' > $@
+
+# --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one
+$(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
+	@mkdir -p $(@D) $(B)/mod
+	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
+$(LIBRARY): $(OBJECTS) $(B)/sources
+	@rm -f $@; ar rcs $@ $(OBJECTS)
+
+define link
+	@mkdir -p bin
+	$(FC) $(FLAGS) -I$(B)/mod -J$(B)/mod $(filter %.f90 %.o,$^) $(LIBRARY) $(LDLIBS) -o $@
+endef
+$(BIELA): $(MAIN) $(LIBRARY)
+	$(link)
+bin/%$(SUFFIX): tests/%.f90 $(LIBRARY) $(B)/flags
+	$(link)
+bin/%$(SUFFIX): tests/bench/%.f90 $(LIBRARY) $(B)/flags
+	$(link)
+
+# --- the order of compilation, read from the `module` and `use` lines
+define DEPENDENCIES
+{ line = tolower($$0); sub(/!.*/, "", line); gsub(/[,:()]/, " ", line); n = split(line, word, " ") }
+FNR == 1 { object = FILENAME; sub(/^src/, "$(B)", object); sub(/f90$$/, "o", object) }
+word[1] == "module" && n == 2 { home[word[2]] = object }
+(word[1] == "use" && word[2] != "intrinsic") || word[1] == "submodule" { edge[object " " word[2]] }
+END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]] != part[1]) print part[1] ": " home[part[2]] } }
+endef
+export DEPENDENCIES
+$(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
+	@awk "$$DEPENDENCIES" $(SOURCES) > $@
+ifeq ($(filter clean help lint setup debug test-debug,$(MAKECMDGOALS)),)
+  include $(B)/depend.mk
+endif

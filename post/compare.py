@@ -1,0 +1,193 @@
+#!/usr/bin/env python3
+"""Compare two histories, or a history with a reference: the largest difference of each column, relative to its range.
+
+The rule, for the tests too:
+- Rows are matched by time: each time of the reference must be in the run (to a millionth of the reference's shortest
+  interval); further rows of the run do not count. Every column of the reference must be in the run, further ones do not count.
+- The error of a column is its largest difference over all rows, divided by the range (largest minus smallest value) that
+  the column has in the reference.
+- A column that is constant in the reference (range below 1e-13 of its size or of the following) is measured by the largest
+  range among the reference's columns of the same unit: a channel that should be zero stays zero, next to channels that are
+  not. A constant column alone in its unit is measured by its own size, and one that is zero by 1 of its unit (1 m, 1 N ...).
+- A column passes when its error is at most its tolerance.
+
+Exit status: 0 every column within its tolerance, 1 some are not, 2 the files cannot be compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from histories import History, HistoryError, read
+
+CONSTANT = 1.0e-13
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The largest difference of one column.
+
+    Attributes:
+        name: the column
+        unit: its unit, '' where neither file states one
+        largest: largest absolute difference, in the column's unit
+        scale: what it is measured by, in the column's unit
+        error: largest / scale
+        time: where it stands [s]
+        tolerance: what the error may be
+    """
+
+    name: str
+    unit: str
+    largest: float
+    scale: float
+    error: float
+    time: float
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within the tolerance."""
+        return self.error <= self.tolerance
+
+
+def matching_rows(run: History, reference: History) -> np.ndarray:
+    """Return, for each row of the reference, the run's row at the same time; shape (reference rows,).
+
+    Raises:
+        HistoryError: a time of the reference is not among the run's.
+    """
+    wanted, have = reference.time, run.time
+    interval = np.diff(wanted).min() if wanted.size > 1 else max(abs(wanted[0]), 1.0)
+    nearest = np.rint(np.interp(wanted, have, np.arange(have.size))).astype(int)
+    off = np.abs(have[nearest] - wanted) > 1.0e-6 * interval
+    if off.any():
+        row = int(np.argmax(off))
+        raise HistoryError(
+            f"{run.path}: no row at t = {wanted[row]:.9g} s, which {reference.path} has; "
+            f"the nearest is t = {have[nearest[row]]:.9g} s"
+        )
+    return nearest
+
+
+def scales(reference: History, units: dict[str, str]) -> dict[str, float]:
+    """Return what each column's difference is measured by, in its unit (the rule above)."""
+    ranges = {name: float(np.ptp(reference[name])) for name in reference.names[1:]}
+    result = {}
+    for name, own in ranges.items():
+        family = max((r for other, r in ranges.items() if units[other] and units[other] == units[name]), default=own)
+        size = float(np.abs(reference[name]).max())
+        result[name] = own if own > CONSTANT * max(family, size) else family or size or 1.0
+    return result
+
+
+def differences(
+    run: History,
+    reference: History,
+    tolerance: float = 0.0,
+    columns: list[str] | None = None,
+    tolerances: dict[str, float] | None = None,
+) -> list[Difference]:
+    """Return the difference of each of the reference's columns, in their order.
+
+    Args:
+        run: what is judged
+        reference: what it is judged by
+        tolerance: of every column, relative
+        columns: shell patterns of the columns to compare (all)
+        tolerances: tolerance by shell pattern, before the general one; the last pattern that fits counts
+
+    Raises:
+        HistoryError: times or columns do not match.
+    """
+    names = reference.match(columns)
+    missing = [name for name in names if name not in run]
+    if missing:
+        raise HistoryError(f"{run.path}: lacks the column {missing[0]!r} of {reference.path}")
+    units = {name: reference.units[name] or run.units.get(name, "") for name in reference.names}
+    clash = [n for n in names if reference.units[n] and run.units[n] and reference.units[n] != run.units[n]]
+    if clash:
+        name = clash[0]
+        raise HistoryError(f"{run.path}: {run.label(name)} is in another unit in {reference.path}: {reference.label(name)}")
+    for pattern in tolerances or {}:
+        reference.match([pattern])
+    rows = matching_rows(run, reference)
+    scale = scales(reference, units)
+    result = []
+    for name in (n for n in names if n != reference.names[0]):
+        gap = np.abs(run[name][rows] - reference[name])
+        worst = int(np.argmax(gap))
+        allowed = [value for pattern, value in (tolerances or {}).items() if fnmatch.fnmatchcase(name, pattern)]
+        largest, time = float(gap[worst]), float(reference.time[worst])
+        error = largest / scale[name]
+        result.append(Difference(name, units[name], largest, scale[name], error, time, [tolerance, *allowed][-1]))
+    return result
+
+
+def table(found: list[Difference]) -> str:
+    """Return one line a column: what differs, by how much, where, and whether that passes."""
+    width = max([6, *(len(d.name) for d in found)])
+    lines = [f"{'column':{width}}  {'error':>9}  {'tolerance':>9}  {'difference':>10}  {'range':>9}  {'unit':8}  at t [s]"]
+    for d in found:
+        mark = "" if d.passed else "  TOO LARGE"
+        figures = f"{d.error:9.2e}  {d.tolerance:9.2e}  {d.largest:10.2e}  {d.scale:9.2e}"
+        lines.append(f"{d.name:{width}}  {figures}  {d.unit:8}  {d.time:.6g}{mark}")
+    return "\n".join(lines)
+
+
+def _pair(text: str) -> tuple[str, float]:
+    name, mark, value = text.rpartition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = -1.0
+    if not (mark and name and 0.0 <= number < float("inf")):
+        raise argparse.ArgumentTypeError(f"{text!r}: NAME=TOLERANCE expected")
+    return name, number
+
+
+def _tolerance(text: str) -> float:
+    return _pair(f"all={text}")[1]
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = argparse.ArgumentParser(
+        prog="compare.py", description=__doc__.split("\n")[0], epilog="the rule: see the head of post/compare.py"
+    )
+    parser.add_argument("run", type=Path, help="results folder, history file or .csv")
+    parser.add_argument("reference", type=Path, help="results folder, history file or .csv")
+    parser.add_argument("--tolerance", type=_tolerance, default=1.0e-6, help="largest error of a column (%(default)g)")
+    parser.add_argument("--columns", nargs="+", metavar="PATTERN", help="compare these columns only, e.g. 'qf4.*' (all)")
+    parser.add_argument(
+        "--column", type=_pair, action="append", default=[], metavar="PATTERN=TOLERANCE", help="another tolerance, of some columns"
+    )
+    parser.add_argument("--file", choices=["history", "energy", "motion"], default="history", help="which file of results folders")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Compare as the command line asks and return the exit status."""
+    args = arguments().parse_args(words)
+    try:
+        run, reference = read(args.run, args.file), read(args.reference, args.file)
+        found = differences(run, reference, args.tolerance, args.columns, dict(args.column))
+    except HistoryError as fault:
+        print(f"compare: {fault}", file=sys.stderr)
+        return 2
+    print(table(found))
+    failed = [d for d in found if not d.passed]
+    verdict = f"{len(failed)} too far apart" if failed else "all within tolerance"
+    more = run.time.size - reference.time.size
+    rest = f" ({more} further rows of the run not compared)" if more else ""
+    print(f"{len(found)} columns, {reference.time.size} rows{rest}: {verdict}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

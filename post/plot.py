@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+"""Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
+
+Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Several runs
+lie over each other in one picture: the first blue, the second red (elastic, viscoelastic).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from histories import RESULT_FILES, History, HistoryError, read
+
+COLOURS = ["#1f4fc4", "#d3222a", "#1d8a4a", "#e08a00", "#7b3fa0", "#00909e", "#8a5a2b", "#5a5a5a"]
+STYLES = ["-", "--", ":", "-."]
+FLAT = 50.0
+LOOK = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "axes.prop_cycle": mpl.cycler(color=COLOURS),
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "savefig.dpi": 150,
+}
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit as text shows it: rad/s^2 and rad/s2 as rad/s², N*m as N·m."""
+    for plain, nice in (("^2", "²"), ("s2", "s²"), ("^3", "³"), ("^4", "⁴"), ("*", "·")):
+        unit = unit.replace(plain, nice)
+    return unit
+
+
+def axis_label(name: str, unit: str) -> str:
+    """Return `name [unit]`, or either alone."""
+    return " ".join(part for part in (name, f"[{pretty_unit(unit)}]" if unit else "") if part)
+
+
+def unit_of(runs: list[History], name: str) -> str:
+    """Return the unit that the first of the runs that knows one states for a column."""
+    return next((run.units[name] for run in runs if run.units.get(name)), "")
+
+
+def panels(runs: list[History], names: list[str]) -> list[list[str]]:
+    """Return the names panel by panel: one unit a panel, and no column below a fiftieth of its panel's largest range."""
+    result: list[list[str]] = []
+    span = {name: max(float(np.ptp(run[name])) for run in runs if name in run) for name in names}
+    for name in names:
+        for panel in result:
+            first = panel[0]
+            near = span[name] == span[first] == 0.0 or 1.0 / FLAT < span[name] / (span[first] or 1.0e-300) < FLAT
+            if unit_of(runs, first) == unit_of(runs, name) != "" and near:
+                panel.append(name)
+                break
+        else:
+            result.append([name])
+    return result
+
+
+def draw(runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "") -> plt.Figure:
+    """Return a figure of the named columns of all runs.
+
+    Args:
+        runs: histories of one kind; a column that one of them lacks is drawn for the others
+        labels: what the legend calls the runs
+        names: columns
+        against: the column of the horizontal axis (the first one, time)
+        title: written above, where given
+
+    Raises:
+        HistoryError: the column of the horizontal axis is missing in a run.
+    """
+    abscissa = against or runs[0].names[0]
+    groups = panels(runs, names)
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(
+            len(groups), 1, figsize=(8.0, 0.8 + 2.2 * len(groups)), sharex=True, squeeze=False, layout="constrained"
+        )
+        for axis, group in zip(axes[:, 0], groups):
+            _panel(axis, runs, labels, group, abscissa)
+        axes[-1, 0].set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
+        if title:
+            figure.suptitle(title)
+    return figure
+
+
+def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str) -> None:
+    """Draw one panel: colour tells the run and line style the column, or colour the column where there is one run."""
+    for k, (run, label) in enumerate(zip(runs, labels)):
+        for j, name in enumerate(group):
+            if name not in run:
+                continue
+            colour = COLOURS[(k if len(runs) > 1 else j) % len(COLOURS)]
+            style = STYLES[j % len(STYLES)] if len(runs) > 1 else "-"
+            words = [label] if len(runs) > 1 else []
+            words += [name] if len(group) > 1 else []
+            axis.plot(run[abscissa], run[name], style, color=colour, label=": ".join(words) or None)
+    axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
+    if len(runs) > 1 or len(group) > 1:
+        entries = len(group) * len(runs)
+        axis.legend(ncols=min(entries, 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+
+
+def save(figure: plt.Figure, stem: Path) -> list[Path]:
+    """Write STEM.png and STEM.pdf and return their paths; the folder is made where it is missing.
+
+    Raises:
+        HistoryError: they cannot be written.
+    """
+    paths = [stem.with_name(stem.name + ending) for ending in (".png", ".pdf")]
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            figure.savefig(path)
+    except OSError as fault:
+        raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
+    finally:
+        plt.close(figure)
+    return paths
+
+
+def names_of(sources: list[Path]) -> list[str]:
+    """Return what tells the runs apart: the folder's name (of results files), else the file's."""
+    return [path.parent.name or path.stem if path.name in RESULT_FILES.values() else path.stem for path in sources]
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = argparse.ArgumentParser(prog="plot.py", description=__doc__.split("\n")[0])
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder, results file or .csv")
+    parser.add_argument("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
+    parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (time)")
+    parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
+    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
+    parser.add_argument("--title", default="", help="written above the picture")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (plot, in the first run's folder)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw as the command line asks; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    try:
+        runs = [read(source, args.file) for source in args.runs]
+        if args.labels and len(args.labels) != len(runs):
+            raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
+        names = [name for name in runs[0].match(args.columns) if name != args.against]
+        labels = args.labels or names_of([run.path for run in runs])
+        figure = draw(runs, labels, names, args.against, args.title)
+        paths = save(figure, args.output or runs[0].path.parent / "plot")
+    except HistoryError as fault:
+        print(f"plot: {fault}", file=sys.stderr)
+        return 2
+    print("wrote " + " and ".join(map(str, paths)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
