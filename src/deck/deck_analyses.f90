@@ -1,0 +1,178 @@
+!> Readers of &static, &modal, &frequency_response and &transient.
+module deck_analyses
+  use kinds, only: wp
+  use text, only: to_text
+  use deck_input, only: deck_source, required, quoted
+  use deck_get, only: get
+  use deck_words, only: get_choice, get_word, get_input
+  use deck_records, only: static_record, modal_record, response_record, transient_record
+  implicit none (type, external)
+  private
+  public :: read_static, read_modal, read_response, read_transient
+
+contains
+
+  !> &static
+  subroutine read_static(deck, s)
+    class(deck_source), intent(inout) :: deck
+    type(static_record), intent(inout) :: s
+    s%at = deck%at()
+    s%present = .true.
+    call get(deck, 'load_steps', s%load_steps, least=1)
+    call get(deck, 'tolerance', s%tolerance, above=0.0_wp, below=1.0_wp)
+  end subroutine read_static
+
+  !> &modal
+  subroutine read_modal(deck, m)
+    class(deck_source), intent(inout) :: deck
+    type(modal_record), intent(inout) :: m
+    m%at = deck%at()
+    m%present = .true.
+    call get(deck, 'modes', m%modes, least=1)
+  end subroutine read_modal
+
+  !> &frequency_response
+  subroutine read_response(deck, r)
+    class(deck_source), intent(inout) :: deck
+    type(response_record), intent(inout) :: r
+    r%at = deck%at()
+    r%present = .true.
+    call get_word(deck, 'spacing', r%spacing, [character(6) :: 'log', 'linear'])
+    if (r%spacing == 'log') then
+      call get(deck, 'from', r%from, required, above=0.0_wp)
+    else
+      call get(deck, 'from', r%from, required, least=0.0_wp)
+    end if
+    call get(deck, 'to', r%to, required, above=0.0_wp)
+    call get(deck, 'points', r%points, required, least=2)
+    call get_input(deck, 'input', r%force, r%drive)
+    if (deck%is_set('from') .and. deck%is_set('to') .and. r%to <= r%from) call deck%complain('to', &
+      'to='//to_text(r%to)//' is not above from='//to_text(r%from)//', expected to > from')
+  end subroutine read_response
+
+  !> &transient
+  subroutine read_transient(deck, t)
+    class(deck_source), intent(inout) :: deck
+    type(transient_record), intent(inout) :: t
+    t%at = deck%at()
+    t%present = .true.
+    t%method = 'rk4'
+    call get(deck, 't_end', t%t_end, required, above=0.0_wp)
+    call get_choice(deck, 'method', t%method, [character(17) :: 'rk4', 'dopri5', 'generalized_alpha'])
+    call get(deck, 'step', t%step, above=0.0_wp)
+    call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 generalized_alpha')
+    call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 generalized_alpha')
+    call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 generalized_alpha')
+    call get(deck, 'spectral_radius', t%spectral_radius, least=0.0_wp, most=0.99_wp, kinds='generalized_alpha')
+    call get(deck, 'accept_unstable', t%accept_unstable)
+    call get(deck, 'output_step', t%output_step, above=0.0_wp)
+    call get(deck, 'checkpoint_interval', t%checkpoint_interval, least=0.0_wp)
+    call get(deck, 'motion_step', t%motion_step, least=0.0_wp)
+    call read_step_kind(deck, t)
+    call check_steps(deck, t)
+    call read_stabilization(deck, t)
+  end subroutine read_transient
+
+  !> A fixed step or a tolerance, not both.
+  subroutine read_step_kind(deck, t)
+    class(deck_source), intent(inout) :: deck
+    type(transient_record), intent(inout) :: t
+    t%adaptive = deck%is_given('tolerance') .and. .not. deck%is_choice('rk4')
+    if (t%adaptive .and. deck%is_given('step')) then
+      call deck%complain('tolerance', 'step and tolerance are both given, expected step (fixed steps) or tolerance '// &
+        '(adaptive steps)')
+    else if (.not. (t%adaptive .or. deck%is_given('step'))) then
+      if (deck%is_choice('rk4')) then
+        call deck%miss('step', 'step > 0', kinds='rk4')
+      else if (deck%choice_is_known()) then
+        call deck%miss('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
+      end if
+    else if (.not. t%adaptive) then
+      call needs_tolerance(deck, 'first_step')
+      call needs_tolerance(deck, 'max_step')
+    end if
+  end subroutine read_step_kind
+
+  !> Reports a variable that only adaptive steps use.
+  subroutine needs_tolerance(deck, name)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name   !! `first_step` or `max_step`
+    if (deck%is_set(name)) call deck%complain(name, name//' does not apply to fixed steps, expected it with tolerance only')
+  end subroutine needs_tolerance
+
+  !> Steps and times that fit together; the default interval of output.
+  subroutine check_steps(deck, t)
+    class(deck_source), intent(inout) :: deck
+    type(transient_record), intent(inout) :: t
+    real(wp), parameter :: slack = 1.0_wp + 1.0e-9_wp   !! rounding of written numbers [-]
+    logical :: stepped
+    stepped = deck%is_set('step') .and. .not. t%adaptive
+    call ordered(deck, 'output_step', t%output_step, 't_end', t%t_end*slack)
+    if (stepped .and. deck%is_set('output_step')) then
+      call ordered(deck, 'step', t%step, 'output_step', t%output_step*slack)
+    else if (stepped) then
+      call ordered(deck, 'step', t%step, 't_end', t%t_end*slack)
+    end if
+    if (t%adaptive) then
+      call ordered(deck, 'first_step', t%first_step, 'max_step', t%max_step*slack)
+      call ordered(deck, 'first_step', t%first_step, 't_end', t%t_end*slack)
+    end if
+    if (deck%is_given('output_step')) return
+    t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
+  end subroutine check_steps
+
+  !> Reports a time that is longer than another one.
+  subroutine ordered(deck, name, time, other, limit)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name, other   !! the two variables
+    real(wp), intent(in) :: time              !! the first one's value [s]
+    real(wp), intent(in) :: limit             !! the other one's value with some slack [s]
+    if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. time <= limit) return
+    call deck%complain(name, name//'='//to_text(time)//' is larger than '//other//'='//to_text(limit)//', expected '// &
+      name//' <= '//other)
+  end subroutine ordered
+
+  !> How drift off the constraints is kept small; the default rates of Baumgarte's terms.
+  subroutine read_stabilization(deck, t)
+    class(deck_source), intent(inout) :: deck
+    type(transient_record), intent(inout) :: t
+    logical :: baumgarte, implicit
+    call get_word(deck, 'stabilization', t%stabilization, [character(10) :: 'projection', 'baumgarte', 'none'])
+    implicit = deck%is_choice('generalized_alpha')
+    if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
+      quoted(trim(t%stabilization))//' does not apply to method=''generalized_alpha'', expected ''projection''')
+    call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
+    call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
+    baumgarte = t%stabilization == 'baumgarte' .and. .not. implicit
+    call rate(deck, 'baumgarte_alpha', t%baumgarte_alpha, baumgarte, t)
+    call rate(deck, 'baumgarte_beta', t%baumgarte_beta, baumgarte, t)
+  end subroutine read_stabilization
+
+  !> Default 0.1/step of a rate of Baumgarte's terms; adaptive steps have none.
+  subroutine rate(deck, name, value, baumgarte, t)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name             !! variable
+    real(wp), intent(inout) :: value             !! [1/s]
+    logical, intent(in) :: baumgarte             !! whether the terms are used
+    type(transient_record), intent(in) :: t
+    if (.not. baumgarte) then
+      if (deck%is_set(name) .and. .not. (deck%is_given('stabilization') .and. .not. deck%is_set('stabilization'))) &
+        call deck%complain(name, name//' does not apply to stabilization='//quoted(trim(t%stabilization))// &
+        ', it applies to stabilization=''baumgarte''')
+    else if (.not. deck%is_given(name)) then
+      if (t%adaptive) call deck%miss(name, name//' >= 0 (adaptive steps have no default)')
+      if (.not. t%adaptive .and. t%step > 0.0_wp) value = 0.1_wp/actual_step(t)
+    end if
+  end subroutine rate
+
+  !> The fixed step in use: output_step/ceiling(output_step/step); a ratio that is whole but for rounding counts as whole.
+  pure function actual_step(t) result(h)
+    type(transient_record), intent(in) :: t   !! step > 0 and output_step > 0
+    real(wp) :: h                             !! [s]
+    real(wp) :: ratio
+    ratio = t%output_step/t%step
+    if (abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) ratio = anint(ratio)
+    if (ratio > aint(ratio)) ratio = aint(ratio) + 1.0_wp
+    h = t%output_step/max(1.0_wp, ratio)
+  end function actual_step
+end module deck_analyses

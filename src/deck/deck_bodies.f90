@@ -1,0 +1,169 @@
+!> Reader of &body.
+module deck_bodies
+  use kinds, only: wp
+  use text, only: to_text, lower
+  use deck_input, only: deck_source, required
+  use deck_get, only: get, get_pair
+  use deck_lists, only: get_list
+  use deck_words, only: get_name, get_choice, get_word, get_words, get_references
+  use deck_kinds, only: in_material, in_section
+  use deck_geometry, only: check_frame, check_reference
+  use deck_records, only: body_record
+  implicit none (type, external)
+  private
+  public :: read_body
+
+  character(*), parameter :: elastic = 'beam frame'   !! kinds with nodes and elements
+  integer, parameter :: most_elements = 1000000       !! far beyond what double precision resolves in one beam
+
+contains
+
+  !> &body. `known`: its kind and its number of nodes could be read.
+  subroutine read_body(deck, b, known)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    logical, intent(out) :: known
+    b%at = deck%at()
+    call get_name(deck, b%name)
+    if (b%name /= '') call check_ground(deck, b%name)
+    b%kind = 'rigid'
+    call get_choice(deck, 'kind', b%kind, [character(5) :: 'rigid', 'beam', 'frame'])
+    call get_pair(deck, 'position', b%position)
+    call get(deck, 'angle', b%angle)
+    call get_pair(deck, 'velocity', b%velocity)
+    call get(deck, 'angular_velocity', b%angular_velocity)
+    b%velocity_stated = deck%is_set('velocity')
+    b%angular_velocity_stated = deck%is_set('angular_velocity')
+    call read_rigid(deck, b)
+    call read_elements(deck, b)
+    call read_switches(deck, b)
+    call read_reference(deck, b)
+    known = deck%is_choice('rigid') .or. (deck%choice_in(elastic) .and. b%nodes > 0)
+    if (known .and. deck%choice_in(elastic)) call check_reference(deck, b)
+  end subroutine read_body
+
+  !> The name of the fixed body is taken.
+  subroutine check_ground(deck, name)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name   !! the body's name
+    if (lower(name) == 'ground') call deck%complain('name', 'name='''//trim(name)//''' is the name of the fixed body, '// &
+      'expected another one')
+  end subroutine check_ground
+
+  !> Mass properties of a rigid body.
+  subroutine read_rigid(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    call get(deck, 'mass', b%mass, required, least=0.0_wp, kinds='rigid')
+    if (deck%is_set('mass') .and. b%mass <= 0.0_wp) call deck%complain('mass', 'mass=0: a body without mass has no '// &
+      'motion of its own, expected mass > 0; a massless crank is a &joint of type ''distance'' driven by a &force of '// &
+      'type ''torque_about'', a massless slider a &joint of type ''slider''')
+    call get(deck, 'inertia', b%inertia, required, least=0.0_wp, kinds='rigid')
+    call get_pair(deck, 'com', b%com, kinds='rigid')
+  end subroutine read_rigid
+
+  !> Geometry, materials and sections of a beam or frame.
+  subroutine read_elements(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    call get(deck, 'length', b%length, required, above=0.0_wp, kinds='beam')
+    call get(deck, 'elements', b%elements, required, least=1, most=most_elements, kinds='beam')
+    call get_list(deck, 'node_x', b%node_x, required, kinds='frame')
+    call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
+    call read_frame(deck, b)
+    if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
+    call read_properties(deck, b, 'section', in_section, b%element_section, .true.)
+    call read_properties(deck, b, 'material', in_material, b%element_material, &
+      .not. deck%is_given('element_material'))
+    call read_element_material(deck, b)
+  end subroutine read_elements
+
+  !> Nodes and elements of a frame.
+  subroutine read_frame(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    integer, allocatable :: pairs(:)
+    call get_list(deck, 'element_nodes', pairs, required, kinds='frame')
+    allocate (b%element_nodes(2, size(pairs)/2))
+    b%element_nodes = reshape(pairs(1:size(pairs)/2*2), [2, size(pairs)/2])
+    if (.not. deck%is_choice('frame')) return
+    if (deck%is_set('element_nodes')) then
+      b%elements = size(pairs)/2
+      if (mod(size(pairs), 2) == 1) call deck%complain('element_nodes', 'element_nodes has '//to_text(size(pairs))// &
+        ' values, expected pairs: the two nodes of each element')
+    end if
+    call check_frame(deck, b)
+  end subroutine read_frame
+
+  !> Materials or sections of the elements: one name for all or, for a frame, one per element.
+  subroutine read_properties(deck, b, name, kind, numbers, need)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(in) :: b                 !! its number of elements, 0: not known
+    character(*), intent(in) :: name                   !! `material` or `section`
+    integer, intent(in) :: kind                        !! what it names
+    integer, allocatable, intent(out) :: numbers(:)    !! (elements) indices
+    logical, intent(in) :: need                        !! whether it is required
+    integer, allocatable :: found(:)
+    call get_references(deck, name, kind, found, need, elastic)
+    allocate (numbers(b%elements))
+    numbers = 0
+    if (.not. deck%is_set(name) .or. b%elements == 0) return
+    if (size(found) == 1) then
+      numbers = found(1)
+    else if (size(found) == b%elements .and. deck%is_choice('frame')) then
+      numbers = found
+    else if (deck%is_choice('frame')) then
+      call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 or one for each of the '// &
+        to_text(b%elements)//' elements')
+    else if (deck%is_choice('beam')) then
+      call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 for a beam')
+    end if
+  end subroutine read_properties
+
+  !> Materials that differ from element to element.
+  subroutine read_element_material(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    integer, allocatable :: found(:)
+    call get_references(deck, 'element_material', in_material, found, .false., elastic)
+    if (.not. deck%is_set('element_material') .or. b%elements == 0) return
+    if (size(found) == b%elements) then
+      b%element_material = found
+    else
+      call deck%complain('element_material', 'element_material has '//to_text(size(found))// &
+        ' values, expected one for each of the '//to_text(b%elements)//' elements')
+    end if
+  end subroutine read_element_material
+
+  !> What of a beam or frame is modelled.
+  subroutine read_switches(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    call get(deck, 'flexible', b%flexible, kinds=elastic)
+    call get(deck, 'viscoelastic', b%viscoelastic, kinds=elastic)
+    call get(deck, 'axial', b%axial, kinds=elastic)
+    call get(deck, 'stiffening', b%stiffening, kinds=elastic)
+    call get(deck, 'modes', b%modes, least=0, kinds=elastic)
+    if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
+      'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
+      'axial=.true. or kind=''beam''')
+    if (.not. b%stiffening) return
+    if (.not. b%axial) call deck%complain('stiffening', 'stiffening=.true. with axial=.false.: the quadratic strain '// &
+      'shortens the chord, which needs axial deformation or it locks the beam, expected axial=.true.')
+    if (b%modes > 0) call deck%complain('stiffening', 'stiffening=.true. with modes='//to_text(b%modes)// &
+      ': a truncated basis cannot follow the shortening of the chord and the quadratic strain locks the beam, expected '// &
+      'modes=0')
+  end subroutine read_switches
+
+  !> The coordinates that fix the body's frame to its nodes.
+  subroutine read_reference(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
+    call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
+    call get_words(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
+    if (deck%is_set('reference') .and. b%reference == 'free' .and. b%modes == 0 .and. &
+      (deck%is_set('modes') .or. .not. deck%is_given('modes'))) call deck%complain('reference', 'reference=''free'' '// &
+      'with nodal coordinates (modes=0): nothing would fix the body''s frame, expected modes > 0')
+  end subroutine read_reference
+end module deck_bodies

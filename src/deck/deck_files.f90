@@ -1,0 +1,113 @@
+!> The files of a deck: reads them, splits them into groups, follows &include, and keeps the groups in reading order.
+module deck_files
+  use text, only: read_file, to_text, lower
+  use deck_input, only: deck_source, quoted, required
+  use deck_get, only: get
+  use deck_kinds, only: group_kinds, group_number, in_include
+  use deck_lexer, only: split_groups
+  use deck_paths, only: beside
+  implicit none (type, external)
+  private
+  public :: read_source, group_list
+
+  !> Numbers of groups in the order in which they count.
+  type :: group_list
+    integer, allocatable :: numbers(:)
+    integer :: count = 0
+  contains
+    procedure :: append
+  end type group_list
+
+contains
+
+  !> Reads a file and all that it includes; appends its groups, those of included files in the place of the &include.
+  recursive subroutine read_source(deck, path, parent, list, problem)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: path                       !! file, relative to the current folder
+    integer, intent(in) :: parent                          !! number of the file that includes it, 0: none
+    type(group_list), intent(inout) :: list                !! receives the groups other than &include
+    character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
+    character(:), allocatable :: content
+    integer :: file, first, last, k
+    call read_file(path, content, problem)
+    if (len(problem) > 0) return
+    call deck%parts%add_source(path, content, parent)
+    file = deck%parts%source_count
+    first = deck%parts%group_count + 1
+    call split_groups(deck%parts, file, deck%faults)
+    last = deck%parts%group_count
+    do k = first, last
+      if (group_number(deck%group_word(k)) == in_include) then
+        call follow(deck, k, file, list)
+      else
+        call list%append(k)
+      end if
+    end do
+  end subroutine read_source
+
+  !> Reads the file that an &include names.
+  recursive subroutine follow(deck, number, file, list)
+    class(deck_source), intent(inout) :: deck
+    integer, intent(in) :: number                 !! the group
+    integer, intent(in) :: file                   !! number of its file
+    type(group_list), intent(inout) :: list
+    character(:), allocatable :: name, path, problem
+    allocate (character(0) :: name)
+    if (deck%parts%groups(number)%readable) then
+      call deck%open(number)
+      call get(deck, 'file', name, required)
+      call deck%close()
+    end if
+    if (len(name) == 0) then
+      deck%names%complete = .false.               ! what it would have defined is not known
+      return
+    end if
+    path = beside(deck%parts%sources(file)%path, name)
+    call check_repeated(deck, path, file, problem)
+    if (len(problem) == 0) then
+      call read_source(deck, path, file, list, problem)
+      if (len(problem) > 0) problem = ' cannot be read: '//problem//', expected a deck file beside this one'
+      if (len(problem) > 0) deck%names%complete = .false.
+    end if
+    if (len(problem) == 0) return
+    call deck%open(number)
+    call deck%complain('file', 'file='//quoted(name)//problem)
+  end subroutine follow
+
+  !> A file may be read once only; one that includes itself would never end.
+  subroutine check_repeated(deck, path, file, problem)
+    class(deck_source), intent(in) :: deck
+    character(*), intent(in) :: path                       !! file to be read
+    integer, intent(in) :: file                            !! number of the file that includes it
+    character(:), allocatable, intent(out) :: problem      !! empty if it may be read
+    integer :: k
+    problem = ''
+    k = file
+    do while (k > 0)
+      if (beside('', deck%parts%sources(k)%path) == beside('', path)) then
+        problem = ' includes itself, expected files that do not lead back to themselves'
+        return
+      end if
+      k = deck%parts%sources(k)%parent
+    end do
+    do k = 1, deck%parts%source_count
+      if (beside('', deck%parts%sources(k)%path) == beside('', path)) problem = &
+        ' is included before, expected every file once'
+    end do
+  end subroutine check_repeated
+
+  !> Appends a group.
+  subroutine append(self, number)
+    class(group_list), intent(inout) :: self
+    integer, intent(in) :: number   !! the group
+    integer, allocatable :: larger(:)
+    if (.not. allocated(self%numbers)) allocate (self%numbers(256))
+    if (self%count == size(self%numbers)) then
+      allocate (larger(2*self%count))
+      larger(1:self%count) = self%numbers
+      call move_alloc(larger, self%numbers)
+    end if
+    self%count = self%count + 1
+    self%numbers(self%count) = number
+  end subroutine append
+end module deck_files

@@ -1,0 +1,251 @@
+!> Checks of the geometry of beams and frames: nodes, elements, connection, and the coordinates that fix the frame.
+module deck_geometry
+  use kinds, only: wp
+  use text, only: to_text
+  use deck_input, only: deck_source
+  use deck_lists, only: same_length
+  use deck_records, only: body_record
+  implicit none (type, external)
+  private
+  public :: check_frame, check_reference
+
+  real(wp), parameter :: singular = 1.0e-12_wp     !! smaller determinants count as zero [-]
+  real(wp), parameter :: tiny_length = 1.0e-9_wp   !! elements shorter than this times the frame's size have no length [-]
+
+contains
+
+  !> Nodes and elements of a frame; `nodes` stays 0 where they are faulty.
+  subroutine check_frame(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    integer :: before
+    before = deck%faults%count
+    call same_length(deck, 'node_x', size(b%node_x), 'node_y', size(b%node_y))
+    if (.not. (deck%is_set('node_x') .and. deck%is_set('node_y'))) return
+    if (deck%faults%count > before) return
+    if (size(b%node_x) < 2) then
+      call deck%complain('node_x', 'a frame has '//to_text(size(b%node_x))//' node, expected at least 2')
+      return
+    end if
+    b%nodes = size(b%node_x)
+    if (.not. deck%is_set('element_nodes')) return
+    call check_elements(deck, b)
+    if (deck%faults%count == before) call check_connected(deck, b)
+  end subroutine check_frame
+
+  !> Every element joins two different nodes that exist and has a length.
+  subroutine check_elements(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(in) :: b
+    real(wp) :: size_of_frame, length      ! [m]
+    integer :: k, i, j
+    size_of_frame = hypot(maxval(b%node_x) - minval(b%node_x), maxval(b%node_y) - minval(b%node_y))
+    do k = 1, b%elements
+      i = b%element_nodes(1, k)
+      j = b%element_nodes(2, k)
+      if (min(i, j) < 1 .or. max(i, j) > b%nodes) then
+        call deck%complain('element_nodes', 'element '//to_text(k)//' joins nodes '//to_text(i)//' and '//to_text(j)// &
+          ', expected 1 to '//to_text(b%nodes))
+        cycle
+      end if
+      length = hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i))
+      if (length <= tiny_length*size_of_frame) call deck%complain('element_nodes', 'element '//to_text(k)// &
+        ' from node '//to_text(i)//' to node '//to_text(j)//' has no length, expected two nodes apart')
+    end do
+  end subroutine check_elements
+
+  !> All nodes hang together.
+  subroutine check_connected(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(in) :: b
+    integer, allocatable :: parent(:)
+    integer :: k, i, j
+    allocate (parent(b%nodes))
+    parent = [(k, k=1, b%nodes)]
+    do k = 1, b%elements
+      call find_root(parent, b%element_nodes(1, k), i)
+      call find_root(parent, b%element_nodes(2, k), j)
+      parent(max(i, j)) = min(i, j)
+    end do
+    do k = 2, b%nodes
+      call find_root(parent, k, i)
+      if (i == 1) cycle
+      call deck%complain('element_nodes', 'node '//to_text(k)//' is not connected to node 1, expected elements that '// &
+        'join all nodes')
+      return
+    end do
+  end subroutine check_connected
+
+  !> Smallest node of the tree that a node belongs to; the way to it is made shorter.
+  pure subroutine find_root(parent, node, root)
+    integer, intent(inout) :: parent(:)   !! (nodes) next node towards the root
+    integer, intent(in) :: node
+    integer, intent(out) :: root
+    root = node
+    do while (parent(root) /= root)
+      parent(root) = parent(parent(root))
+      root = parent(root)
+    end do
+  end subroutine find_root
+
+  !> The listed reference coordinates, or those of the word, stop the three rigid motions of a flexible body.
+  subroutine check_reference(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    integer :: before
+    before = deck%faults%count
+    if (deck%is_given('reference_node') .or. deck%is_given('reference_dof')) then
+      call check_lists(deck, b)
+      if (.not. (deck%is_set('reference_node') .and. deck%is_set('reference_dof'))) return
+      if (deck%faults%count > before) return
+      b%reference = 'explicit'
+    end if
+    if (.not. b%flexible .or. b%reference == 'free') return
+    call check_rank(deck, b)
+  end subroutine check_reference
+
+  !> The two lists of reference coordinates: equal lengths, nodes that exist, nothing twice.
+  subroutine check_lists(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(inout) :: b
+    logical, allocatable :: removed(:, :)
+    integer :: k, dof, before
+    before = deck%faults%count
+    if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
+      'both given, expected one or the other')
+    call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
+    where (b%reference_node == -1) b%reference_node = b%nodes
+    do k = 1, size(b%reference_node)
+      if (b%reference_node(k) < 1 .or. b%reference_node(k) > b%nodes) call deck%complain('reference_node', &
+        'reference_node='//to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)// &
+        ' or -1 (the last)')
+    end do
+    if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
+    allocate (removed(3, b%nodes))
+    removed = .false.
+    do k = 1, size(b%reference_node)
+      dof = index('uvr', b%reference_dof(k))
+      if (removed(dof, b%reference_node(k))) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)// &
+        ' of node '//to_text(b%reference_node(k))//' is removed twice, expected it once')
+      removed(dof, b%reference_node(k)) = .true.
+    end do
+  end subroutine check_lists
+
+  !> A rigid motion that leaves all removed coordinates at rest is a fault that names it.
+  subroutine check_rank(deck, b)
+    class(deck_source), intent(inout) :: deck
+    type(body_record), intent(in) :: b
+    real(wp), allocatable :: x(:), y(:)    ! nodes [m]
+    real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
+    real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
+    real(wp) :: extent                     ! largest distance of a node from node 1 [m]
+    character(:), allocatable :: name
+    integer :: k
+    call node_places(b, x, y)
+    extent = maxval(hypot(x - x(1), y - y(1)))
+    if (extent <= 0.0_wp) return
+    normal = 0.0_wp
+    associate (xs => (x - x(1))/extent, ys => (y - y(1))/extent)
+      if (b%reference == 'explicit') then
+        do k = 1, size(b%reference_node)
+          call add_row(normal, b%reference_dof(k), xs(b%reference_node(k)), ys(b%reference_node(k)))
+        end do
+      else if (b%reference == 'pinned') then
+        call add_row(normal, 'u', xs(1), ys(1))
+        call add_row(normal, 'v', xs(1), ys(1))
+        call add_row(normal, 'v', xs(b%nodes), ys(b%nodes))
+      else
+        return                             ! clamped: always sufficient
+      end if
+    end associate
+    if (determinant(normal) > singular*max(normal(1, 1) + normal(2, 2) + normal(3, 3), 1.0_wp)**3) return
+    call free_motion(normal, motion)
+    name = 'reference'
+    if (b%reference == 'explicit') name = 'reference_dof'
+    call deck%complain(name, 'the removed coordinates leave a '//motion_text(motion, x(1), y(1), extent)// &
+      ' of the body free, expected coordinates that stop all three rigid motions')
+  end subroutine check_rank
+
+  !> Adds the row of one removed coordinate: u = tx - ω y, v = ty + ω x, r = ω for the motion (tx, ty, ω).
+  pure subroutine add_row(normal, dof, x, y)
+    real(wp), intent(inout) :: normal(3, 3)   !! [-]
+    character(1), intent(in) :: dof           !! 'u', 'v' or 'r'
+    real(wp), intent(in) :: x, y              !! the node, over the size [-]
+    real(wp) :: row(3)
+    select case (dof)
+    case ('u')
+      row = [1.0_wp, 0.0_wp, -y]
+    case ('v')
+      row = [0.0_wp, 1.0_wp, x]
+    case default
+      row = [0.0_wp, 0.0_wp, 1.0_wp]
+    end select
+    normal = normal + spread(row, 1, 3)*spread(row, 2, 3)
+  end subroutine add_row
+
+  !> Determinant of a 3 x 3 matrix.
+  pure function determinant(a) result(d)
+    real(wp), intent(in) :: a(3, 3)   !! [-]
+    real(wp) :: d
+    d = dot_product(a(:, 1), cross(a(:, 2), a(:, 3)))
+  end function determinant
+
+  !> Vector product.
+  pure function cross(a, b) result(c)
+    real(wp), intent(in) :: a(3), b(3)   !! [-]
+    real(wp) :: c(3)
+    c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
+  end function cross
+
+  !> A motion that a singular matrix of removed coordinates does not see. Of rank 2 it is normal to two columns; of rank
+  !> 1 or 0 some translation is free.
+  pure subroutine free_motion(normal, motion)
+    real(wp), intent(in) :: normal(3, 3)   !! symmetric, not negative [-]
+    real(wp), intent(out) :: motion(3)     !! translation and rotation [-]
+    real(wp) :: candidate(3)
+    integer :: k
+    motion = 0.0_wp
+    do k = 1, 3
+      candidate = cross(normal(:, k), normal(:, modulo(k, 3) + 1))
+      if (norm2(candidate) > norm2(motion)) motion = candidate
+    end do
+    if (norm2(motion) > singular*sum(normal**2)) return
+    k = maxloc([norm2(normal(:, 1)), norm2(normal(:, 2)), norm2(normal(:, 3))], 1)
+    motion = [-normal(2, k), normal(1, k), 0.0_wp]
+    if (norm2(motion) <= singular) motion = [1.0_wp, 0.0_wp, 0.0_wp]
+  end subroutine free_motion
+
+  !> A rigid motion in words.
+  pure function motion_text(motion, x, y, extent) result(t)
+    real(wp), intent(in) :: motion(3)   !! translation and rotation about node 1, lengths over the extent [-]
+    real(wp), intent(in) :: x, y        !! node 1 [m]
+    real(wp), intent(in) :: extent      !! [m]
+    character(:), allocatable :: t
+    real(wp) :: centre(2)               ! [m]
+    if (abs(motion(3)) > 1.0e-6_wp*norm2(motion)) then
+      centre = [x - extent*motion(2)/motion(3), y + extent*motion(1)/motion(3)]
+      where (abs(centre) < 1.0e-9_wp*extent) centre = 0.0_wp
+      t = 'rotation about the point '//to_text(centre(1))//','//to_text(centre(2))
+    else if (abs(motion(2)) <= 1.0e-6_wp*norm2(motion)) then
+      t = 'translation along x'
+    else if (abs(motion(1)) <= 1.0e-6_wp*norm2(motion)) then
+      t = 'translation along y'
+    else
+      t = 'translation along the direction '//to_text(motion(1)/norm2(motion))//','//to_text(motion(2)/norm2(motion))
+    end if
+  end function motion_text
+
+  !> Positions of the nodes in body axes.
+  pure subroutine node_places(b, x, y)
+    type(body_record), intent(in) :: b
+    real(wp), allocatable, intent(out) :: x(:), y(:)   !! (nodes) [m]
+    integer :: k
+    if (b%kind == 'frame') then
+      x = b%node_x
+      y = b%node_y
+    else
+      x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
+      y = 0.0_wp*x
+    end if
+  end subroutine node_places
+end module deck_geometry

@@ -1,0 +1,280 @@
+!> Numbers, logicals and free text from the open group. One call declares a variable: its name, where it goes, whether
+!> it is required, its range, and the kinds it applies to.
+module deck_get
+  use kinds, only: wp
+  use text, only: to_text
+  use deck_input, only: deck_source, quoted
+  use deck_numbers, only: read_real, read_integer, read_logical
+  use deck_syntax, only: value_token, bare_value, string_value, null_value, bad_value
+  implicit none (type, external)
+  private
+  public :: get, get_pair, get_token, real_of, range_text, in_range
+
+  !> Reads one value into a variable, which keeps its default where the group does not give it.
+  interface get
+    module procedure :: get_real, get_integer, get_logical, get_text
+  end interface get
+
+contains
+
+  !> A real number.
+  subroutine get_real(deck, name, x, need, above, least, most, below, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    real(wp), intent(inout) :: x                  !! receives the value [as the variable]
+    logical, intent(in), optional :: need         !! whether it is required
+    real(wp), intent(in), optional :: above       !! the value must be greater
+    real(wp), intent(in), optional :: least       !! the value must not be smaller
+    real(wp), intent(in), optional :: most        !! the value must not be greater
+    real(wp), intent(in), optional :: below       !! the value must be smaller
+    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    real(wp) :: value
+    integer :: place
+    logical :: absent, good
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, range_text(name, above, least, most, below), kinds)
+    if (place == 0) return
+    call single_value(deck, name, place, good)
+    if (good) call real_of(deck, name, deck%token(place, 1), value, good)
+    if (.not. good) return
+    if (in_range(value, above, least, most, below)) then
+      x = value
+      call deck%settle(place)
+    else
+      call out_of_range(deck, name, place, range_text(name, above, least, most, below))
+    end if
+  end subroutine get_real
+
+  !> Two real numbers, a vector.
+  subroutine get_pair(deck, name, x, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    real(wp), intent(inout) :: x(2)               !! receives the values [as the variable]
+    logical, intent(in), optional :: need         !! whether it is required
+    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    real(wp) :: values(2)
+    integer :: place, k, n
+    logical :: absent, good
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, name//'=x,y', kinds)
+    if (place == 0) return
+    if (deck%values(place) /= 2) then
+      call deck%complain(name, name//' has '//counted(deck%values(place))//', expected 2: '//name//'=x,y')
+      return
+    end if
+    n = deck%tokens(place)
+    do k = 1, n
+      call real_of(deck, name, deck%token(place, k), values(k), good)
+      if (.not. good) return
+    end do
+    x = values(1)
+    x(2) = values(n)
+    call deck%settle(place)
+  end subroutine get_pair
+
+  !> A whole number.
+  subroutine get_integer(deck, name, n, need, least, most, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    integer, intent(inout) :: n                   !! receives the value
+    logical, intent(in), optional :: need         !! whether it is required
+    integer, intent(in), optional :: least        !! the value must not be smaller
+    integer, intent(in), optional :: most         !! the value must not be greater
+    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    character(:), allocatable :: problem, range
+    integer :: place, value
+    logical :: absent, good
+    range = whole_range(name, least, most)
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, range, kinds)
+    if (place == 0) return
+    call single_value(deck, name, place, good)
+    if (good) call get_token(deck, name, deck%token(place, 1), 'a whole number', good)
+    if (.not. good) return
+    call read_integer(deck%word(deck%token(place, 1)), value, problem)
+    if (len(problem) > 0) then
+      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' '//problem)
+      return
+    end if
+    if (present(least)) good = value >= least
+    if (present(most)) good = good .and. value <= most
+    if (good) then
+      n = value
+      call deck%settle(place)
+    else
+      call out_of_range(deck, name, place, range)
+    end if
+  end subroutine get_integer
+
+  !> A logical value.
+  subroutine get_logical(deck, name, x, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    logical, intent(inout) :: x                   !! receives the value
+    logical, intent(in), optional :: need         !! whether it is required
+    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    character(:), allocatable :: problem
+    integer :: place
+    logical :: absent, good
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, '.true. or .false.', kinds)
+    if (place == 0) return
+    call single_value(deck, name, place, good)
+    if (good) call get_token(deck, name, deck%token(place, 1), '.true. or .false.', good)
+    if (.not. good) return
+    call read_logical(deck%word(deck%token(place, 1)), x, problem)
+    if (len(problem) > 0) then
+      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' '//problem)
+    else
+      call deck%settle(place)
+    end if
+  end subroutine get_logical
+
+  !> Free text of any length without control characters.
+  subroutine get_text(deck, name, t, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                    !! variable
+    character(:), allocatable, intent(inout) :: t       !! receives the value
+    logical, intent(in), optional :: need               !! whether it is required
+    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    character(:), allocatable :: value
+    integer :: place, i
+    logical :: absent, good
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, name//'=''...''', kinds)
+    if (place == 0) return
+    call single_value(deck, name, place, good)
+    if (good) call text_token(deck, name, deck%token(place, 1), good)
+    if (.not. good) return
+    value = deck%word(deck%token(place, 1))
+    do i = 1, len(value)
+      if ((iachar(value(i:i)) >= 32 .and. iachar(value(i:i)) /= 127) .or. iachar(value(i:i)) == 9) cycle
+      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))// &
+        ' has a control character, expected plain text')
+      return
+    end do
+    t = value
+    call deck%settle(place)
+  end subroutine get_text
+
+  !> Checks that an assignment has one value.
+  subroutine single_value(deck, name, place, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name    !! variable
+    integer, intent(in) :: place        !! number of the assignment in the group
+    logical, intent(out) :: good
+    good = deck%values(place) == 1
+    if (.not. good) call deck%complain(name, name//' has '//counted(deck%values(place))//', expected 1')
+  end subroutine single_value
+
+  !> Checks that a value is a word without quotes.
+  subroutine get_token(deck, name, token, expected, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! variable
+    type(value_token), intent(in) :: token     !! the value
+    character(*), intent(in) :: expected       !! what was expected
+    logical, intent(out) :: good
+    good = token%form == bare_value
+    select case (token%form)
+    case (string_value)
+      call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected//' without quotes')
+    case (null_value)
+      call deck%complain(name, name//' has an empty value, expected '//expected)
+    case default
+    end select
+  end subroutine get_token
+
+  !> Checks that a value is text in quotes.
+  subroutine text_token(deck, name, token, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! variable
+    type(value_token), intent(in) :: token     !! the value
+    logical, intent(out) :: good
+    good = token%form == string_value
+    select case (token%form)
+    case (bare_value)
+      call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//name//'='// &
+        quoted(deck%written(token)))
+    case (null_value)
+      call deck%complain(name, name//' has an empty value, expected text in quotes')
+    case default
+    end select
+  end subroutine text_token
+
+  !> A real number from one value.
+  subroutine real_of(deck, name, token, x, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! variable
+    type(value_token), intent(in) :: token     !! the value
+    real(wp), intent(out) :: x                 !! 0 if it is not good [as the variable]
+    logical, intent(out) :: good
+    character(:), allocatable :: problem
+    x = 0.0_wp
+    call get_token(deck, name, token, 'a number', good)
+    if (.not. good) return
+    call read_real(deck%word(token), x, problem)
+    good = len(problem) == 0
+    if (.not. good) call deck%complain(name, name//'='//deck%written(token)//' '//problem)
+  end subroutine real_of
+
+  !> Reports a value out of its range.
+  subroutine out_of_range(deck, name, place, range)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name    !! variable
+    integer, intent(in) :: place        !! number of the assignment in the group
+    character(*), intent(in) :: range   !! what was expected
+    call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' is out of range, expected '//range)
+  end subroutine out_of_range
+
+  !> A number of values in words.
+  pure function counted(n) result(t)
+    integer, intent(in) :: n
+    character(:), allocatable :: t
+    t = to_text(n)//' values'
+    if (n == 1) t = '1 value'
+  end function counted
+
+  !> Whether a number lies in a range.
+  pure function in_range(x, above, least, most, below) result(yes)
+    real(wp), intent(in) :: x                  !! [as the variable]
+    real(wp), intent(in), optional :: above    !! the value must be greater
+    real(wp), intent(in), optional :: least    !! the value must not be smaller
+    real(wp), intent(in), optional :: most     !! the value must not be greater
+    real(wp), intent(in), optional :: below    !! the value must be smaller
+    logical :: yes
+    yes = .true.
+    if (present(above)) yes = x > above
+    if (present(least)) yes = yes .and. x >= least
+    if (present(most)) yes = yes .and. x <= most
+    if (present(below)) yes = yes .and. x < below
+  end function in_range
+
+  !> A range in words: `density > 0`, `spectral_radius from 0 to 0.99`.
+  pure function range_text(name, above, least, most, below) result(t)
+    character(*), intent(in) :: name           !! variable
+    real(wp), intent(in), optional :: above    !! the value must be greater
+    real(wp), intent(in), optional :: least    !! the value must not be smaller
+    real(wp), intent(in), optional :: most     !! the value must not be greater
+    real(wp), intent(in), optional :: below    !! the value must be smaller
+    character(:), allocatable :: t
+    t = name
+    if (present(above)) t = t//' > '//to_text(above)
+    if (present(least)) t = t//' >= '//to_text(least)
+    if ((present(above) .or. present(least)) .and. (present(most) .or. present(below))) t = t//' and'
+    if (present(most)) t = t//' <= '//to_text(most)
+    if (present(below)) t = t//' < '//to_text(below)
+    if (t == name) t = name//'=number'
+  end function range_text
+
+  !> A range of whole numbers in words.
+  pure function whole_range(name, least, most) result(t)
+    character(*), intent(in) :: name           !! variable
+    integer, intent(in), optional :: least     !! the value must not be smaller
+    integer, intent(in), optional :: most      !! the value must not be greater
+    character(:), allocatable :: t
+    t = 'a whole number '//name
+    if (present(least)) t = t//' >= '//to_text(least)
+    if (present(least) .and. present(most)) t = t//' and'
+    if (present(most)) t = t//' <= '//to_text(most)
+  end function whole_range
+end module deck_get

@@ -1,0 +1,547 @@
+!> The group of a deck that is being read: which variables it gives, which of them were asked for, and every fault.
+!> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
+!> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
+module deck_input
+  use text, only: lower, to_text, word_hash, nearest_word, printable, joined
+  use errors, only: fault_list
+  use deck_kinds, only: group_kinds
+  use deck_names, only: name_table
+  use deck_records, only: origin
+  use deck_syntax, only: syntax, value_token, bare_value, string_value, null_value, bad_value
+  use deck_lexer, only: group_subject
+  implicit none (type, external)
+  private
+  public :: quoted
+
+  logical, parameter, public :: required = .true.   !! for the argument `need` of the readers
+
+  integer, parameter :: longest = 32      !! letters of the longest variable's name
+  integer, parameter :: most_known = 64   !! more variables than any group has
+  integer, parameter :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   ! what became of an assignment
+
+  !> What became of one assignment of the group.
+  type :: mark
+    integer :: state = unknown
+    character(:), allocatable :: applies   ! kinds it would apply to
+  end type mark
+
+  !> A required variable that the group does not give.
+  type :: gap
+    character(longest) :: name = ''
+    character(:), allocatable :: expected
+  end type gap
+
+  !> A deck, its faults so far, its tables of names, and the group that is open.
+  type, public :: deck_source
+    type(syntax) :: parts
+    type(fault_list) :: faults
+    type(name_table) :: names(group_kinds)
+    logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
+    integer, private :: current = 0            ! the open group
+    integer, private :: faults_before = 0      ! faults when it was opened
+    integer, private :: line = 0               ! its line
+    integer, private :: head = 0               ! number of assignments before its first
+    type(mark), allocatable, private :: marks(:)
+    integer, private :: count = 0              ! its assignments
+    character(longest), allocatable, private :: known(:)
+    logical, allocatable, private :: known_here(:)
+    integer, private :: known_count = 0
+    type(gap), allocatable, private :: gaps(:)
+    integer, private :: gap_count = 0
+    character(longest), private :: selector = ''        ! the variable that decides what applies
+    character(longest), private :: choice = ''          ! its value
+    logical, private :: choice_known = .true.
+  contains
+    procedure :: open => open_group
+    procedure :: close => close_group
+    procedure :: at => group_origin
+    procedure :: group_word
+    procedure :: place_of
+    procedure :: look_up
+    procedure :: settle
+    procedure :: unsettle
+    procedure :: choose
+    procedure :: is_choice
+    procedure :: choice_in
+    procedure :: choice_is_known
+    procedure :: is_given
+    procedure :: is_set
+    procedure :: is_clean
+    procedure :: peek
+    procedure :: complain
+    procedure :: miss
+    procedure :: word
+    procedure :: token
+    procedure :: tokens
+    procedure :: values
+    procedure :: written
+  end type deck_source
+
+contains
+
+  !> Opens a group.
+  subroutine open_group(self, number)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    integer :: k
+    if (.not. allocated(self%known)) then
+      allocate (self%known(most_known), self%known_here(most_known), self%gaps(most_known), self%marks(most_known))
+    end if
+    associate (g => self%parts%groups(number))
+      self%current = number
+      self%line = g%line
+      self%head = g%first_assignment - 1
+      self%count = g%assignments
+    end associate
+    if (self%count > size(self%marks)) then
+      deallocate (self%marks)
+      allocate (self%marks(2*self%count))
+    end if
+    do k = 1, self%count
+      self%marks(k)%state = unknown
+    end do
+    self%known_count = 0
+    self%gap_count = 0
+    self%selector = ''
+    self%choice = ''
+    self%choice_known = .true.
+    self%faults_before = self%faults%count
+  end subroutine open_group
+
+  !> Closes the group: reports the variables that nobody asked for, those that do not apply, and those that are missing.
+  subroutine close_group(self)
+    class(deck_source), intent(inout) :: self
+    integer :: k
+    do k = 1, self%count
+      if (self%marks(k)%state == unknown) call report_unknown(self, k)
+      if (self%marks(k)%state == elsewhere) call report_elsewhere(self, k)
+    end do
+    if (.not. self%parts%groups(self%current)%whole) return
+    do k = 1, self%gap_count
+      if (self%gaps(k)%name == '') cycle
+      call self%complain('', trim(self%gaps(k)%name)//' is missing, expected '//self%gaps(k)%expected)
+    end do
+  end subroutine close_group
+
+  !> Reports a variable that the group does not know, with the nearest one that it does; that one is then not missing.
+  subroutine report_unknown(self, k)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: k   !! which assignment of the group
+    character(:), allocatable :: name
+    integer :: near, i
+    associate (a => self%parts%assignments(self%head + k), known => self%known(1:self%known_count))
+      name = lower(raw(self, a%first, a%last))
+      if (len(name) == 0) then
+        if (a%values > 0) call add_fault(self, a%line, 'value '//self%written(self%parts%values(a%first_value))// &
+          ' without a variable, expected name=value')
+        return
+      end if
+      near = 0
+      if (index(name, '(') > 1) then
+        call add_fault(self, a%line, 'subscript in '//printable(name, 40)//', expected the whole list, '// &
+          name(1:index(name, '(') - 1)//'=value,value,...')
+        near = findloc(known == name(1:index(name, '(') - 1), .true., 1)
+      else
+        near = nearest_word(name, known)
+        if (near > 0) then
+          call add_fault(self, a%line, 'unknown variable '//printable(name, 40)//', did you mean '// &
+            trim(known(near))//'?')
+        else
+          call add_fault(self, a%line, 'unknown variable '//printable(name, 40)//', expected one of '// &
+            joined(pack(known, self%known_here(1:self%known_count)), ', '))
+        end if
+      end if
+      if (near == 0) return
+      do i = 1, self%gap_count
+        if (self%gaps(i)%name == known(near)) self%gaps(i)%name = ''
+      end do
+    end associate
+  end subroutine report_unknown
+
+  !> Reports a variable that applies to other kinds only.
+  subroutine report_elsewhere(self, k)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: k   !! which assignment of the group
+    character(:), allocatable :: name
+    associate (a => self%parts%assignments(self%head + k), s => trim(self%selector))
+      name = lower(raw(self, a%first, a%last))
+      if (self%choice == '') then
+        call add_fault(self, a%line, name//' applies to '//kinds_text(s, self%marks(k)%applies)//' only, no '//s// &
+          ' is given')
+      else
+        call add_fault(self, a%line, name//' does not apply to '//s//'='//quoted(trim(self%choice))// &
+          ', it applies to '//kinds_text(s, self%marks(k)%applies))
+      end if
+    end associate
+  end subroutine report_elsewhere
+
+  !> Kinds as a user writes them: `kind='beam' and kind='frame'`.
+  pure function kinds_text(selector, kinds) result(t)
+    character(*), intent(in) :: selector   !! `kind`, `type`, ...
+    character(*), intent(in) :: kinds      !! values, blanks between them
+    character(:), allocatable :: t
+    character(:), allocatable :: rest
+    integer :: blank
+    t = ''
+    rest = trim(adjustl(kinds))//' '
+    do while (len_trim(rest) > 0)
+      blank = index(rest, ' ')
+      if (len(t) > 0 .and. len_trim(rest(blank:)) > 0) t = t//', '
+      if (len(t) > 0 .and. len_trim(rest(blank:)) == 0) t = t//' and '
+      t = t//selector//'='//quoted(rest(1:blank - 1))
+      rest = rest(blank + 1:)
+    end do
+  end function kinds_text
+
+  !> Where the open group stands.
+  function group_origin(self) result(at)
+    class(deck_source), intent(in) :: self
+    type(origin) :: at
+    at%file = self%parts%sources(self%parts%groups(self%current)%file)%path
+    at%line = self%line
+  end function group_origin
+
+  !> The word after `&` of a group, in lower case.
+  pure function group_word(self, number) result(word)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    character(:), allocatable :: word
+    associate (g => self%parts%groups(number))
+      word = self%parts%sources(g%file)%text(g%first:g%last)
+    end associate
+    word = lower(word)
+  end function group_word
+
+  !> Where another group stands, in words: `line 7`, `line 7 of lib.nml`.
+  pure function place_of(self, number) result(t)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    character(:), allocatable :: t
+    associate (g => self%parts%groups(number))
+      t = 'line '//to_text(g%line)
+      if (g%file /= self%parts%groups(self%current)%file) t = t//' of '//self%parts%sources(g%file)%path
+    end associate
+  end function place_of
+
+  !> Declares a variable and finds its assignment. `place` is 0 where there is nothing to read: not given, given in an
+  !> unusable way (then reported), or given although it does not apply. `absent`: it is required, applies and is not given.
+  subroutine look_up(self, name, need, kinds, place, absent)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name              !! variable, lower case
+    logical, intent(in), optional :: need         !! whether it is required
+    character(*), intent(in), optional :: kinds   !! values of the selecting variable that it applies to
+    integer, intent(out) :: place                 !! number of the assignment in the group
+    logical, intent(out) :: absent
+    logical :: here
+    here = .true.
+    if (present(kinds)) here = applies(self, kinds)
+    call remember(self, name, here)
+    call find_assignment(self, name, place)
+    absent = .false.
+    if (place == 0) then
+      if (present(need)) absent = need .and. here .and. (self%choice_known .or. .not. present(kinds))
+    else if (.not. here) then
+      if (self%marks(place)%state == unknown) self%marks(place)%applies = ''
+      if (self%marks(place)%state <= elsewhere) then
+        self%marks(place)%applies = self%marks(place)%applies//' '//kinds
+        self%marks(place)%state = elsewhere
+      end if
+      place = 0
+    else
+      self%marks(place)%state = taken
+      call check_form(self, name, place)
+    end if
+  end subroutine look_up
+
+  !> Whether a variable that applies to these kinds applies to the group; all do while the kind is not known.
+  pure function applies(self, kinds) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: kinds   !! blanks between them
+    logical :: yes
+    yes = .not. self%choice_known
+    if (.not. yes .and. self%choice /= '') yes = index(' '//kinds//' ', ' '//trim(self%choice)//' ') > 0
+  end function applies
+
+  !> Adds a variable to those that the group knows.
+  subroutine remember(self, name, here)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name
+    logical, intent(in) :: here   !! whether it applies
+    integer :: k
+    do k = 1, self%known_count
+      if (self%known(k) == name) then
+        self%known_here(k) = self%known_here(k) .or. here
+        return
+      end if
+    end do
+    self%known_count = self%known_count + 1
+    self%known(self%known_count) = name
+    self%known_here(self%known_count) = here
+  end subroutine remember
+
+  !> First assignment of a variable; further ones are reported.
+  subroutine find_assignment(self, name, place)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name
+    integer, intent(out) :: place   !! 0: not given
+    integer :: k, hash
+    place = 0
+    hash = word_hash(name)
+    do k = 1, self%count
+      associate (a => self%parts%assignments(self%head + k))
+        if (a%hash /= hash) cycle
+        if (lower(raw(self, a%first, a%last)) /= name) cycle
+        if (place == 0) then
+          place = k
+        else if (self%marks(k)%state == unknown) then
+          self%marks(k)%state = taken
+          call add_fault(self, a%line, name//' is set twice, first in line '// &
+            to_text(self%parts%assignments(self%head + place)%line)//', expected one value')
+        end if
+      end associate
+    end do
+  end subroutine find_assignment
+
+  !> Reports an assignment without equals sign or without values.
+  subroutine check_form(self, name, place)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name
+    integer, intent(inout) :: place   !! becomes 0 if it is unusable
+    associate (a => self%parts%assignments(self%head + place))
+      if (.not. a%equals) then
+        call add_fault(self, a%line, 'no = after '//name//', expected '//name//'=value')
+        place = 0
+      else if (a%values == 0) then
+        call add_fault(self, a%line, name//' has no value, expected '//name//'=value')
+        place = 0
+      end if
+    end associate
+  end subroutine check_form
+
+  !> Notes that the value of a variable was read and is good.
+  subroutine settle(self, place)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: place   !! number of the assignment in the group
+    self%marks(place)%state = usable
+  end subroutine settle
+
+  !> Takes back that the value of a variable is good.
+  subroutine unsettle(self, place)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: place   !! number of the assignment in the group
+    self%marks(place)%state = taken
+  end subroutine unsettle
+
+  !> Sets the variable that decides which others apply.
+  subroutine choose(self, name, choice, known)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name     !! `kind`, `type`, ...
+    character(*), intent(in) :: choice   !! its value, empty: none
+    logical, intent(in) :: known         !! .false.: it could not be read, then everything applies and nothing is missing
+    integer :: k
+    self%selector = name
+    self%choice = choice
+    self%choice_known = known
+    if (.not. known .or. self%is_given(name)) return
+    do k = 1, self%count                 ! `knd='beam'` is one fault, not ten
+      associate (a => self%parts%assignments(self%head + k))
+        if (nearest_word(lower(raw(self, a%first, a%last)), [name]) > 0) self%choice_known = .false.
+      end associate
+    end do
+  end subroutine choose
+
+  !> Whether the selecting variable is known to have this value.
+  pure function is_choice(self, choice) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: choice
+    logical :: yes
+    yes = self%choice_known .and. self%choice == choice
+  end function is_choice
+
+  !> Whether it is known what applies.
+  pure function choice_is_known(self) result(yes)
+    class(deck_source), intent(in) :: self
+    logical :: yes
+    yes = self%choice_known
+  end function choice_is_known
+
+  !> Whether the selecting variable is known to have one of these values.
+  pure function choice_in(self, kinds) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: kinds   !! blanks between them
+    logical :: yes
+    yes = self%choice_known .and. applies(self, kinds)
+  end function choice_in
+
+  !> Whether the group gives a variable, well or not.
+  pure function is_given(self, name) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    logical :: yes
+    yes = position(self, name) > 0
+  end function is_given
+
+  !> Whether the group gives a variable, it applies, and its value was read and is good.
+  pure function is_set(self, name) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    logical :: yes
+    integer :: k
+    k = position(self, name)
+    yes = k > 0
+    if (yes) yes = self%marks(k)%state == usable
+  end function is_set
+
+  !> Whether the group has shown no fault yet.
+  pure function is_clean(self) result(yes)
+    class(deck_source), intent(in) :: self
+    logical :: yes
+    yes = self%faults%count == self%faults_before
+  end function is_clean
+
+  !> Number of the first assignment of a variable, 0: not given.
+  pure function position(self, name) result(place)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    integer :: place
+    integer :: hash
+    hash = word_hash(name)
+    do place = 1, self%count
+      associate (a => self%parts%assignments(self%head + place))
+        if (a%hash /= hash) cycle
+        if (lower(raw(self, a%first, a%last)) == name) return
+      end associate
+    end do
+    place = 0
+  end function position
+
+  !> Text of a variable as it stands there, without declaring or checking it; empty where there is none.
+  function peek(self, name) result(value)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    character(:), allocatable :: value
+    type(value_token) :: only
+    integer :: place
+    value = ''
+    place = position(self, name)
+    if (place == 0) return
+    if (self%tokens(place) /= 1) return
+    if (self%values(place) /= 1) return
+    only = self%token(place, 1)
+    if (only%form == string_value) value = self%word(only)
+  end function peek
+
+  !> Reports a fault of the group, at the line of a variable where that is given.
+  subroutine complain(self, name, message)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name      !! variable, empty: the group as a whole
+    character(*), intent(in) :: message   !! what is wrong, what was expected
+    integer :: place
+    place = 0
+    if (len(name) > 0) place = position(self, name)
+    if (place > 0) then
+      call add_fault(self, self%parts%assignments(self%head + place)%line, message)
+    else
+      call add_fault(self, self%line, message)
+    end if
+  end subroutine complain
+
+  !> Notes a required variable that is not given; reported when the group is closed.
+  subroutine miss(self, name, expected, kinds)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: expected          !! what is expected
+    character(*), intent(in), optional :: kinds   !! kinds that require it
+    self%gap_count = self%gap_count + 1
+    self%gaps(self%gap_count)%name = name
+    self%gaps(self%gap_count)%expected = expected
+    if (present(kinds)) self%gaps(self%gap_count)%expected = expected//' for '//trim(self%selector)//'='// &
+      quoted(trim(self%choice))
+  end subroutine miss
+
+  !> One value of an assignment as written, without its quotes, doubled quotes made single.
+  pure function word(self, token) result(t)
+    class(deck_source), intent(in) :: self
+    type(value_token), intent(in) :: token
+    character(:), allocatable :: t
+    character(1) :: quote
+    integer :: i, n
+    t = raw(self, token%first, token%last)
+    if (token%form /= string_value) return
+    quote = raw(self, token%first - 1, token%first - 1)
+    n = 0
+    i = 1
+    do while (i <= len(t))
+      n = n + 1
+      t(n:n) = t(i:i)
+      i = i + merge(2, 1, t(i:i) == quote)
+    end do
+    t = t(1:n)
+  end function word
+
+  !> The k-th value token of an assignment.
+  pure function token(self, place, k) result(v)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer, intent(in) :: k        !! which value, repeat counts not expanded
+    type(value_token) :: v
+    v = self%parts%values(self%parts%assignments(self%head + place)%first_value + k - 1)
+  end function token
+
+  !> Number of value tokens of an assignment, repeat counts not expanded.
+  pure function tokens(self, place) result(n)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer :: n
+    n = self%parts%assignments(self%head + place)%values
+  end function tokens
+
+  !> Number of values of an assignment, repeat counts expanded.
+  pure function values(self, place) result(n)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer :: n
+    associate (a => self%parts%assignments(self%head + place))
+      n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
+    end associate
+  end function values
+
+  !> One value as it stands in the deck, for messages.
+  pure function written(self, token) result(t)
+    class(deck_source), intent(in) :: self
+    type(value_token), intent(in) :: token
+    character(:), allocatable :: t
+    select case (token%form)
+    case (string_value)
+      t = quoted(printable(self%word(token), 40))
+    case (null_value)
+      t = 'nothing'
+    case default
+      t = printable(raw(self, token%first, token%last), 40)
+    end select
+  end function written
+
+  !> Text in quotes.
+  pure function quoted(t) result(q)
+    character(*), intent(in) :: t
+    character(:), allocatable :: q
+    q = ''''//t//''''
+  end function quoted
+
+  !> Characters of the file that the open group stands in.
+  pure function raw(self, first, last) result(t)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: first, last
+    character(:), allocatable :: t
+    t = self%parts%sources(self%parts%groups(self%current)%file)%text(first:last)
+  end function raw
+
+  !> Appends a fault of the open group.
+  subroutine add_fault(self, line, message)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: line
+    character(*), intent(in) :: message
+    call self%faults%add(self%parts%sources(self%parts%groups(self%current)%file)%path, line, &
+      group_subject(self%parts, self%current), message)
+  end subroutine add_fault
+end module deck_input

@@ -1,0 +1,83 @@
+!> Readers of &lump, &joint, &drive and &spring: what sits on or between bodies.
+module deck_joints
+  use kinds, only: wp
+  use deck_input, only: deck_source, required
+  use deck_get, only: get
+  use deck_words, only: get_name, get_choice, get_reference
+  use deck_kinds, only: in_history
+  use deck_place, only: read_place, forbid_ground, forbid_rigid_pair
+  use deck_properties, only: read_ghm
+  use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record
+  implicit none (type, external)
+  private
+  public :: read_lump, read_joint, read_drive, read_spring
+
+contains
+
+  !> &lump
+  subroutine read_lump(deck, d, l)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(lump_record), intent(inout) :: l
+    l%at = deck%at()
+    call read_place(deck, d, '', l%place, required)
+    call forbid_ground(deck, 'body', l%place%body, 'cannot carry a mass that acts')
+    call get(deck, 'mass', l%mass, least=0.0_wp)
+    call get(deck, 'inertia', l%inertia, least=0.0_wp)
+    if (.not. (deck%is_given('mass') .or. deck%is_given('inertia'))) call deck%miss('mass', 'mass, inertia or both')
+  end subroutine read_lump
+
+  !> &joint
+  subroutine read_joint(deck, d, j)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(joint_record), intent(inout) :: j
+    j%at = deck%at()
+    call get_name(deck, j%name)
+    call get_choice(deck, 'type', j%type, [character(9) :: 'revolute', 'weld', 'slider', 'prismatic', 'distance'], &
+      required)
+    call read_place(deck, d, '_a', j%a, required)
+    call read_place(deck, d, '_b', j%b, .not. required)
+    call get(deck, 'direction', j%direction, kinds='slider prismatic')
+    call get(deck, 'length', j%length, above=0.0_wp, kinds='distance')
+    j%has_length = deck%is_set('length')
+    call forbid_rigid_pair(deck, d, j%a, j%b)
+  end subroutine read_joint
+
+  !> &drive
+  subroutine read_drive(deck, d, r)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies and histories are read
+    type(drive_record), intent(inout) :: r
+    r%at = deck%at()
+    call get_name(deck, r%name)
+    r%type = 'rotation'
+    call get_choice(deck, 'type', r%type, [character(8) :: 'rotation', 'position'])
+    call read_place(deck, d, '_a', r%a, required, point_kinds='position', frame_kinds='rotation')
+    call read_place(deck, d, '_b', r%b, .not. required, point_kinds='position', frame_kinds='rotation')
+    call get(deck, 'direction', r%direction, kinds='position')
+    call get_reference(deck, 'history', in_history, r%history, required)
+    call get(deck, 'rate', r%rate)
+    call forbid_rigid_pair(deck, d, r%a, r%b)
+  end subroutine read_drive
+
+  !> &spring
+  subroutine read_spring(deck, d, s)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(spring_record), intent(inout) :: s
+    s%at = deck%at()
+    call get_name(deck, s%name)
+    s%type = 'linear'
+    call get_choice(deck, 'type', s%type, [character(9) :: 'linear', 'torsional'])
+    call read_place(deck, d, '_a', s%a, required, point_kinds='linear', frame_kinds='torsional')
+    call read_place(deck, d, '_b', s%b, .not. required, point_kinds='linear', frame_kinds='torsional')
+    call get(deck, 'stiffness', s%stiffness, required, least=0.0_wp)
+    call get(deck, 'damping', s%damping, least=0.0_wp)
+    call get(deck, 'free_length', s%free, least=0.0_wp, kinds='linear')
+    call get(deck, 'free_angle', s%free, kinds='torsional')
+    s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
+    call read_ghm(deck, s%ghm_alpha, s%ghm_zeta, s%ghm_omega)
+    call forbid_rigid_pair(deck, d, s%a, s%b)
+  end subroutine read_spring
+end module deck_joints

@@ -1,0 +1,110 @@
+!> Lists of numbers, of any length, from the open group.
+module deck_lists
+  use kinds, only: wp
+  use text, only: to_text
+  use deck_input, only: deck_source
+  use deck_get, only: get_token, real_of, in_range, range_text
+  use deck_numbers, only: read_integer
+  implicit none (type, external)
+  private
+  public :: get_list, same_length
+
+  !> Reads a list; it has size 0 where the group does not give it or a value is faulty.
+  interface get_list
+    module procedure :: get_reals, get_integers
+  end interface get_list
+
+contains
+
+  !> Real numbers, all in one range.
+  subroutine get_reals(deck, name, x, need, above, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                    !! variable
+    real(wp), allocatable, intent(out) :: x(:)          !! the values [as the variable]
+    logical, intent(in), optional :: need               !! whether it is required
+    real(wp), intent(in), optional :: above             !! every value must be greater
+    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    real(wp), allocatable :: values(:)
+    real(wp) :: value
+    integer :: place, k, n
+    logical :: absent, good
+    allocate (x(0))
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, name//'=number,number,...', kinds)
+    if (place == 0) return
+    allocate (values(deck%values(place)))
+    n = 0
+    do k = 1, deck%tokens(place)
+      associate (token => deck%token(place, k))
+        call real_of(deck, name, token, value, good)
+        if (.not. good) return
+        if (.not. in_range(value, above)) then
+          call deck%complain(name, name//' has the value '//deck%written(token)//', expected every '// &
+            range_text(name, above))
+          return
+        end if
+        values(n + 1:n + token%repeats) = value
+        n = n + token%repeats
+      end associate
+    end do
+    call move_alloc(values, x)
+    call deck%settle(place)
+  end subroutine get_reals
+
+  !> Whole numbers.
+  subroutine get_integers(deck, name, x, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                    !! variable
+    integer, allocatable, intent(out) :: x(:)           !! the values
+    logical, intent(in), optional :: need               !! whether it is required
+    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    character(:), allocatable :: problem
+    integer, allocatable :: values(:)
+    integer :: place, k, n, value
+    logical :: absent, good
+    allocate (x(0))
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, name//'=number,number,... (whole numbers)', kinds)
+    if (place == 0) return
+    allocate (values(deck%values(place)))
+    n = 0
+    do k = 1, deck%tokens(place)
+      associate (token => deck%token(place, k))
+        call get_token(deck, name, token, 'a whole number', good)
+        if (.not. good) return
+        call read_integer(deck%word(token), value, problem)
+        if (len(problem) > 0) then
+          call deck%complain(name, name//'='//deck%written(token)//' '//problem)
+          return
+        end if
+        values(n + 1:n + token%repeats) = value
+        n = n + token%repeats
+      end associate
+    end do
+    call move_alloc(values, x)
+    call deck%settle(place)
+  end subroutine get_integers
+
+  !> Checks that two lists that belong together have equal lengths; silent where one of them was already reported.
+  subroutine same_length(deck, name, length, other, other_length)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! the first list
+    integer, intent(in) :: length              !! its length
+    character(*), intent(in) :: other          !! the other list
+    integer, intent(in) :: other_length        !! its length
+    if (.not. deck%is_given(name) .and. .not. deck%is_given(other)) return
+    if (deck%is_given(name) .and. .not. deck%is_set(name)) return
+    if (deck%is_given(other) .and. .not. deck%is_set(other)) return
+    if (length == other_length) return
+    if (.not. deck%is_given(name)) then
+      call deck%complain(other, name//' is missing, expected as many values as '//other//' has ('// &
+        to_text(other_length)//')')
+    else if (.not. deck%is_given(other)) then
+      call deck%complain(name, other//' is missing, expected as many values as '//name//' has ('// &
+        to_text(length)//')')
+    else
+      call deck%complain(other, other//' has '//to_text(other_length)//' values and '//name//' '//to_text(length)// &
+        ', expected equal numbers')
+    end if
+  end subroutine same_length
+end module deck_lists

@@ -1,0 +1,136 @@
+!> Names of one kind of thing and where they stand, found by hashing; also the names that could not be trusted, so that
+!> one fault does not raise others.
+module deck_names
+  use text, only: lower, word_hash, edit_distance, allowed_distance
+  use deck_records, only: name_length
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: not_there = 0     !! no such name
+  integer, parameter, public :: doubtful = -1     !! the name may belong to something that could not be read
+
+  !> A table of names; case does not matter.
+  type, public :: name_table
+    private
+    character(name_length), allocatable :: names(:)   ! in lower case, in the order added
+    integer, allocatable :: numbers(:)                ! what each stands for
+    integer, allocatable :: groups(:)                 ! the groups that have the names
+    integer, allocatable :: slots(:)                  ! open hash table: position in names, 0 free
+    integer :: count = 0
+    integer :: comparisons = 0                        ! spent on nearest names so far
+    logical, public :: complete = .true.              !! .false.: some names of this kind could not be read
+  contains
+    procedure :: add
+    procedure :: find
+    procedure :: nearest
+    procedure :: is_empty
+  end type name_table
+
+  integer, parameter :: most_comparisons = 1000000   !! bound on the work for nearest names in one deck
+
+contains
+
+  !> Adds a name. `earlier` is the group that has it already, 0 if it is new; the first one keeps it.
+  subroutine add(self, name, number, group, earlier)
+    class(name_table), intent(inout) :: self
+    character(*), intent(in) :: name     !! up to name_length characters, any case
+    integer, intent(in) :: number        !! what it stands for, or doubtful
+    integer, intent(in) :: group         !! the group that it names
+    integer, intent(out) :: earlier
+    integer :: slot
+    call reserve(self)
+    slot = slot_of(self, lower(name))
+    earlier = 0
+    if (self%slots(slot) > 0) then
+      associate (known => self%slots(slot))
+        if (number /= doubtful .and. self%numbers(known) /= doubtful) earlier = self%groups(known)
+        if (self%numbers(known) == doubtful) self%numbers(known) = number
+      end associate
+      return
+    end if
+    self%count = self%count + 1
+    self%names(self%count) = lower(name)
+    self%numbers(self%count) = number
+    self%groups(self%count) = group
+    self%slots(slot) = self%count
+  end subroutine add
+
+  !> What a name stands for; `not_there` or `doubtful` if it cannot be used.
+  function find(self, name) result(number)
+    class(name_table), intent(in) :: self
+    character(*), intent(in) :: name   !! any case
+    integer :: number
+    integer :: slot
+    number = merge(not_there, doubtful, self%complete)
+    if (self%count == 0 .or. len_trim(name) > name_length) return
+    slot = slot_of(self, lower(name))
+    if (self%slots(slot) > 0) number = self%numbers(self%slots(slot))
+  end function find
+
+  !> Whether there is no name and none was lost.
+  pure function is_empty(self) result(yes)
+    class(name_table), intent(in) :: self
+    logical :: yes
+    yes = self%count == 0 .and. self%complete
+  end function is_empty
+
+  !> The known name nearest to a misspelt one, empty if none is near.
+  subroutine nearest(self, name, best)
+    class(name_table), intent(inout) :: self
+    character(*), intent(in) :: name                  !! misspelt name
+    character(:), allocatable, intent(out) :: best    !! known name in lower case
+    integer :: k, distance, least, letters
+    best = ''
+    letters = len_trim(name)
+    least = allowed_distance(letters) + 1
+    if (self%comparisons > most_comparisons .or. letters > 2*name_length) return
+    self%comparisons = self%comparisons + self%count
+    do k = 1, self%count
+      if (abs(len_trim(self%names(k)) - letters) >= least) cycle
+      distance = edit_distance(lower(trim(name)), trim(self%names(k)))
+      if (distance >= least) cycle
+      least = distance
+      best = trim(self%names(k))
+    end do
+  end subroutine nearest
+
+  !> Slot of the hash table that holds a name or would take it.
+  pure function slot_of(self, name) result(slot)
+    class(name_table), intent(in) :: self
+    character(*), intent(in) :: name   !! lower case
+    integer :: slot
+    slot = modulo(word_hash(name), size(self%slots)) + 1
+    do
+      if (self%slots(slot) == 0) return
+      if (self%names(self%slots(slot)) == name) return
+      slot = modulo(slot, size(self%slots)) + 1
+    end do
+  end function slot_of
+
+  !> Makes room for one more name; at most half of the slots are ever taken.
+  subroutine reserve(self)
+    class(name_table), intent(inout) :: self
+    character(name_length), allocatable :: names(:)
+    integer, allocatable :: numbers(:), groups(:)
+    integer :: k, room
+    if (.not. allocated(self%names)) then
+      allocate (self%names(16), self%numbers(16), self%groups(16), self%slots(32))
+      self%slots = 0
+    end if
+    if (self%count < size(self%names)) return
+    room = 2*self%count
+    allocate (names(room), numbers(room), groups(room))
+    names(1:self%count) = self%names
+    numbers(1:self%count) = self%numbers
+    groups(1:self%count) = self%groups
+    call move_alloc(names, self%names)
+    call move_alloc(numbers, self%numbers)
+    call move_alloc(groups, self%groups)
+    deallocate (self%slots)
+    allocate (self%slots(2*room))
+    self%slots = 0
+    do k = 1, self%count
+      self%slots(slot_of(self, trim(self%names(k)))) = k
+    end do
+  end subroutine reserve
+end module deck_names

@@ -1,0 +1,63 @@
+!> Names of files: folders, names without ending, paths relative to a file.
+module deck_paths
+  implicit none (type, external)
+  private
+  public :: folder_of, deck_name, beside
+
+contains
+
+  !> Folder of a file with its closing slash, empty for the current one.
+  pure function folder_of(path) result(folder)
+    character(*), intent(in) :: path
+    character(:), allocatable :: folder
+    folder = path(1:index(path, '/', back=.true.))
+  end function folder_of
+
+  !> File name without folder and `.nml`.
+  pure function deck_name(path) result(name)
+    character(*), intent(in) :: path
+    character(:), allocatable :: name
+    integer :: last
+    name = path(index(path, '/', back=.true.) + 1:)
+    last = len(name) - 4
+    if (last > 0) then
+      if (name(last + 1:) == '.nml') name = name(1:last)
+    end if
+  end function deck_name
+
+  !> Path of a file that another one names relative to itself, without needless `.` and `..`.
+  pure function beside(file, relative) result(path)
+    character(*), intent(in) :: file       !! the file that names it
+    character(*), intent(in) :: relative   !! as named
+    character(:), allocatable :: path
+    character(:), allocatable :: part, rest
+    integer :: slash
+    rest = relative
+    if (index(relative, '/') /= 1) rest = folder_of(file)//relative
+    path = ''
+    if (index(rest, '/') == 1) path = '/'
+    do while (len(rest) > 0)
+      slash = index(rest//'/', '/')
+      part = rest(1:slash - 1)
+      rest = rest(min(slash + 1, len(rest) + 1):)
+      if (part == '' .or. part == '.') cycle
+      if (part == '..' .and. can_go_up(path)) then
+        path = folder_of(path(1:len(path) - 1))
+      else
+        path = path//part
+        if (len(rest) > 0) path = path//'/'
+      end if
+    end do
+  end function beside
+
+  !> Whether the last part of a folder's path can be dropped for `..`.
+  pure function can_go_up(path) result(yes)
+    character(*), intent(in) :: path   !! empty or with a closing slash
+    logical :: yes
+    integer :: before
+    yes = len(path) > 1
+    if (.not. yes) return
+    before = index(path(1:len(path) - 1), '/', back=.true.)
+    yes = path(before + 1:) /= '../'
+  end function can_go_up
+end module deck_paths

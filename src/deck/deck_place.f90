@@ -1,0 +1,134 @@
+!> Places on bodies: a node of a beam or frame, a point of a rigid body or of the ground, or the frame of a body.
+module deck_place
+  use text, only: to_text
+  use deck_input, only: deck_source, quoted
+  use deck_get, only: get, get_pair
+  use deck_words, only: get_reference
+  use deck_kinds, only: in_body
+  use deck_records, only: deck_record => deck, place_record
+  implicit none (type, external)
+  private
+  public :: read_place, forbid_ground, forbid_rigid_pair, body_text
+
+contains
+
+  !> Reads a body and a place on it from the variables body, node and point with a suffix. Kinds are values of the
+  !> group's selecting variable; an absent list of kinds means that all do.
+  subroutine read_place(deck, d, suffix, place, need, body_kinds, node_kinds, point_kinds, frame_kinds)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d                   !! its bodies are read
+    character(*), intent(in) :: suffix                   !! '', '_a' or '_b'
+    type(place_record), intent(inout) :: place           !! default: the origin of the ground
+    logical, intent(in) :: need                          !! whether the body is required
+    character(*), intent(in), optional :: body_kinds     !! kinds that name a body
+    character(*), intent(in), optional :: node_kinds     !! kinds that may name a node of it
+    character(*), intent(in), optional :: point_kinds    !! kinds that may name a point of it
+    character(*), intent(in), optional :: frame_kinds    !! kinds for which no node means the body's frame
+    integer :: node
+    logical :: known, frame, wants_node
+    node = 0
+    call get_reference(deck, 'body'//suffix, in_body, place%body, need, body_kinds)
+    call get(deck, 'node'//suffix, node, least=-1, kinds=node_kinds)
+    call get_pair(deck, 'point'//suffix, place%point, kinds=point_kinds)
+    known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
+    if (.not. (known .and. deck%choice_is_known())) return
+    wants_node = .true.
+    if (present(node_kinds)) wants_node = deck%choice_in(node_kinds)
+    if (.not. wants_node) return
+    frame = .false.
+    if (present(frame_kinds)) frame = deck%choice_in(frame_kinds)
+    if (place%body == 0) then
+      call check_point(deck, d, suffix, place%body, node, frame)
+    else if (deck%body_known(place%body)) then
+      if (d%bodies(place%body)%kind == 'rigid') then
+        call check_point(deck, d, suffix, place%body, node, frame)
+      else
+        call check_node(deck, d, suffix, place, node, frame)
+      end if
+    end if
+  end subroutine read_place
+
+  !> A rigid body and the ground have points, no nodes.
+  subroutine check_point(deck, d, suffix, body, node, frame)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d
+    character(*), intent(in) :: suffix     !! '', '_a' or '_b'
+    integer, intent(in) :: body            !! number of the body, 0: the ground
+    integer, intent(in) :: node            !! node named
+    logical, intent(in) :: frame           !! whether node=0, the body's frame, may be named
+    character(:), allocatable :: expected
+    if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
+    expected = 'point'//suffix//'=x,y'
+    if (frame) expected = 'no node'
+    call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, body)//', which has no '// &
+      'nodes, expected '//expected)
+  end subroutine check_point
+
+  !> A beam or frame has nodes; the last one may be called -1.
+  subroutine check_node(deck, d, suffix, place, node, frame)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d
+    character(*), intent(in) :: suffix               !! '', '_a' or '_b'
+    type(place_record), intent(inout) :: place       !! its body is known; receives the node
+    integer, intent(in) :: node                      !! node named
+    logical, intent(in) :: frame                     !! whether naming none means the body's frame
+    character(:), allocatable :: expected
+    associate (b => d%bodies(place%body))
+      expected = '1 to '//to_text(b%nodes)//' or -1 (the last)'
+      if (frame) expected = expected//' or 0 (the frame)'
+      if (deck%is_set('point'//suffix)) then
+        call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, place%body)// &
+          ', which has nodes, expected node'//suffix//' '//expected)
+      else if (deck%is_set('node'//suffix)) then
+        place%node = node
+        if (node == -1) place%node = b%nodes
+        if (node > b%nodes .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
+          '='//to_text(node)//' is out of range for '//body_text(d, place%body)//', expected '//expected)
+      else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
+        call deck%miss('node'//suffix, 'a node of '//body_text(d, place%body)//', '//expected)
+      end if
+    end associate
+  end subroutine check_node
+
+  !> A body in words: `beam 'rod'`, `the ground`.
+  function body_text(d, body) result(t)
+    type(deck_record), intent(in) :: d
+    integer, intent(in) :: body   !! number of the body, 0: the ground
+    character(:), allocatable :: t
+    if (body == 0) then
+      t = 'the ground'
+    else if (d%bodies(body)%kind == 'rigid') then
+      t = 'rigid body '//quoted(trim(d%bodies(body)%name))
+    else
+      t = trim(d%bodies(body)%kind)//' '//quoted(trim(d%bodies(body)%name))
+    end if
+  end function body_text
+
+  !> Reports a reference to the ground where it makes no sense.
+  subroutine forbid_ground(deck, name, body, why)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name     !! variable that names the body
+    integer, intent(in) :: body          !! number of the body it names
+    character(*), intent(in) :: why      !! what is wrong
+    if (deck%is_set(name) .and. body == 0) call deck%complain(name, name//'=''ground'' '//why// &
+      ', expected the name of a &body')
+  end subroutine forbid_ground
+
+  !> Reports two places that cannot move relative to each other: both on the ground or on one rigid body, or the same
+  !> node or frame of one body.
+  subroutine forbid_rigid_pair(deck, d, a, b)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d
+    type(place_record), intent(in) :: a, b   !! the two places
+    logical :: fixed
+    if (a%body /= b%body .or. .not. deck%is_set('body_a')) return
+    if (deck%is_given('body_b') .and. .not. deck%is_set('body_b')) return
+    fixed = a%body == 0
+    if (.not. fixed) then
+      if (.not. deck%body_known(a%body)) return
+      fixed = d%bodies(a%body)%kind == 'rigid' .or. (a%node == b%node .and. deck%is_clean())
+    end if
+    if (fixed) call deck%complain('body_b', 'both places are on '//body_text(d, a%body)// &
+      ' and cannot move relative to each other, expected two bodies')
+  end subroutine forbid_rigid_pair
+end module deck_place

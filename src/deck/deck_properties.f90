@@ -1,0 +1,106 @@
+!> Readers of &scene, &material and &section.
+module deck_properties
+  use kinds, only: wp, pi
+  use deck_input, only: deck_source, required
+  use deck_get, only: get, get_pair
+  use deck_lists, only: get_list, same_length
+  use deck_words, only: get_name, get_choice
+  use deck_records, only: scene_record, material_record, section_record
+  implicit none (type, external)
+  private
+  public :: read_scene, read_material, read_section, read_ghm
+
+contains
+
+  !> &scene
+  subroutine read_scene(deck, scene)
+    class(deck_source), intent(inout) :: deck
+    type(scene_record), intent(inout) :: scene
+    scene%at = deck%at()
+    call get(deck, 'title', scene%title)
+    call get_pair(deck, 'gravity', scene%gravity)
+  end subroutine read_scene
+
+  !> &material
+  subroutine read_material(deck, m)
+    class(deck_source), intent(inout) :: deck
+    type(material_record), intent(inout) :: m
+    real(wp) :: scale      !! temperature shift of every omega [-]
+    m%at = deck%at()
+    call get_name(deck, m%name)
+    call get(deck, 'density', m%density, required, above=0.0_wp)
+    call get(deck, 'young', m%young, required, above=0.0_wp)
+    call read_ghm(deck, m%ghm_alpha, m%ghm_zeta, m%ghm_omega)
+    scale = 1.0_wp
+    call get(deck, 'ghm_frequency_scale', scale, above=0.0_wp)
+    if (deck%is_given('ghm_frequency_scale') .and. .not. deck%is_given('ghm_omega')) call deck%complain( &
+      'ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic material, expected ghm_alpha, ghm_zeta '// &
+      'and ghm_omega')
+    m%ghm_omega = scale*m%ghm_omega
+    call get(deck, 'rayleigh_mass', m%rayleigh_mass, least=0.0_wp)
+    call get(deck, 'rayleigh_stiffness', m%rayleigh_stiffness, least=0.0_wp)
+  end subroutine read_material
+
+  !> GHM terms of a material or a spring: three lists of equal length, size 0 where there are none.
+  subroutine read_ghm(deck, alpha, zeta, omega)
+    class(deck_source), intent(inout) :: deck
+    real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
+    real(wp), allocatable, intent(out) :: zeta(:)    !! [-]
+    real(wp), allocatable, intent(out) :: omega(:)   !! [rad/s]
+    call get_list(deck, 'ghm_alpha', alpha, above=0.0_wp)
+    call get_list(deck, 'ghm_zeta', zeta, above=0.0_wp)
+    call get_list(deck, 'ghm_omega', omega, above=0.0_wp)
+    call same_length(deck, 'ghm_alpha', size(alpha), 'ghm_zeta', size(zeta))
+    call same_length(deck, 'ghm_alpha', size(alpha), 'ghm_omega', size(omega))
+    if (.not. deck%is_given('ghm_alpha')) call same_length(deck, 'ghm_zeta', size(zeta), 'ghm_omega', size(omega))
+  end subroutine read_ghm
+
+  !> &section: area and second moment, or a shape with its sizes.
+  subroutine read_section(deck, s)
+    class(deck_source), intent(inout) :: deck
+    type(section_record), intent(inout) :: s
+    character(9) :: shape
+    real(wp) :: width, height        !! rectangle [m]
+    real(wp) :: outer, inner         !! diameters of circle and tube [m]
+    logical :: plain
+    s%at = deck%at()
+    call get_name(deck, s%name)
+    shape = ''
+    width = 0.0_wp
+    height = 0.0_wp
+    outer = 0.0_wp
+    inner = 0.0_wp
+    call get_choice(deck, 'shape', shape, [character(9) :: 'rectangle', 'circle', 'tube'])
+    plain = deck%is_choice('')
+    call get(deck, 'width', width, required, above=0.0_wp, kinds='rectangle')
+    call get(deck, 'height', height, required, above=0.0_wp, kinds='rectangle')
+    call get(deck, 'diameter', outer, required, above=0.0_wp, kinds='circle')
+    call get(deck, 'outer', outer, required, above=0.0_wp, kinds='tube')
+    call get(deck, 'inner', inner, required, above=0.0_wp, kinds='tube')
+    call get(deck, 'area', s%area, plain, above=0.0_wp)
+    call get(deck, 'inertia', s%inertia, plain, above=0.0_wp)
+    if (deck%is_given('shape')) then
+      call exclude(deck, 'area')
+      call exclude(deck, 'inertia')
+    end if
+    if (deck%is_set('inner') .and. deck%is_set('outer') .and. inner >= outer) call deck%complain('inner', &
+      'inner diameter of a tube is not smaller than the outer one, expected inner < outer')
+    if (shape == 'rectangle') then
+      s%area = width*height
+      s%inertia = width*height**3/12.0_wp
+      s%fibre = height/2.0_wp
+    else if (shape /= '') then
+      s%area = pi/4.0_wp*(outer**2 - inner**2)
+      s%inertia = pi/64.0_wp*(outer**4 - inner**4)
+      s%fibre = outer/2.0_wp
+    end if
+  end subroutine read_section
+
+  !> Reports a property that a section with a shape has already.
+  subroutine exclude(deck, name)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name   !! `area` or `inertia`
+    if (deck%is_given(name)) call deck%complain(name, name//' and shape are both given, expected either a shape '// &
+      'with its sizes or area and inertia')
+  end subroutine exclude
+end module deck_properties

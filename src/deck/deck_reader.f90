@@ -1,0 +1,215 @@
+!> Reads a deck: splits it and its included files into groups, registers all names, reads every group into its record,
+!> and reports all faults at once, sorted by file and line.
+module deck_reader
+  use text, only: nearest_word, joined
+  use errors, only: fault_list
+  use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
+    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response, &
+    in_transient
+  use deck_input, only: deck_source, quoted
+  use deck_files, only: read_source, group_list
+  use deck_names, only: doubtful
+  use deck_paths, only: deck_name
+  use deck_words, only: valid_name
+  use deck_records, only: deck
+  use deck_checks, only: check_inertia, sort_faults
+  use deck_properties, only: read_scene, read_material, read_section
+  use deck_loads, only: read_history, read_force
+  use deck_bodies, only: read_body
+  use deck_joints, only: read_lump, read_joint, read_drive, read_spring
+  use deck_sensors, only: read_sensor
+  use deck_analyses, only: read_static, read_modal, read_response, read_transient
+  implicit none (type, external)
+  private
+  public :: read_deck
+
+contains
+
+  !> Reads the deck of a file. It must not be used if there are faults.
+  subroutine read_deck(path, d, faults)
+    character(*), intent(in) :: path               !! file name as the user gave it
+    type(deck), intent(out) :: d                   !! the deck
+    type(fault_list), intent(out) :: faults        !! everything that is wrong with it
+    type(deck_source) :: source
+    type(group_list) :: list
+    character(:), allocatable :: problem
+    integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
+    integer :: numbers(group_kinds)                ! how many of each kind
+    d%path = path
+    d%name = deck_name(path)
+    d%text = ''
+    call read_source(source, path, 0, list, problem)
+    if (len(problem) > 0) then
+      call faults%add(path, 0, '', 'cannot be read: '//problem//', expected a deck file')
+      return
+    end if
+    d%text = whole_text(source)
+    call classify(source, list, kinds, numbers)
+    call allocate_records(source, d, numbers)
+    call read_groups(source, list, kinds, d)
+    call check_inertia(source, d)
+    if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
+    call sort_faults(source, faults)
+  end subroutine read_deck
+
+  !> Text of all files; those after the first with their names.
+  function whole_text(source) result(t)
+    type(deck_source), intent(in) :: source
+    character(:), allocatable :: t
+    integer :: k
+    t = source%parts%sources(1)%text
+    do k = 2, source%parts%source_count
+      t = t//'! '//source%parts%sources(k)%path//achar(10)//source%parts%sources(k)%text
+    end do
+  end function whole_text
+
+  !> Finds the kind of every group, counts them and registers the names.
+  subroutine classify(source, list, kinds, numbers)
+    type(deck_source), intent(inout) :: source
+    type(group_list), intent(in) :: list
+    integer, allocatable, intent(out) :: kinds(:)          !! (groups) kind, 0: not to be read
+    integer, intent(out) :: numbers(group_kinds)           !! how many of each kind
+    integer :: first(group_kinds)                          ! first group of each kind
+    integer :: k
+    numbers = 0
+    first = 0
+    allocate (kinds(list%count))
+    do k = 1, list%count
+      associate (g => list%numbers(k))
+        call source%open(g)
+        kinds(k) = group_number(source%group_word(g))
+        if (kinds(k) == 0) then
+          call unknown_group(source, g)
+          cycle
+        end if
+        associate (kind => kinds(k))
+          if (is_single(kind) .and. numbers(kind) > 0) then
+            call source%complain('', 'a second &'//trim(group_names(kind))//', the first is in '// &
+              source%place_of(first(kind))//', expected one')
+            kind = 0
+            cycle
+          end if
+          if (numbers(kind) == 0) first(kind) = g
+          numbers(kind) = numbers(kind) + 1
+          if (is_named(kind)) call register(source, kind, numbers(kind), g)
+        end associate
+      end associate
+    end do
+  end subroutine classify
+
+  !> Registers the name of the open group; reports one that is taken. A name that cannot be read may be any.
+  subroutine register(source, kind, number, group)
+    type(deck_source), intent(inout) :: source
+    integer, intent(in) :: kind     !! kind of the group
+    integer, intent(in) :: number   !! what the name stands for
+    integer, intent(in) :: group    !! the group
+    character(:), allocatable :: name, problem
+    integer :: earlier
+    name = source%peek('name')
+    call valid_name(name, problem)
+    if (len(problem) > 0) then
+      source%names(kind)%complete = .false.
+      return
+    end if
+    call source%names(kind)%add(name, number, group, earlier)
+    if (earlier > 0) call source%complain('name', 'name='//quoted(name)//' is taken by the '// &
+      trim(group_names(kind))//' in '//source%place_of(earlier)//', expected another name')
+  end subroutine register
+
+  !> Reports the open group as unknown; what it would have defined raises no further faults.
+  subroutine unknown_group(source, group)
+    type(deck_source), intent(inout) :: source
+    integer, intent(in) :: group    !! the group
+    character(:), allocatable :: word, name, problem
+    integer :: near, kind, earlier
+    word = source%group_word(group)
+    near = nearest_word(word, group_names)
+    if (near > 0) then
+      call source%complain('', 'unknown group, did you mean &'//trim(group_names(near))//'?')
+    else if (len(word) > 0) then
+      call source%complain('', 'unknown group, expected one of '//joined(group_names, ', '))
+    end if
+    name = source%peek('name')
+    call valid_name(name, problem)
+    do kind = 1, group_kinds
+      if (near > 0 .and. near /= kind) cycle
+      if (len(problem) > 0) then
+        source%names(kind)%complete = .false.
+      else
+        call source%names(kind)%add(name, doubtful, group, earlier)
+      end if
+    end do
+  end subroutine unknown_group
+
+  !> One record for every group that repeats.
+  subroutine allocate_records(source, d, numbers)
+    type(deck_source), intent(inout) :: source
+    type(deck), intent(inout) :: d
+    integer, intent(in) :: numbers(group_kinds)   !! how many of each kind
+    allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
+    allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
+    allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
+    allocate (d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
+    source%body_known = .false.
+  end subroutine allocate_records
+
+  !> Reads all groups, kind by kind, so that what a group names is read before it.
+  subroutine read_groups(source, list, kinds, d)
+    type(deck_source), intent(inout) :: source
+    type(group_list), intent(in) :: list
+    integer, intent(in) :: kinds(:)               !! (groups) kind, 0: not to be read
+    type(deck), intent(inout) :: d
+    integer :: kind, number, k
+    do kind = 1, group_kinds
+      number = 0
+      do k = 1, list%count
+        if (kinds(k) /= kind) cycle
+        number = number + 1
+        if (.not. source%parts%groups(list%numbers(k))%readable) cycle
+        call source%open(list%numbers(k))
+        call read_group(source, kind, number, d)
+        call source%close()
+      end do
+    end do
+  end subroutine read_groups
+
+  !> Reads the open group into its record.
+  subroutine read_group(source, kind, number, d)
+    type(deck_source), intent(inout) :: source
+    integer, intent(in) :: kind       !! kind of the group
+    integer, intent(in) :: number     !! which one of its kind
+    type(deck), intent(inout) :: d
+    select case (kind)
+    case (in_scene)
+      call read_scene(source, d%scene)
+    case (in_material)
+      call read_material(source, d%materials(number))
+    case (in_section)
+      call read_section(source, d%sections(number))
+    case (in_history)
+      call read_history(source, d%histories(number))
+    case (in_body)
+      call read_body(source, d%bodies(number), source%body_known(number))
+    case (in_lump)
+      call read_lump(source, d, d%lumps(number))
+    case (in_joint)
+      call read_joint(source, d, d%joints(number))
+    case (in_drive)
+      call read_drive(source, d, d%drives(number))
+    case (in_force)
+      call read_force(source, d, d%forces(number))
+    case (in_spring)
+      call read_spring(source, d, d%springs(number))
+    case (in_sensor)
+      call read_sensor(source, d, d%sensors(number))
+    case (in_static)
+      call read_static(source, d%static)
+    case (in_modal)
+      call read_modal(source, d%modal)
+    case (in_response)
+      call read_response(source, d%response)
+    case (in_transient)
+      call read_transient(source, d%transient)
+    end select
+  end subroutine read_group
+end module deck_reader

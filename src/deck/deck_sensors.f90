@@ -1,0 +1,70 @@
+!> Reader of &sensor.
+module deck_sensors
+  use text, only: to_text
+  use deck_input, only: deck_source, required
+  use deck_get, only: get
+  use deck_words, only: get_name, get_choice, get_reference
+  use deck_kinds, only: in_joint, in_drive, in_spring
+  use deck_place, only: read_place, forbid_ground, body_text
+  use deck_records, only: deck_record => deck, sensor_record
+  implicit none (type, external)
+  private
+  public :: read_sensor
+
+  character(*), parameter :: points = 'position velocity acceleration'
+  character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
+  character(*), parameter :: elastic = 'deflection coordinate internal'
+
+contains
+
+  !> &sensor
+  subroutine read_sensor(deck, d, s)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(sensor_record), intent(inout) :: s
+    s%at = deck%at()
+    call get_name(deck, s%name)
+    call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
+      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring'], &
+      required)
+    call read_place(deck, d, '', s%place, required, body_kinds=points//' '//angles//' '//elastic, &
+      node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
+    call forbid_ground(deck, 'body', s%place%body, 'does not move')
+    call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
+    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction')
+    call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
+    call get(deck, 'element', s%element, required, least=1, kinds='internal')
+    call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
+    call check_reaction(deck)
+    call check_elastic(deck, d, s)
+  end subroutine read_sensor
+
+  !> A reaction is that of one joint or of one drive.
+  subroutine check_reaction(deck)
+    class(deck_source), intent(inout) :: deck
+    if (.not. deck%is_choice('reaction')) return
+    if (deck%is_given('joint') .and. deck%is_given('drive')) then
+      call deck%complain('drive', 'joint and drive are both given, expected one of them')
+    else if (.not. (deck%is_given('joint') .or. deck%is_given('drive'))) then
+      call deck%miss('joint', 'the name of a &joint or drive=the name of a &drive', kinds='reaction')
+    end if
+  end subroutine check_reaction
+
+  !> Elastic quantities are those of beams and frames; the element must exist.
+  subroutine check_elastic(deck, d, s)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d
+    type(sensor_record), intent(in) :: s
+    if (.not. (deck%choice_in(elastic) .and. deck%is_set('body')) .or. s%place%body == 0) return
+    if (.not. deck%body_known(s%place%body)) return
+    associate (b => d%bodies(s%place%body))
+      if (b%kind == 'rigid') then
+        if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
+          ''' does not apply to '//body_text(d, s%place%body)//', expected a beam or frame')
+      else if (deck%is_set('element') .and. s%element > b%elements) then
+        call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
+          body_text(d, s%place%body)//', expected 1 to '//to_text(b%elements))
+      end if
+    end associate
+  end subroutine check_elastic
+end module deck_sensors

@@ -1,0 +1,141 @@
+!> The parts of a deck as written, before anyone asks what they mean: values, assignments and groups, each with its
+!> place in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
+module deck_syntax
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: bare_value = 1      !! a number, a logical, or a word without quotes
+  integer, parameter, public :: string_value = 2    !! text in quotes
+  integer, parameter, public :: null_value = 3      !! nothing between two commas
+  integer, parameter, public :: bad_value = 4       !! unusable, its fault already reported
+
+  !> One value of an assignment.
+  type, public :: value_token
+    integer :: form = bare_value
+    integer :: first = 0      !! first character in the file's text, inside the quotes
+    integer :: last = 0       !! last character, inside the quotes
+    integer :: repeats = 1    !! repeat count
+    integer :: line = 0
+  end type value_token
+
+  !> `name = values`
+  type, public :: assignment
+    integer :: first = 0           !! first character of the name in the file's text
+    integer :: last = 0            !! last character of the name
+    integer :: hash = 0            !! word_hash of the name in lower case
+    integer :: line = 0
+    integer :: first_value = 1     !! position of its first value
+    integer :: values = 0          !! number of values, repeat counts not expanded
+    logical :: equals = .true.     !! .false.: the equals sign is missing
+  end type assignment
+
+  !> `&name assignments /`
+  type, public :: group
+    integer :: file = 0            !! number of its file
+    integer :: first = 0           !! first character of its name in the file's text
+    integer :: last = 0            !! last character of its name
+    integer :: line = 0
+    integer :: first_assignment = 1
+    integer :: assignments = 0
+    logical :: readable = .true.   !! .false.: its text cannot be trusted, the fault is already reported
+    logical :: whole = .true.      !! .false.: parts may be missing, the fault is already reported
+  end type group
+
+  !> A file of the deck.
+  type, public :: source
+    character(:), allocatable :: path   !! as shown in messages
+    character(:), allocatable :: text   !! whole text, lines end with a line feed
+    integer :: parent = 0               !! number of the file that includes it, 0: the deck itself
+  end type source
+
+  !> Everything that stands in the deck and its included files.
+  type, public :: syntax
+    type(source), allocatable :: sources(:)
+    integer :: source_count = 0
+    type(group), allocatable :: groups(:)
+    integer :: group_count = 0
+    type(assignment), allocatable :: assignments(:)
+    integer :: assignment_count = 0
+    type(value_token), allocatable :: values(:)
+    integer :: value_count = 0
+  contains
+    procedure :: add_source
+    procedure :: add_group
+    procedure :: add_assignment
+    procedure :: add_value
+  end type syntax
+
+contains
+
+  !> Appends a file.
+  subroutine add_source(self, path, text, parent)
+    class(syntax), intent(inout) :: self
+    character(*), intent(in) :: path   !! as shown in messages
+    character(*), intent(in) :: text   !! whole text
+    integer, intent(in) :: parent      !! number of the file that includes it
+    type(source), allocatable :: larger(:)
+    if (.not. allocated(self%sources)) allocate (self%sources(4))
+    if (self%source_count == size(self%sources)) then
+      allocate (larger(2*self%source_count))
+      larger(1:self%source_count) = self%sources
+      call move_alloc(larger, self%sources)
+    end if
+    self%source_count = self%source_count + 1
+    self%sources(self%source_count)%path = path
+    self%sources(self%source_count)%text = text
+    self%sources(self%source_count)%parent = parent
+  end subroutine add_source
+
+  !> Appends a group; assignments that are appended after it belong to it.
+  subroutine add_group(self, new)
+    class(syntax), intent(inout) :: self
+    type(group), intent(in) :: new   !! its own count of assignments is 0
+    type(group), allocatable :: larger(:)
+    if (.not. allocated(self%groups)) allocate (self%groups(64))
+    if (self%group_count == size(self%groups)) then
+      allocate (larger(2*self%group_count))
+      larger(1:self%group_count) = self%groups
+      call move_alloc(larger, self%groups)
+    end if
+    self%group_count = self%group_count + 1
+    self%groups(self%group_count) = new
+    self%groups(self%group_count)%first_assignment = self%assignment_count + 1
+  end subroutine add_group
+
+  !> Appends an assignment to the last group; values that are appended after it belong to it.
+  subroutine add_assignment(self, new)
+    class(syntax), intent(inout) :: self
+    type(assignment), intent(in) :: new   !! its own count of values is 0
+    type(assignment), allocatable :: larger(:)
+    if (.not. allocated(self%assignments)) allocate (self%assignments(256))
+    if (self%assignment_count == size(self%assignments)) then
+      allocate (larger(2*self%assignment_count))
+      larger(1:self%assignment_count) = self%assignments
+      call move_alloc(larger, self%assignments)
+    end if
+    self%assignment_count = self%assignment_count + 1
+    self%assignments(self%assignment_count) = new
+    self%assignments(self%assignment_count)%first_value = self%value_count + 1
+    associate (g => self%groups(self%group_count))
+      g%assignments = g%assignments + 1
+    end associate
+  end subroutine add_assignment
+
+  !> Appends a value to the last assignment.
+  subroutine add_value(self, new)
+    class(syntax), intent(inout) :: self
+    type(value_token), intent(in) :: new
+    type(value_token), allocatable :: larger(:)
+    if (.not. allocated(self%values)) allocate (self%values(512))
+    if (self%value_count == size(self%values)) then
+      allocate (larger(2*self%value_count))
+      larger(1:self%value_count) = self%values
+      call move_alloc(larger, self%values)
+    end if
+    self%value_count = self%value_count + 1
+    self%values(self%value_count) = new
+    associate (a => self%assignments(self%assignment_count))
+      a%values = a%values + 1
+    end associate
+  end subroutine add_value
+end module deck_syntax

@@ -1,0 +1,275 @@
+!> Words of a list, names and references from the open group.
+module deck_words
+  use text, only: lower, to_text, nearest_word, joined, printable
+  use deck_input, only: deck_source, quoted, required
+  use deck_get, only: get
+  use deck_kinds, only: group_names, in_body, in_force, in_drive
+  use deck_names, only: doubtful
+  use deck_records, only: name_length
+  use deck_syntax, only: string_value, bare_value, null_value
+  implicit none (type, external)
+  private
+  public :: get_word, get_choice, get_name, get_reference, get_references, get_words, get_input, &
+    valid_name
+
+  character(*), parameter :: name_characters = 'abcdefghijklmnopqrstuvwxyz0123456789_-'
+
+contains
+
+  !> One word of a list; it keeps its default where the group does not give it.
+  subroutine get_word(deck, name, word, words, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    character(*), intent(inout) :: word           !! receives the word in lower case
+    character(*), intent(in) :: words(:)          !! the words that may be
+    logical, intent(in), optional :: need         !! whether it is required
+    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    character(:), allocatable :: value
+    integer :: place
+    logical :: absent
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, word_list(words), kinds)
+    if (place == 0) return
+    call get(deck, name, value, kinds=kinds)
+    if (.not. deck%is_set(name)) return
+    if (len_trim(value) > 0 .and. any(words == lower(value))) then
+      word = lower(value)
+    else
+      call wrong_word(deck, name, value, words)
+      call deck%unsettle(place)
+    end if
+  end subroutine get_word
+
+  !> The word that decides which variables of the group apply.
+  subroutine get_choice(deck, name, word, words, need)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name         !! variable
+    character(*), intent(inout) :: word      !! receives the word; blank: none
+    character(*), intent(in) :: words(:)     !! the words that may be
+    logical, intent(in), optional :: need    !! whether it is required
+    logical :: known
+    call get_word(deck, name, word, words, need)
+    known = deck%is_set(name) .or. .not. deck%is_given(name)
+    if (present(need)) known = known .and. (deck%is_set(name) .or. .not. need)
+    call deck%choose(name, trim(word), known)
+  end subroutine get_choice
+
+  !> A list of words, each one of a list of known ones.
+  subroutine get_words(deck, name, found, words, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                      !! variable
+    character(*), allocatable, intent(out) :: found(:)    !! the words in lower case, size 0 if faulty
+    character(*), intent(in) :: words(:)                  !! the words that may be
+    character(*), intent(in), optional :: kinds           !! kinds it applies to
+    character(name_length), allocatable :: values(:)
+    integer :: k, place
+    call text_list(deck, name, values, place, .false., kinds)
+    allocate (found(0))
+    do k = 1, size(values)
+      if (any(words == lower(values(k)))) cycle
+      call wrong_word(deck, name, trim(values(k)), words)
+      call deck%unsettle(place)
+      return
+    end do
+    deallocate (found)
+    allocate (found(size(values)))
+    do k = 1, size(values)
+      found(k) = lower(values(k))
+    end do
+  end subroutine get_words
+
+  !> The group's own name.
+  subroutine get_name(deck, name)
+    class(deck_source), intent(inout) :: deck
+    character(name_length), intent(out) :: name   !! as written
+    character(:), allocatable :: value, problem
+    name = ''
+    call get(deck, 'name', value, need=.true.)
+    if (.not. deck%is_set('name')) return
+    call valid_name(value, problem)
+    if (len(problem) > 0) then
+      call deck%complain('name', 'name='//quoted(printable(value, 40))//' '//problem)
+    else
+      name = value
+    end if
+  end subroutine get_name
+
+  !> Whether a text can be a name. `problem` is empty if it can.
+  pure subroutine valid_name(value, problem)
+    character(*), intent(in) :: value                    !! the text
+    character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
+    integer :: i
+    problem = ''
+    i = verify(lower(value), name_characters)
+    if (len(value) == 0) then
+      problem = 'is empty, expected letters, digits, _ and -'
+    else if (i > 0) then
+      problem = 'has a character that names may not have, expected letters, digits, _ and -'
+    else if (len(value) > name_length) then
+      problem = 'is too long ('//to_text(len(value))//' characters), expected up to '//to_text(name_length)
+    end if
+  end subroutine valid_name
+
+  !> A reference to a named thing.
+  subroutine get_reference(deck, name, kind, number, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name              !! variable
+    integer, intent(in) :: kind                   !! what it names, one of deck_kinds
+    integer, intent(inout) :: number              !! receives the number of the named thing; 0: the ground
+    logical, intent(in), optional :: need         !! whether it is required
+    character(*), intent(in), optional :: kinds   !! kinds of the group that it applies to
+    character(:), allocatable :: value
+    integer :: place, found
+    logical :: absent, good
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, 'the name of a &'//trim(group_names(kind)), kinds)
+    if (place == 0) return
+    call get(deck, name, value, kinds=kinds)
+    if (.not. deck%is_set(name)) return
+    call resolve(deck, name, value, kind, found, good)
+    if (good) then
+      number = found
+    else
+      call deck%unsettle(place)
+    end if
+  end subroutine get_reference
+
+  !> A list of references to named things.
+  subroutine get_references(deck, name, kind, numbers, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                 !! variable
+    integer, intent(in) :: kind                      !! what it names, one of deck_kinds
+    integer, allocatable, intent(out) :: numbers(:)  !! numbers of the named things, size 0 if faulty
+    logical, intent(in) :: need                      !! whether it is required
+    character(*), intent(in), optional :: kinds      !! kinds of the group that it applies to
+    character(name_length), allocatable :: values(:)
+    integer :: k, place
+    logical :: good, all_good
+    call text_list(deck, name, values, place, need, kinds)
+    allocate (numbers(size(values)))
+    all_good = .true.
+    do k = 1, size(values)
+      if (k > 1) then
+        numbers(k) = numbers(k - 1)
+        if (values(k) == values(k - 1)) cycle
+      end if
+      call resolve(deck, name, trim(values(k)), kind, numbers(k), good)
+      all_good = all_good .and. good
+    end do
+    if (all_good) return
+    numbers = [integer ::]
+    call deck%unsettle(place)
+  end subroutine get_references
+
+  !> A list of names or words in quotes.
+  subroutine text_list(deck, name, values, place, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name                                  !! variable
+    character(name_length), allocatable, intent(out) :: values(:)     !! the texts, size 0 if faulty
+    integer, intent(out) :: place                                     !! number of the assignment in the group
+    logical, intent(in) :: need                                       !! whether it is required
+    character(*), intent(in), optional :: kinds                       !! kinds it applies to
+    character(name_length), allocatable :: list(:)
+    character(:), allocatable :: problem
+    integer :: k, n
+    logical :: absent
+    allocate (values(0))
+    call deck%look_up(name, need, kinds, place, absent)
+    if (absent) call deck%miss(name, 'a name in quotes', kinds)
+    if (place == 0) return
+    allocate (list(deck%values(place)))
+    n = 0
+    do k = 1, deck%tokens(place)
+      associate (token => deck%token(place, k))
+        problem = ''
+        if (token%form == bare_value) problem = 'is not in quotes, expected '//quoted(deck%written(token))
+        if (token%form == string_value) call valid_name(deck%word(token), problem)
+        if (token%form == null_value) problem = 'is empty, expected text in quotes'
+        if (len(problem) > 0) call deck%complain(name, name//'='//deck%written(token)//' '//problem)
+        if (len(problem) > 0 .or. (token%form /= string_value)) return
+        list(n + 1:n + token%repeats) = deck%word(token)
+        n = n + token%repeats
+      end associate
+    end do
+    call move_alloc(list, values)
+    call deck%settle(place)
+  end subroutine text_list
+
+  !> A reference to a force or a drive.
+  subroutine get_input(deck, name, force, drive)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name       !! variable
+    integer, intent(inout) :: force        !! number of the force, 0 if it names none
+    integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
+    character(:), allocatable :: value, best, expected
+    integer :: as_force, as_drive
+    call get(deck, name, value, required)
+    if (.not. deck%is_set(name)) return
+    as_force = deck%names(in_force)%find(value)
+    as_drive = deck%names(in_drive)%find(value)
+    if (as_force > 0 .and. as_drive > 0) then
+      call deck%complain(name, name//'='//quoted(printable(value, 40))//' names both a force and a drive, expected '// &
+        'different names for them')
+    else if (as_force > 0 .or. as_drive > 0) then
+      force = max(as_force, 0)
+      drive = max(as_drive, 0)
+    else if (as_force /= doubtful .and. as_drive /= doubtful) then
+      call deck%names(in_force)%nearest(value, best)
+      if (len(best) == 0) call deck%names(in_drive)%nearest(value, best)
+      expected = 'expected the name of a &force or &drive'
+      if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
+      call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no force or drive, '//expected)
+    end if
+  end subroutine get_input
+
+  !> Finds what a reference names; reports one that names nothing, but not one that may name what could not be read.
+  subroutine resolve(deck, name, value, kind, number, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name      !! variable
+    character(*), intent(in) :: value     !! the name it gives
+    integer, intent(in) :: kind           !! what it names
+    integer, intent(out) :: number        !! number of the thing, 0: the ground
+    logical, intent(out) :: good          !! whether it names something
+    character(:), allocatable :: best, expected
+    number = 0
+    good = is_ground(value, kind)
+    if (good) return
+    number = deck%names(kind)%find(value)
+    good = number > 0
+    if (good .or. number == doubtful) return
+    call deck%names(kind)%nearest(value, best)
+    expected = 'expected the name of a &'//trim(group_names(kind))
+    if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
+    call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no '//trim(group_names(kind))//', '// &
+      expected)
+  end subroutine resolve
+
+  !> Whether a name stands for the fixed body.
+  pure function is_ground(value, kind) result(yes)
+    character(*), intent(in) :: value   !! the name
+    integer, intent(in) :: kind         !! what it is the name of
+    logical :: yes
+    yes = kind == in_body .and. lower(value) == 'ground'
+  end function is_ground
+
+  !> Reports a word that is not in its list.
+  subroutine wrong_word(deck, name, value, words)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name        !! variable
+    character(*), intent(in) :: value       !! its word
+    character(*), intent(in) :: words(:)    !! the words that may be
+    character(:), allocatable :: expected
+    integer :: near
+    near = nearest_word(value, words)
+    expected = 'expected '//word_list(words)
+    if (near > 0) expected = 'did you mean '//quoted(trim(words(near)))//'?'
+    call deck%complain(name, name//'='//quoted(printable(value, 40))//' is not known, '//expected)
+  end subroutine wrong_word
+
+  !> Words in quotes with `or` between them.
+  pure function word_list(words) result(t)
+    character(*), intent(in) :: words(:)
+    character(:), allocatable :: t
+    t = ''''//joined(words, ''' or ''')//''''
+  end function word_list
+end module deck_words
