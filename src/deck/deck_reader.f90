@@ -146,6 +146,7 @@ contains
     type(deck_source), intent(inout) :: source
     type(deck), intent(inout) :: d
     integer, intent(in) :: numbers(group_kinds)   !! how many of each kind
+    d%scene%title = ''
     allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
     allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
     allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
