@@ -93,7 +93,9 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         )
         for axis, group in zip(axes[:, 0], groups):
             _panel(axis, runs, labels, group, abscissa)
+            axis.margins(x=0.01)
         axes[-1, 0].set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
+        figure.align_ylabels()
         if title:
             figure.suptitle(title)
     return figure
