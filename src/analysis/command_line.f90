@@ -1,0 +1,123 @@
+!> The command line (deck.md): biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help.
+module command_line
+  use errors, only: status_ok, status_bad_input
+  use run_deck, only: run_options
+  use summary, only: version
+  use text, only: nearest_word
+  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+  implicit none (type, external)
+  private
+  public :: command, parse_arguments
+
+  character(10), parameter :: known(6) = [character(10) :: '--check', '--output', '--restart', '--quiet', '--version', &
+                                          '--help']
+
+  !> What the user asked for; decks is not allocated where there is nothing to run.
+  type :: command
+    character(:), allocatable :: decks(:)
+    type(run_options) :: options
+  end type command
+
+contains
+
+  !> Reads the arguments; prints help, version or what is wrong with them.
+  subroutine parse_arguments(asked, status)
+    type(command), intent(out) :: asked
+    integer, intent(out) :: status
+    character(:), allocatable :: word, decks(:)
+    integer :: k, n
+    logical :: output_next
+    status = status_ok
+    asked%options%output = ''
+    output_next = .false.
+    n = 0
+    allocate (character(longest()) :: decks(command_argument_count()))
+    do k = 1, command_argument_count()
+      word = argument(k)
+      if (output_next) then
+        asked%options%output = word
+        output_next = .false.
+        cycle
+      end if
+      select case (word)
+      case ('--check')
+        asked%options%check = .true.
+      case ('--restart')
+        asked%options%restart = .true.
+      case ('--quiet')
+        asked%options%quiet = .true.
+      case ('--output')
+        output_next = .true.
+      case ('--version')
+        write (output_unit, '(a)') 'biela '//version
+        return
+      case ('--help')
+        call print_help()
+        return
+      case default
+        if (index(word, '-') == 1) then
+          call complain('unknown option '//word//suggestion(word), status)
+          return
+        end if
+        n = n + 1
+        decks(n) = word
+      end select
+    end do
+    if (output_next) call complain('--output needs a folder', status)
+    if (n == 0) call complain('no deck given', status)
+    if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
+    if (status == status_ok) asked%decks = decks(1:n)
+  end subroutine parse_arguments
+
+  !> One argument.
+  function argument(k) result(word)
+    integer, intent(in) :: k
+    character(:), allocatable :: word
+    integer :: length
+    call get_command_argument(k, length=length)
+    allocate (character(length) :: word)
+    if (length > 0) call get_command_argument(k, word)
+  end function argument
+
+  !> Length of the longest argument.
+  integer function longest()
+    integer :: k, length
+    longest = 1
+    do k = 1, command_argument_count()
+      call get_command_argument(k, length=length)
+      longest = max(longest, length)
+    end do
+  end function longest
+
+  !> The nearest known option, as a question.
+  function suggestion(word) result(text)
+    character(*), intent(in) :: word
+    character(:), allocatable :: text
+    integer :: k
+    k = nearest_word(word, known)
+    text = ''
+    if (k > 0) text = ', did you mean '//trim(known(k))//'?'
+  end function suggestion
+
+  !> Says what is wrong with the command line.
+  subroutine complain(text, status)
+    character(*), intent(in) :: text
+    integer, intent(inout) :: status
+    if (status == status_ok) write (error_unit, '(a)') 'biela: '//text//' (biela --help)'
+    status = status_bad_input
+  end subroutine complain
+
+  !> The help text.
+  subroutine print_help()
+    write (output_unit, '(a)') &
+      'biela: planar flexible mechanisms with viscoelastic damping', '', &
+      '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/', &
+      '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing', &
+      '  biela --output DIR DECK.nml    results in DIR/ instead (one deck)', &
+      '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint', &
+      '  biela --quiet ...              no progress, warnings and errors only', &
+      '  biela --version | --help', '', &
+      'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or', &
+      'a deck is wrong, nothing was written; 3 results could not be written; 128 + signal when stopped by a signal.'
+  end subroutine print_help
+end module command_line

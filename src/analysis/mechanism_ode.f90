@@ -1,0 +1,59 @@
+!> The mechanism as the system of first-order equations that integrators see. State: q, v, z, z', dissipated energy, work
+!> (layout in `scene_model`).
+module mechanism_ode
+  use kinds, only: wp
+  use dynamics, only: evaluate
+  use mechanism, only: mechanism_model
+  use ode_system, only: ode
+  use projection, only: project
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: stabilise_none = 0, stabilise_projection = 1, stabilise_baumgarte = 2
+
+  !> The system.
+  type, extends(ode), public :: mechanism_system
+    type(mechanism_model) :: m
+    integer :: stabilisation = stabilise_projection
+  contains
+    procedure :: derivative => mechanism_derivative
+    procedure :: accept => mechanism_accept
+  end type mechanism_system
+
+contains
+
+  !> Rates of the whole state (theory.md, sections 3 to 6).
+  subroutine mechanism_derivative(self, t, y, left, dy)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in) :: y(:)
+    logical, intent(in) :: left
+    real(wp), intent(out) :: dy(:)
+    integer :: nq, nz
+    nq = self%m%s%nq
+    nz = self%m%s%nz
+    self%m%left = left
+    call evaluate(self%m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    dy(1:nq) = y(nq + 1:2*nq)
+    dy(nq + 1:2*nq) = self%m%a
+    dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)
+    dy(2*nq + nz + 1:2*nq + 2*nz) = self%m%zdd
+    dy(2*nq + 2*nz + 1) = self%m%dissipated_power
+    dy(2*nq + 2*nz + 2) = self%m%input_power
+  end subroutine mechanism_derivative
+
+  !> Projects an accepted state; refuses states that are not finite.
+  subroutine mechanism_accept(self, t, y, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout) :: y(:)
+    logical, intent(out) :: ok
+    integer :: nq, nz
+    nq = self%m%s%nq
+    nz = self%m%s%nz
+    ok = all(abs(y) <= 1.0e150_wp) .and. .not. self%m%broken
+    if (.not. ok .or. self%stabilisation /= stabilise_projection) return
+    call project(self%m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
+    if (ok) ok = all(abs(y(1:2*nq)) <= 1.0e150_wp)
+  end subroutine mechanism_accept
+end module mechanism_ode

@@ -1,0 +1,153 @@
+!> One deck from its file to its results: read, build, assemble, run every analysis that it asks for, write the summary.
+module run_deck
+  use kinds, only: wp, ip
+  use deck_reader, only: read_deck
+  use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
+  use posix, only: make_folder, lock_file, close_lock, replace_file
+  use scene_run, only: run_state, prepare_run
+  use summary, only: model_lines, version, add_line
+  use text_file, only: result_file
+  use transient, only: run_transient, transient_report
+  use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit, output_unit
+  implicit none (type, external)
+  private
+  public :: run_one_deck, run_options
+
+  !> What the command line asks for.
+  type :: run_options
+    logical :: check = .false.
+    logical :: restart = .false.
+    logical :: quiet = .false.
+    character(:), allocatable :: output       !! folder, empty: results/<deck name>
+  end type run_options
+
+contains
+
+  !> Runs one deck; returns its exit status. Messages go to standard error, the check's summary to standard output.
+  integer function run_one_deck(path, options) result(status)
+    character(*), intent(in) :: path
+    type(run_options), intent(in) :: options
+    type(run_state) :: run
+    type(fault_list) :: faults
+    type(failure) :: fail
+    character(:), allocatable :: text
+    integer :: k
+    status = status_bad_input
+    call read_deck(path, run%d, faults)
+    if (faults%count == 0) call prepare_run(run, faults, fail)
+    if (faults%count > 0) then
+      call faults%print(error_unit)
+      return
+    end if
+    if (fail%happened()) then
+      write (error_unit, '(a)') path//': '//fail%message
+      status = fail%status
+      return
+    end if
+    do k = 1, size(run%assembly%warnings)
+      write (error_unit, '(a)') path//': warning: '//trim(run%assembly%warnings(k))
+    end do
+    text = model_lines(run%d, run%sys%m, run%assembly)
+    if (options%check) then
+      write (output_unit, '(a)', advance='no') text
+      status = status_ok
+      return
+    end if
+    run%quiet = options%quiet
+    run%restart = options%restart
+    run%folder = options%output
+    if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
+    status = run_in_folder(run, text)
+  end function run_one_deck
+
+  !> Runs the analyses with the results folder locked.
+  integer function run_in_folder(run, text) result(status)
+    type(run_state), intent(inout) :: run
+    character(:), allocatable, intent(inout) :: text    !! the summary so far
+    type(failure) :: fail
+    type(transient_report) :: report
+    integer :: lock
+    logical :: ok
+    integer(ip) :: t0, t1, rate
+    status = status_no_output
+    call make_folder(run%folder)
+    lock = lock_file(run%folder//'/.lock')
+    if (lock < 0) write (error_unit, '(a)') run%d%path//': results cannot be written into "'//run%folder//'"'
+    if (lock == 0) write (error_unit, '(a)') run%d%path//': another run is writing into "'//run%folder//'"'
+    if (lock <= 0) return
+    call system_clock(t0, rate)
+    if (run%d%transient%present) then
+      call run_transient(run, report, fail)
+      call transient_lines(run, report, text)
+    end if
+    call system_clock(t1)
+    call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), text)
+    call write_whole(run%folder//'/summary.txt', text, ok)
+    call close_lock(run%folder//'/.lock', lock)
+    status = fail%status
+    if (.not. ok .and. status == status_ok) then
+      status = status_no_output
+      write (error_unit, '(a)') run%d%path//': results cannot be written into "'//run%folder//'"'
+    end if
+    if (fail%happened()) write (error_unit, '(a)') run%d%path//': '//fail%message
+  end function run_in_folder
+
+  !> The transient's part of the summary.
+  subroutine transient_lines(run, report, text)
+    type(run_state), intent(in) :: run
+    type(transient_report), intent(in) :: report
+    character(:), allocatable, intent(inout) :: text
+    character(160) :: line
+    call add_line(text, '')
+    call add_line(text, 'transient')
+    call add_line(text, '  method: '//trim(run%d%transient%method)//', stabilization: '// &
+                  trim(run%d%transient%stabilization))
+    write (line, '(a, es16.9, a)') '  step: ', report%step, ' s'
+    call add_line(text, trim(line))
+    write (line, '(a, es16.9, a)') '  reached: t = ', report%t, ' s'
+    call add_line(text, trim(line))
+    write (line, '(a, i0, a, i0)') '  steps: ', report%steps, ', rejected: ', report%rejected
+    call add_line(text, trim(line))
+    write (line, '(a, i0, a, i0)') '  evaluations: ', report%evaluations, ', banded solves: ', report%solves
+    call add_line(text, trim(line))
+    write (line, '(a, es10.3, a, es10.3, a)') '  largest violations: position ', report%position, ' m, velocity ', &
+      report%velocity, ' m/s'
+    call add_line(text, trim(line))
+    write (line, '(a, es10.3, a, es10.3, a)') '  largest energy residual: ', report%residual, ' J (largest energy ', &
+      report%energy, ' J)'
+    call add_line(text, trim(line))
+  end subroutine transient_lines
+
+  !> The end of the summary: outcome, version, times, the deck's text.
+  subroutine finish_summary(run, fail, seconds, text)
+    type(run_state), intent(in) :: run
+    type(failure), intent(in) :: fail
+    real(wp), intent(in) :: seconds
+    character(:), allocatable, intent(inout) :: text
+    character(80) :: line
+    call add_line(text, '')
+    if (fail%happened()) then
+      call add_line(text, 'outcome: '//fail%message)
+    else
+      call add_line(text, 'outcome: done')
+    end if
+    write (line, '(a, f0.6, a)') 'timing: analyses took ', seconds, ' s'
+    call add_line(text, trim(line))
+    call add_line(text, 'version: biela '//version//', '//compiler_version())
+    call add_line(text, '')
+    call add_line(text, 'deck text')
+    call add_line(text, run%d%text)
+  end subroutine finish_summary
+
+  !> Writes a whole file beside its place and renames it, so that it is never half there.
+  subroutine write_whole(path, text, ok)
+    character(*), intent(in) :: path, text
+    logical, intent(out) :: ok
+    type(result_file) :: file
+    call file%open(path//'.new')
+    call file%line(text)
+    call file%close()
+    ok = .not. file%failed
+    if (ok) ok = replace_file(path//'.new', path)
+  end subroutine write_whole
+end module run_deck

@@ -1,0 +1,109 @@
+!> A scene ready for its analyses: the deck, its mechanism assembled at t = 0, and the present state. Analyses follow one
+!> another on it (deck.md: static, modal, frequency response, transient).
+module scene_run
+  use kinds, only: wp
+  use errors, only: failure, fault_list
+  use deck_records, only: deck
+  use build_scene, only: build
+  use assembly, only: assemble, assembly_report
+  use mechanism, only: set_up_mechanism
+  use mechanism_ode, only: mechanism_system
+  use nodal_kernel, only: deformations
+  use scene_model, only: scene
+  use sensors, only: sensor_list, set_up_sensors
+  implicit none (type, external)
+  private
+  public :: run_state, prepare_run, relax
+
+  !> What analyses share.
+  type :: run_state
+    type(deck) :: d
+    type(mechanism_system) :: sys
+    type(sensor_list) :: list
+    type(assembly_report) :: assembly
+    real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
+    character(:), allocatable :: folder       !! results folder
+    logical :: quiet = .false.
+    logical :: restart = .false.
+    integer :: warnings = 0                   !! warnings shown
+  end type run_state
+
+contains
+
+  !> Builds and assembles the scene of a deck; faults of the deck go to faults, failed assembly to fail.
+  subroutine prepare_run(run, faults, fail)
+    type(run_state), intent(inout) :: run     !! run%d is set
+    type(fault_list), intent(inout) :: faults
+    type(failure), intent(inout) :: fail
+    type(scene) :: s
+    real(wp), allocatable :: q(:), v(:)
+    call build(run%d, s, faults)
+    call check_coordinates(run%d, s, faults)
+    if (faults%count > 0) return
+    call set_up_mechanism(run%sys%m, s)
+    run%sys%n = s%ny
+    allocate (run%y(s%ny), source=0.0_wp)
+    allocate (q(s%nq), v(s%nq))
+    call assemble(run%sys%m, q, v, run%assembly, fail)
+    if (fail%happened()) return
+    run%y(1:s%nq) = q
+    run%y(s%nq + 1:2*s%nq) = v
+    call relax(run%sys, run%y)
+    call set_up_sensors(run%d, run%sys%m, run%list)
+  end subroutine prepare_run
+
+  !> Sensors of elastic coordinates must name one that exists: known only once bodies are built.
+  subroutine check_coordinates(d, s, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: s
+    type(fault_list), intent(inout) :: faults
+    character(12) :: text
+    integer :: k
+    if (faults%count > 0) return
+    do k = 1, size(d%sensors)
+      associate (r => d%sensors(k))
+        if (r%quantity /= 'coordinate') cycle
+        if (r%index <= s%bodies(r%place%body)%nf) cycle
+        write (text, '(i0)') s%bodies(r%place%body)%nf
+        call faults%add(r%at%file, r%at%line, 'sensor/'//trim(r%name), 'index is larger than the number of elastic '// &
+                        'coordinates of body "'//trim(s%bodies(r%place%body)%name)//'"; expected 1 to '//trim(text))
+      end associate
+    end do
+  end subroutine check_coordinates
+
+  !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).
+  subroutine relax(sys, y)
+    type(mechanism_system), intent(inout) :: sys
+    real(wp), intent(inout) :: y(:)
+    real(wp) :: d, dd, e(2)
+    integer :: b, r, k, j, o, i, n
+    associate (s => sys%m%s)
+      y(2*s%nq + 1:2*s%nq + 2*s%nz) = 0.0_wp
+      do b = 1, size(s%bodies)
+        associate (bo => s%bodies(b))
+          if (bo%nz == 0) cycle
+          i = s%qo(b) + 3
+          bo%qx(1:bo%nf) = y(i + 1:i + bo%nf)
+          if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
+          do r = 1, size(bo%runs)
+            n = bo%runs(r)%width
+            do k = 1, size(bo%runs(r)%alpha)
+              o = 2*s%nq + s%zo(b) + bo%runs(r)%offset + (k - 1)*n
+              if (bo%modal) then
+                y(o + 1:o + n) = bo%qx(1:n)
+              else
+                y(o + 1:o + n) = reshape(bo%d(:, bo%runs(r)%first:bo%runs(r)%last), [n])
+              end if
+            end do
+          end do
+        end associate
+      end do
+      do k = 1, size(s%springs)
+        call s%springs(k)%deformation(sys%m%p, d, dd, e)
+        do j = 1, size(s%springs(k)%alpha)
+          y(2*s%nq + s%springs(k)%offset + j) = d
+        end do
+      end do
+    end associate
+  end subroutine relax
+end module scene_run

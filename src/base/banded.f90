@@ -1,0 +1,256 @@
+!> Symmetric positive definite band matrices, factored once as P^T L D L^T P and solved many times, two right-hand
+!> sides at a time. A reordering splits the matrix into its uncoupled blocks (a straight beam's axial and bending
+!> coordinates) and keeps each band narrow. Solves are plain recurrences: no allocation, no branch inside a row.
+module banded
+  use kinds, only: wp
+  use lapack, only: dpbtrf
+  use ordering, only: reverse_cuthill_mckee
+  implicit none (type, external)
+  private
+  public :: band_factor, factor_symmetric, band_solve, band_solve_two, band_memory
+
+  !> One uncoupled block of the factored matrix, rows first..last of the reordered matrix.
+  type :: band_block
+    integer :: first = 1, last = 0           !! rows
+    integer :: kd = 0                        !! half band width
+    real(wp), allocatable :: l(:, :)         !! l(i, j) = L(j+i, j), zero outside the block, columns first-kd..last
+  end type band_block
+
+  !> Factor of a symmetric positive definite matrix.
+  type :: band_factor
+    integer :: n = 0
+    logical :: permuted = .false.
+    integer, allocatable :: order(:)         !! order(k): original index of reordered row k
+    real(wp), allocatable :: dinv(:)         !! 1 / D
+    type(band_block), allocatable :: blocks(:)
+    real(wp), allocatable :: w(:, :)         !! (2, n) work space of the reordered solve
+  end type band_factor
+
+contains
+
+  !> Factors the symmetric matrix whose lower entries are given as triplets (duplicates are summed).
+  subroutine factor_symmetric(n, rows, cols, values, factor, bad)
+    integer, intent(in) :: n                   !! order
+    integer, intent(in) :: rows(:), cols(:)    !! entries of the full or of one triangle; (i,j) and (j,i) are one entry
+    real(wp), intent(in) :: values(:)          !! value of each entry; off-diagonal ones given once
+    type(band_factor), intent(out) :: factor
+    integer, intent(out) :: bad                !! 0, or the original index at which the matrix is not positive definite
+    integer, allocatable :: block_start(:), position(:)
+    integer :: b, k
+    factor%n = n
+    bad = 0
+    allocate (factor%w(2, n), factor%dinv(n), position(n))
+    call reverse_cuthill_mckee(n, rows, cols, factor%order, block_start)
+    factor%permuted = any(factor%order /= [(k, k=1, n)])
+    position(factor%order) = [(k, k=1, n)]
+    allocate (factor%blocks(size(block_start) - 1))
+    do b = 1, size(factor%blocks)
+      factor%blocks(b)%first = block_start(b)
+      factor%blocks(b)%last = block_start(b + 1) - 1
+      call factor_block(factor%blocks(b), position, rows, cols, values, factor%dinv, bad)
+      if (bad > 0) then
+        bad = factor%order(bad)
+        return
+      end if
+    end do
+  end subroutine factor_symmetric
+
+  !> Assembles and factors one block.
+  subroutine factor_block(blk, position, rows, cols, values, dinv, bad)
+    type(band_block), intent(inout) :: blk
+    integer, intent(in) :: position(:)         !! reordered row of each original index
+    integer, intent(in) :: rows(:), cols(:)
+    real(wp), intent(in) :: values(:)
+    real(wp), intent(inout) :: dinv(:)
+    integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
+    real(wp), allocatable :: ab(:, :)
+    integer :: k, i, j, kd, n, info
+    n = blk%last - blk%first + 1
+    kd = 0
+    do k = 1, size(values)
+      i = position(rows(k))
+      if (i < blk%first .or. i > blk%last) cycle
+      kd = max(kd, abs(i - position(cols(k))))
+    end do
+    blk%kd = kd
+    allocate (ab(0:kd, n), source=0.0_wp)
+    do k = 1, size(values)
+      i = position(rows(k))
+      if (i < blk%first .or. i > blk%last) cycle
+      j = position(cols(k))
+      ab(abs(i - j), min(i, j) - blk%first + 1) = ab(abs(i - j), min(i, j) - blk%first + 1) + values(k)
+    end do
+    call dpbtrf('L', n, kd, ab, kd + 1, info)
+    bad = 0
+    if (info /= 0) then
+      bad = blk%first + max(info, 1) - 1
+      return
+    end if
+    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last), source=0.0_wp)
+    do j = 1, n
+      do i = 1, min(kd, n - j)
+        blk%l(i, blk%first + j - 1) = ab(i, j)/ab(0, j)
+      end do
+      dinv(blk%first + j - 1) = 1.0_wp/ab(0, j)**2
+    end do
+  end subroutine factor_block
+
+  !> Solves A x = b in place for one right-hand side.
+  subroutine band_solve(factor, x)
+    type(band_factor), intent(inout) :: factor
+    real(wp), intent(inout) :: x(:)    !! (n) right-hand side, then solution
+    integer :: k
+    do k = 1, factor%n
+      factor%w(1, k) = x(factor%order(k))
+      factor%w(2, k) = 0.0_wp
+    end do
+    call solve_blocks(factor)
+    do k = 1, factor%n
+      x(factor%order(k)) = factor%w(1, k)
+    end do
+  end subroutine band_solve
+
+  !> Solves A [x y] = [bx by] in place: one pass over the factor for both.
+  subroutine band_solve_two(factor, x, y)
+    type(band_factor), intent(inout) :: factor
+    real(wp), intent(inout) :: x(:), y(:)    !! (n) right-hand sides, then solutions
+    integer :: k, j
+    if (factor%permuted) then
+      do k = 1, factor%n
+        j = factor%order(k)
+        factor%w(1, k) = x(j)
+        factor%w(2, k) = y(j)
+      end do
+      call solve_blocks(factor)
+      do k = 1, factor%n
+        j = factor%order(k)
+        x(j) = factor%w(1, k)
+        y(j) = factor%w(2, k)
+      end do
+    else
+      do k = 1, factor%n
+        factor%w(1, k) = x(k)
+        factor%w(2, k) = y(k)
+      end do
+      call solve_blocks(factor)
+      do k = 1, factor%n
+        x(k) = factor%w(1, k)
+        y(k) = factor%w(2, k)
+      end do
+    end if
+  end subroutine band_solve_two
+
+  !> Forward, diagonal and backward substitution of factor%w.
+  subroutine solve_blocks(factor)
+    type(band_factor), intent(inout) :: factor
+    integer :: b
+    do b = 1, size(factor%blocks)
+      associate (blk => factor%blocks(b))
+        select case (blk%kd)
+        case (0)
+          call solve_diagonal(blk%first, blk%last, factor%dinv, factor%w)
+        case (1)
+          call solve_band1(blk%first, blk%last, blk%l, factor%dinv, factor%w)
+        case (3)
+          call solve_band3(blk%first, blk%last, blk%l, factor%dinv, factor%w)
+        case default
+          call solve_band(blk%first, blk%last, blk%kd, blk%l, factor%dinv, factor%w)
+        end select
+      end associate
+    end do
+  end subroutine solve_blocks
+
+  !> Diagonal block.
+  pure subroutine solve_diagonal(first, last, dinv, w)
+    integer, intent(in) :: first, last
+    real(wp), intent(in) :: dinv(:)
+    real(wp), intent(inout) :: w(:, :)
+    integer :: j
+    do j = first, last
+      w(:, j) = w(:, j)*dinv(j)
+    end do
+  end subroutine solve_diagonal
+
+  !> Tridiagonal block (axial coordinates of a straight beam).
+  pure subroutine solve_band1(first, last, l, dinv, w)
+    integer, intent(in) :: first, last
+    real(wp), intent(in) :: l(1, first - 1:last), dinv(last)
+    real(wp), intent(inout) :: w(2, last)
+    real(wp) :: x1, x2
+    integer :: j
+    x1 = 0.0_wp
+    x2 = 0.0_wp
+    do j = first, last
+      x1 = w(1, j) - l(1, j - 1)*x1
+      x2 = w(2, j) - l(1, j - 1)*x2
+      w(1, j) = x1
+      w(2, j) = x2
+    end do
+    x1 = 0.0_wp
+    x2 = 0.0_wp
+    do j = last, first, -1
+      x1 = w(1, j)*dinv(j) - l(1, j)*x1
+      x2 = w(2, j)*dinv(j) - l(1, j)*x2
+      w(1, j) = x1
+      w(2, j) = x2
+    end do
+  end subroutine solve_band1
+
+  !> Block of half band width 3 (bending coordinates of a straight beam). The newest unknown enters last, so that
+  !> one multiplication and one subtraction are all that each row waits for.
+  pure subroutine solve_band3(first, last, l, dinv, w)
+    integer, intent(in) :: first, last
+    real(wp), intent(in) :: l(3, first - 3:last), dinv(last)
+    real(wp), intent(inout) :: w(2, last)
+    real(wp) :: x1, x2, y1, y2, z1, z2, s1, s2
+    integer :: j
+    x1 = 0.0_wp; x2 = 0.0_wp; y1 = 0.0_wp; y2 = 0.0_wp; z1 = 0.0_wp; z2 = 0.0_wp
+    do j = first, last
+      s1 = ((w(1, j) - l(3, j - 3)*z1) - l(2, j - 2)*y1) - l(1, j - 1)*x1
+      s2 = ((w(2, j) - l(3, j - 3)*z2) - l(2, j - 2)*y2) - l(1, j - 1)*x2
+      w(1, j) = s1
+      w(2, j) = s2
+      z1 = y1; z2 = y2; y1 = x1; y2 = x2; x1 = s1; x2 = s2
+    end do
+    x1 = 0.0_wp; x2 = 0.0_wp; y1 = 0.0_wp; y2 = 0.0_wp; z1 = 0.0_wp; z2 = 0.0_wp
+    do j = last, first, -1
+      s1 = ((w(1, j)*dinv(j) - l(3, j)*z1) - l(2, j)*y1) - l(1, j)*x1
+      s2 = ((w(2, j)*dinv(j) - l(3, j)*z2) - l(2, j)*y2) - l(1, j)*x2
+      w(1, j) = s1
+      w(2, j) = s2
+      z1 = y1; z2 = y2; y1 = x1; y2 = x2; x1 = s1; x2 = s2
+    end do
+  end subroutine solve_band3
+
+  !> Block of any half band width.
+  pure subroutine solve_band(first, last, kd, l, dinv, w)
+    integer, intent(in) :: first, last, kd
+    real(wp), intent(in) :: l(kd, first - kd:last), dinv(last)
+    real(wp), intent(inout) :: w(2, last)
+    integer :: i, j
+    do j = first, last
+      do i = 1, min(kd, last - j)
+        w(1, j + i) = w(1, j + i) - l(i, j)*w(1, j)
+        w(2, j + i) = w(2, j + i) - l(i, j)*w(2, j)
+      end do
+    end do
+    do j = last, first, -1
+      w(1, j) = w(1, j)*dinv(j)
+      w(2, j) = w(2, j)*dinv(j)
+      do i = 1, min(kd, last - j)
+        w(1, j) = w(1, j) - l(i, j)*w(1, j + i)
+        w(2, j) = w(2, j) - l(i, j)*w(2, j + i)
+      end do
+    end do
+  end subroutine solve_band
+
+  !> Reals that a factor keeps, for the memory line of the summary.
+  pure function band_memory(factor) result(reals)
+    type(band_factor), intent(in) :: factor
+    integer :: reals, b
+    reals = 3*factor%n
+    do b = 1, size(factor%blocks)
+      reals = reals + size(factor%blocks(b)%l)
+    end do
+  end function band_memory
+end module banded

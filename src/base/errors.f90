@@ -1,0 +1,116 @@
+!> Errors as values: a run-time failure travels up as `failure`, deck faults are collected in a `fault_list`
+!> and shown all at once. Nothing here stops the program; only the main program does.
+module errors
+  implicit none (type, external)
+  private
+  public :: fault, fault_list, failure
+
+  !> Exit statuses of the program (deck.md, "Exit status").
+  integer, parameter, public :: status_ok = 0         !! done
+  integer, parameter, public :: status_failed = 1     !! the analysis failed; results up to the last good time are on disk
+  integer, parameter, public :: status_bad_input = 2  !! command line or deck is wrong; nothing was written
+  integer, parameter, public :: status_no_output = 3  !! results could not be written
+  integer, parameter, public :: status_signal = 128   !! plus the signal's number: stopped cleanly by that signal
+
+  !> One line of a diagnosis: where, what, and what was expected.
+  type :: fault
+    character(:), allocatable :: file      !! deck file as the user named it
+    integer :: line = 0                    !! line in that file, 0 where no line applies
+    character(:), allocatable :: subject   !! `group/name`, may be empty
+    character(:), allocatable :: message   !! what is wrong, what was expected
+  end type fault
+
+  !> All faults found in one deck, in the order found.
+  type :: fault_list
+    type(fault), allocatable :: items(:)
+    integer :: count = 0
+  contains
+    procedure :: add => add_fault
+    procedure :: line_of => fault_line
+    procedure :: print => print_faults
+  end type fault_list
+
+  !> A failure of an analysis: the exit status and one paragraph of explanation.
+  type :: failure
+    integer :: status = status_ok
+    character(:), allocatable :: message
+  contains
+    procedure :: raise => raise_failure
+    procedure :: happened => failure_happened
+    procedure :: prefix => prefix_failure
+  end type failure
+
+contains
+
+  !> Appends one fault.
+  subroutine add_fault(self, file, line, subject, message)
+    class(fault_list), intent(inout) :: self
+    character(*), intent(in) :: file      !! deck file
+    integer, intent(in) :: line           !! line, 0: none
+    character(*), intent(in) :: subject   !! `group/name` or empty
+    character(*), intent(in) :: message   !! what is wrong, what was expected
+    type(fault), allocatable :: larger(:)
+    if (.not. allocated(self%items)) allocate (self%items(16))
+    if (self%count == size(self%items)) then
+      allocate (larger(2*self%count))
+      larger(1:self%count) = self%items
+      call move_alloc(larger, self%items)
+    end if
+    self%count = self%count + 1
+    self%items(self%count)%file = file
+    self%items(self%count)%line = line
+    self%items(self%count)%subject = subject
+    self%items(self%count)%message = message
+  end subroutine add_fault
+
+  !> The k-th fault as the line a user reads: `DECK:LINE: group/name: message`.
+  function fault_line(self, k) result(text)
+    class(fault_list), intent(in) :: self
+    integer, intent(in) :: k
+    character(:), allocatable :: text
+    character(12) :: number
+    text = self%items(k)%file
+    if (self%items(k)%line > 0) then
+      write (number, '(i0)') self%items(k)%line
+      text = text//':'//trim(number)
+    end if
+    text = text//': '
+    if (len(self%items(k)%subject) > 0) text = text//self%items(k)%subject//': '
+    text = text//self%items(k)%message
+  end function fault_line
+
+  !> Writes every fault, one a line, to an open unit.
+  subroutine print_faults(self, unit)
+    class(fault_list), intent(in) :: self
+    integer, intent(in) :: unit
+    integer :: k
+    do k = 1, self%count
+      write (unit, '(a)') self%line_of(k)
+    end do
+  end subroutine print_faults
+
+  !> Records a failure; the first one wins, since what follows is usually its consequence.
+  subroutine raise_failure(self, status, message)
+    class(failure), intent(inout) :: self
+    integer, intent(in) :: status        !! one of the exit statuses, not status_ok
+    character(*), intent(in) :: message  !! what happened, when, which body or joint, what to try
+    if (self%status /= status_ok) return
+    self%status = status
+    self%message = message
+  end subroutine raise_failure
+
+  !> Whether a failure has been raised.
+  pure function failure_happened(self) result(yes)
+    class(failure), intent(in) :: self
+    logical :: yes
+    yes = self%status /= status_ok
+  end function failure_happened
+
+  !> Puts a level's own words in front of the message of a failure that came from below.
+  subroutine prefix_failure(self, text)
+    class(failure), intent(inout) :: self
+    character(*), intent(in) :: text
+    if (self%status == status_ok) return
+    self%message = text//self%message
+  end subroutine prefix_failure
+end module errors

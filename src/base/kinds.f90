@@ -1,0 +1,10 @@
+!> The one real kind of the program and a few universal constants.
+module kinds
+  use, intrinsic :: iso_fortran_env, only: real64, int64
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: wp = real64   !! working precision of every real
+  integer, parameter, public :: ip = int64    !! long integers: steps and evaluation counts
+  real(wp), parameter, public :: pi = acos(-1.0_wp)   !! [-]
+end module kinds

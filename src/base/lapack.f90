@@ -1,0 +1,222 @@
+!> Explicit interfaces to the few LAPACK and BLAS routines used, and the one place that keeps their threads from
+!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j).
+module lapack
+  use kinds, only: wp
+  use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_char, c_int, c_null_ptr, c_null_char, c_associated, &
+                                         c_f_procpointer
+  implicit none (type, external)
+  private
+  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgetrf, dgetrs, dgbtrf, dgbtrs
+  public :: zgetrf, zgetrs, zgbtrf, zgbtrs, zgesv, dgesdd, dgelsd, dgeqp3, dorgqr
+  public :: use_one_blas_thread
+
+  interface
+    !> Cholesky factor of a symmetric positive definite band matrix.
+    subroutine dpbtrf(uplo, n, kd, ab, ldab, info)
+      import :: wp
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, kd, ldab
+      real(wp), intent(inout) :: ab(ldab, *)
+      integer, intent(out) :: info
+    end subroutine dpbtrf
+    !> Solves with the factor of dpbtrf.
+    subroutine dpbtrs(uplo, n, kd, nrhs, ab, ldab, b, ldb, info)
+      import :: wp
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, kd, nrhs, ldab, ldb
+      real(wp), intent(in) :: ab(ldab, *)
+      real(wp), intent(inout) :: b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine dpbtrs
+    !> y = alpha A x + beta y for a symmetric band matrix.
+    subroutine dsbmv(uplo, n, k, alpha, a, lda, x, incx, beta, y, incy)
+      import :: wp
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, k, lda, incx, incy
+      real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
+      real(wp), intent(inout) :: y(*)
+    end subroutine dsbmv
+    !> Eigenvalues and vectors of a symmetric matrix.
+    subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
+      import :: wp
+      character, intent(in) :: jobz, uplo
+      integer, intent(in) :: n, lda, lwork
+      real(wp), intent(inout) :: a(lda, *)
+      real(wp), intent(out) :: w(*), work(*)
+      integer, intent(out) :: info
+    end subroutine dsyev
+    !> A x = w B x, A symmetric, B symmetric positive definite, all eigenpairs.
+    subroutine dsygvd(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, iwork, liwork, info)
+      import :: wp
+      integer, intent(in) :: itype, n, lda, ldb, lwork, liwork
+      character, intent(in) :: jobz, uplo
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      real(wp), intent(out) :: w(*), work(*)
+      integer, intent(out) :: iwork(*), info
+    end subroutine dsygvd
+    !> Generalised eigenvalues of a real pair.
+    subroutine dggev(jobvl, jobvr, n, a, lda, b, ldb, alphar, alphai, beta, vl, ldvl, vr, ldvr, work, lwork, info)
+      import :: wp
+      character, intent(in) :: jobvl, jobvr
+      integer, intent(in) :: n, lda, ldb, ldvl, ldvr, lwork
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      real(wp), intent(out) :: alphar(*), alphai(*), beta(*), vl(ldvl, *), vr(ldvr, *), work(*)
+      integer, intent(out) :: info
+    end subroutine dggev
+    !> Eigenvalues and vectors of a general real matrix.
+    subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
+      import :: wp
+      character, intent(in) :: jobvl, jobvr
+      integer, intent(in) :: n, lda, ldvl, ldvr, lwork
+      real(wp), intent(inout) :: a(lda, *)
+      real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *), work(*)
+      integer, intent(out) :: info
+    end subroutine dgeev
+    !> Solves a general dense system.
+    subroutine dgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
+      import :: wp
+      integer, intent(in) :: n, nrhs, lda, ldb
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine dgesv
+    !> LU factor of a general dense matrix.
+    subroutine dgetrf(m, n, a, lda, ipiv, info)
+      import :: wp
+      integer, intent(in) :: m, n, lda
+      real(wp), intent(inout) :: a(lda, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine dgetrf
+    !> Solves with the factor of dgetrf.
+    subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+      import :: wp
+      character, intent(in) :: trans
+      integer, intent(in) :: n, nrhs, lda, ldb, ipiv(*)
+      real(wp), intent(in) :: a(lda, *)
+      real(wp), intent(inout) :: b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine dgetrs
+    !> LU factor of a general band matrix.
+    subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+      import :: wp
+      integer, intent(in) :: m, n, kl, ku, ldab
+      real(wp), intent(inout) :: ab(ldab, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine dgbtrf
+    !> Solves with the factor of dgbtrf.
+    subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+      import :: wp
+      character, intent(in) :: trans
+      integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
+      real(wp), intent(in) :: ab(ldab, *)
+      real(wp), intent(inout) :: b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine dgbtrs
+    !> LU factor of a complex dense matrix.
+    subroutine zgetrf(m, n, a, lda, ipiv, info)
+      import :: wp
+      integer, intent(in) :: m, n, lda
+      complex(wp), intent(inout) :: a(lda, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine zgetrf
+    !> Solves with the factor of zgetrf.
+    subroutine zgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+      import :: wp
+      character, intent(in) :: trans
+      integer, intent(in) :: n, nrhs, lda, ldb, ipiv(*)
+      complex(wp), intent(in) :: a(lda, *)
+      complex(wp), intent(inout) :: b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine zgetrs
+    !> Solves a complex dense system.
+    subroutine zgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
+      import :: wp
+      integer, intent(in) :: n, nrhs, lda, ldb
+      complex(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine zgesv
+    !> LU factor of a complex band matrix.
+    subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+      import :: wp
+      integer, intent(in) :: m, n, kl, ku, ldab
+      complex(wp), intent(inout) :: ab(ldab, *)
+      integer, intent(out) :: ipiv(*), info
+    end subroutine zgbtrf
+    !> Solves with the factor of zgbtrf.
+    subroutine zgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+      import :: wp
+      character, intent(in) :: trans
+      integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
+      complex(wp), intent(in) :: ab(ldab, *)
+      complex(wp), intent(inout) :: b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine zgbtrs
+    !> Singular value decomposition.
+    subroutine dgesdd(jobz, m, n, a, lda, s, u, ldu, vt, ldvt, work, lwork, iwork, info)
+      import :: wp
+      character, intent(in) :: jobz
+      integer, intent(in) :: m, n, lda, ldu, ldvt, lwork
+      real(wp), intent(inout) :: a(lda, *)
+      real(wp), intent(out) :: s(*), u(ldu, *), vt(ldvt, *), work(*)
+      integer, intent(out) :: iwork(*), info
+    end subroutine dgesdd
+    !> Minimum-norm least squares.
+    subroutine dgelsd(m, n, nrhs, a, lda, b, ldb, s, rcond, rank, work, lwork, iwork, info)
+      import :: wp
+      integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      real(wp), intent(in) :: rcond
+      real(wp), intent(out) :: s(*), work(*)
+      integer, intent(out) :: rank, iwork(*), info
+    end subroutine dgelsd
+    !> QR with column pivoting.
+    subroutine dgeqp3(m, n, a, lda, jpvt, tau, work, lwork, info)
+      import :: wp
+      integer, intent(in) :: m, n, lda, lwork
+      real(wp), intent(inout) :: a(lda, *)
+      integer, intent(inout) :: jpvt(*)
+      real(wp), intent(out) :: tau(*), work(*)
+      integer, intent(out) :: info
+    end subroutine dgeqp3
+    !> Q of a QR factorisation.
+    subroutine dorgqr(m, n, k, a, lda, tau, work, lwork, info)
+      import :: wp
+      integer, intent(in) :: m, n, k, lda, lwork
+      real(wp), intent(inout) :: a(lda, *)
+      real(wp), intent(in) :: tau(*)
+      real(wp), intent(out) :: work(*)
+      integer, intent(out) :: info
+    end subroutine dorgqr
+    !> The C library's look-up of a symbol among the libraries already loaded.
+    function dlsym(handle, symbol) bind(c, name='dlsym') result(address)
+      import :: c_ptr, c_funptr, c_char
+      type(c_ptr), value :: handle
+      character(kind=c_char), intent(in) :: symbol(*)
+      type(c_funptr) :: address
+    end function dlsym
+  end interface
+
+  abstract interface
+    !> A BLAS library's own routine that sets its number of threads.
+    subroutine set_threads(n) bind(c)
+      import :: c_int
+      integer(c_int), value :: n
+    end subroutine set_threads
+  end interface
+
+contains
+
+  !> Threaded BLAS libraries sum in an order that depends on the number of threads; one thread makes runs repeatable.
+  subroutine use_one_blas_thread()
+    character(28), parameter :: names(4) = [character(28) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads', &
+                                            'bli_thread_set_num_threads', 'flexiblas_set_num_threads']
+    procedure(set_threads), pointer :: set
+    type(c_funptr) :: address
+    integer :: k
+    do k = 1, size(names)
+      address = dlsym(c_null_ptr, trim(names(k))//c_null_char)
+      if (.not. c_associated(address)) cycle
+      call c_f_procpointer(address, set)
+      call set(1_c_int)
+    end do
+  end subroutine use_one_blas_thread
+end module lapack

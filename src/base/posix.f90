@@ -1,0 +1,163 @@
+!> The few calls of the operating system that Fortran lacks: folders, locks, atomic replacement, terminals, signals.
+module posix
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_funptr, c_funloc, c_ptr
+  implicit none (type, external)
+  private
+  public :: make_folder, lock_file, replace_file, remove_file, is_terminal, flush_to_disk, close_lock, truncate_file
+  public :: catch_signals, caught_signal
+
+  integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
+  integer, parameter :: signal_interrupt = 2, signal_terminate = 15
+  integer(c_int), volatile, save :: received = 0    !! the last signal caught
+
+  interface
+    function c_mkdir(path, mode) bind(c, name='mkdir') result(status)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), value :: mode
+      integer(c_int) :: status
+    end function c_mkdir
+    function c_creat(path, mode) bind(c, name='creat') result(fd)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), value :: mode
+      integer(c_int) :: fd
+    end function c_creat
+    function c_flock(fd, operation) bind(c, name='flock') result(status)
+      import :: c_int
+      integer(c_int), value :: fd, operation
+      integer(c_int) :: status
+    end function c_flock
+    function c_close(fd) bind(c, name='close') result(status)
+      import :: c_int
+      integer(c_int), value :: fd
+      integer(c_int) :: status
+    end function c_close
+    function c_rename(from, to) bind(c, name='rename') result(status)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: from(*), to(*)
+      integer(c_int) :: status
+    end function c_rename
+    function c_unlink(path) bind(c, name='unlink') result(status)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int) :: status
+    end function c_unlink
+    function c_isatty(fd) bind(c, name='isatty') result(yes)
+      import :: c_int
+      integer(c_int), value :: fd
+      integer(c_int) :: yes
+    end function c_isatty
+    function c_fsync(fd) bind(c, name='fsync') result(status)
+      import :: c_int
+      integer(c_int), value :: fd
+      integer(c_int) :: status
+    end function c_fsync
+    function c_truncate(path, length) bind(c, name='truncate') result(status)
+      import :: c_char, c_int, c_long
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_long), value :: length
+      integer(c_int) :: status
+    end function c_truncate
+    function c_signal(number, handler) bind(c, name='signal') result(old)
+      import :: c_int, c_funptr
+      integer(c_int), value :: number
+      type(c_funptr), value :: handler
+      type(c_funptr) :: old
+    end function c_signal
+  end interface
+
+contains
+
+  !> Makes a folder and its parents; true where it exists afterwards or may exist already.
+  subroutine make_folder(path)
+    character(*), intent(in) :: path
+    integer :: k
+    integer(c_int) :: status
+    do k = 2, len(path)
+      if (path(k:k) == '/') status = c_mkdir(path(1:k - 1)//c_null_char, int(o'777', c_int))
+    end do
+    status = c_mkdir(path//c_null_char, int(o'777', c_int))
+  end subroutine make_folder
+
+  !> Opens and locks a file for this process alone; the lock ends with the process. Handle: > 0 locked, 0 held by
+  !> another process, -1 the file cannot be written.
+  function lock_file(path) result(handle)
+    character(*), intent(in) :: path
+    integer :: handle
+    integer(c_int) :: status
+    handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
+    if (handle < 0) return
+    status = c_flock(int(handle, c_int), int(lock_exclusive_now, c_int))
+    if (status /= 0) then
+      status = c_close(int(handle, c_int))
+      handle = 0
+    end if
+  end function lock_file
+
+  !> Ends a lock and removes its file.
+  subroutine close_lock(path, handle)
+    character(*), intent(in) :: path
+    integer, intent(in) :: handle
+    integer(c_int) :: status
+    if (handle <= 0) return
+    status = c_unlink(path//c_null_char)
+    status = c_close(int(handle, c_int))
+  end subroutine close_lock
+
+  !> Renames a file over another in one step.
+  function replace_file(from, to) result(ok)
+    character(*), intent(in) :: from, to
+    logical :: ok
+    ok = c_rename(from//c_null_char, to//c_null_char) == 0
+  end function replace_file
+
+  !> Removes a file; nothing happens where there is none.
+  subroutine remove_file(path)
+    character(*), intent(in) :: path
+    integer(c_int) :: status
+    status = c_unlink(path//c_null_char)
+  end subroutine remove_file
+
+  !> Cuts a file to a length in bytes.
+  function truncate_file(path, length) result(ok)
+    character(*), intent(in) :: path
+    integer(c_long), intent(in) :: length
+    logical :: ok
+    ok = c_truncate(path//c_null_char, length) == 0
+  end function truncate_file
+
+  !> Whether a file descriptor is a terminal (1: standard output, 2: standard error).
+  function is_terminal(fd) result(yes)
+    integer, intent(in) :: fd
+    logical :: yes
+    yes = c_isatty(int(fd, c_int)) == 1
+  end function is_terminal
+
+  !> Asks the system to put a file descriptor's data on the disk.
+  subroutine flush_to_disk(fd)
+    integer, intent(in) :: fd
+    integer(c_int) :: status
+    status = c_fsync(int(fd, c_int))
+  end subroutine flush_to_disk
+
+  !> From now on SIGINT and SIGTERM are only noted.
+  subroutine catch_signals()
+    type(c_funptr) :: old
+    received = 0
+    old = c_signal(int(signal_interrupt, c_int), c_funloc(note_signal))
+    old = c_signal(int(signal_terminate, c_int), c_funloc(note_signal))
+  end subroutine catch_signals
+
+  !> The handler: notes the signal's number, nothing else.
+  subroutine note_signal(number) bind(c)
+    integer(c_int), value :: number
+    received = number
+  end subroutine note_signal
+
+  !> Number of the signal caught, 0: none.
+  function caught_signal() result(number)
+    integer :: number
+    number = int(received)
+  end function caught_signal
+end module posix

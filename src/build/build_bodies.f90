@@ -1,0 +1,247 @@
+!> Deck records of bodies, materials, sections and lumps into bodies of the model.
+module build_bodies
+  use kinds, only: wp
+  use errors, only: fault_list
+  use deck_records, only: deck, body_record, lump_record
+  use beam_element, only: beam_geometry
+  use body, only: body_model, lump, ghm_run
+  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, &
+                        factor_mass, finish_elastic, allocate_work, body_length, sort_runs
+  use modal_reduction, only: reduce_to_modes
+  implicit none (type, external)
+  private
+  public :: build_body
+
+contains
+
+  !> One body of the deck. Faults: reference conditions that leave a motion free, too many modes, a mass matrix that is
+  !> not positive definite.
+  subroutine build_body(d, k, lumps, b, faults)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: k                  !! number of the body
+    integer, intent(in) :: lumps(:)           !! numbers of the lumps on it
+    type(body_model), intent(out) :: b
+    type(fault_list), intent(inout) :: faults
+    integer :: e
+    associate (r => d%bodies(k))
+      b%name = r%name
+      if (r%kind == 'rigid') then
+        b%mass = r%mass
+        b%i1 = r%mass*r%com
+        b%i11 = r%inertia + r%mass*dot_product(r%com, r%com)
+        allocate (b%runs(0), b%elements(0), b%x(2, 0), b%en(2, 0))
+      else
+        call lay_out_nodes(r, b)
+        call set_elements(d, r, b)
+        do e = 1, b%ne
+          call add_rigid_element(b, e)
+        end do
+      end if
+      call take_lumps(d, lumps, b)
+      b%length = body_length(b%x)
+      if (r%kind /= 'rigid' .and. r%flexible) then
+        call make_flexible(d, r, b, faults)
+      else
+        if (.not. allocated(b%runs)) allocate (b%runs(0))
+        if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
+          call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the mass matrix is not positive definite: '// &
+                          'the body has no rotary inertia about its mass centre; expected inertia > 0 or a lump '// &
+                          'away from the mass centre')
+        end if
+      end if
+    end associate
+  end subroutine build_body
+
+  !> Nodes and connectivity.
+  subroutine lay_out_nodes(r, b)
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    integer :: k
+    b%nn = r%nodes
+    b%ne = r%elements
+    allocate (b%x(2, b%nn), b%en(2, b%ne))
+    if (r%kind == 'beam') then
+      do k = 1, b%nn
+        b%x(:, k) = [r%length*(k - 1)/b%ne, 0.0_wp]
+      end do
+      do k = 1, b%ne
+        b%en(:, k) = [k, k + 1]
+      end do
+    else
+      b%x(1, :) = r%node_x
+      b%x(2, :) = r%node_y
+      b%en = r%element_nodes
+    end if
+  end subroutine lay_out_nodes
+
+  !> Geometry, mass and stiffness of the elements.
+  subroutine set_elements(d, r, b)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    real(wp) :: dx(2)
+    integer :: e
+    allocate (b%elements(b%ne), b%fibre(b%ne), b%area(b%ne), b%second(b%ne), b%material(b%ne))
+    b%straight = .true.
+    do e = 1, b%ne
+      associate (m => d%materials(r%element_material(e)), s => d%sections(r%element_section(e)), g => b%elements(e))
+        dx = b%x(:, b%en(2, e)) - b%x(:, b%en(1, e))
+        g%length = hypot(dx(1), dx(2))
+        g%c = dx(1)/g%length
+        g%s = dx(2)/g%length
+        if (abs(g%s) > 0.0_wp .or. g%c < 0.0_wp) b%straight = .false.
+        g%mass = m%density*s%area*g%length
+        g%ea_l = m%young*s%area/g%length
+        g%ei_l = m%young*s%inertia/g%length
+        g%ray_m = m%rayleigh_mass
+        g%ray_k = m%rayleigh_stiffness
+        b%material(e) = r%element_material(e)
+        b%fibre(e) = s%fibre
+        b%area(e) = s%area
+        b%second(e) = s%inertia
+      end associate
+    end do
+    b%rayleigh = any(b%elements%ray_m > 0.0_wp .or. b%elements%ray_k > 0.0_wp)
+  end subroutine set_elements
+
+  !> Lumps of the body.
+  subroutine take_lumps(d, lumps, b)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: lumps(:)
+    type(body_model), intent(inout) :: b
+    integer :: k
+    allocate (b%lumps(size(lumps)))
+    do k = 1, size(lumps)
+      associate (r => d%lumps(lumps(k)), l => b%lumps(k))
+        l%node = r%place%node
+        l%x = r%place%point
+        if (l%node > 0) l%x = b%x(:, l%node)
+        l%mass = r%mass
+        l%inertia = r%inertia
+        call add_rigid_lump(b, l)
+      end associate
+    end do
+  end subroutine take_lumps
+
+  !> Elastic coordinates, their integrals and what damps them.
+  subroutine make_flexible(d, r, b, faults)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    type(fault_list), intent(inout) :: faults
+    logical, allocatable :: removed(:, :), viscoelastic(:)
+    integer :: e, bad
+    b%flexible = .true.
+    b%axial = r%axial
+    b%nd = merge(3, 2, r%axial)
+    b%stiffening = r%stiffening
+    allocate (viscoelastic(b%ne))
+    do e = 1, b%ne
+      viscoelastic(e) = r%viscoelastic .and. size(d%materials(b%material(e))%ghm_alpha) > 0
+    end do
+    call remove_coordinates(r, b, removed, faults)
+    call number_coordinates(b, removed)
+    if (b%nf == 0) then
+      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
+                      'no elastic coordinate remains; expected more elements, or flexible=.false.')
+      return
+    end if
+    call elastic_integrals(b)
+    if (r%modes > 0) then
+      call reduce(d, r, b, viscoelastic, faults)
+    else
+      call sort_runs(b, viscoelastic)
+      for_runs: do e = 1, size(b%runs)
+        call take_terms(d, b%runs(e))
+      end do for_runs
+      call factor_mass(b, bad)
+      if (bad > 0) then
+        call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
+                        'the mass matrix is not positive definite; expected positive density, area and element lengths '// &
+                        'of comparable size')
+        return
+      end if
+    end if
+    if (faults%count > 0) return
+    call finish_elastic(b)
+    call allocate_work(b)
+  end subroutine make_flexible
+
+  !> GHM terms of a run's material.
+  subroutine take_terms(d, run)
+    type(deck), intent(in) :: d
+    type(ghm_run), intent(inout) :: run
+    associate (m => d%materials(run%material))
+      run%alpha = m%ghm_alpha
+      run%zeta = m%ghm_zeta
+      run%omega = m%ghm_omega
+    end associate
+  end subroutine take_terms
+
+  !> Which nodal coordinates the reference conditions remove; they must stop exactly the rigid motions.
+  subroutine remove_coordinates(r, b, removed, faults)
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    logical, allocatable, intent(out) :: removed(:, :)   !! (3, nn)
+    type(fault_list), intent(inout) :: faults
+    real(wp) :: free(3)
+    integer :: k, rank
+    character(:), allocatable :: motions
+    allocate (removed(3, b%nn), source=.false.)
+    select case (r%reference)
+    case ('pinned')
+      removed(1:2, 1) = .true.
+      removed(2, b%nn) = .true.
+    case ('clamped')
+      removed(:, 1) = .true.
+    case ('explicit')
+      do k = 1, size(r%reference_node)
+        removed(index('uvr', r%reference_dof(k)), r%reference_node(k)) = .true.
+      end do
+    case default
+      return
+    end select
+    call reference_rank(b, removed, rank, free)
+    b%extra_references = max(count(removed) - 3, 0)
+    if (rank == 3) return
+    motions = ''
+    if (free(1) > 0) motions = motions//' translation along body x,'
+    if (free(2) > 0) motions = motions//' translation along body y,'
+    if (free(3) > 0) motions = motions//' rotation,'
+    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the reference conditions leave a rigid motion free:'// &
+                    motions//' expected removed coordinates that stop all three')
+  end subroutine remove_coordinates
+
+  !> Reduces the body to its lowest modes.
+  subroutine reduce(d, r, b, viscoelastic, faults)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    logical, intent(in) :: viscoelastic(:)
+    type(fault_list), intent(inout) :: faults
+    type(ghm_run), allocatable :: runs(:)
+    integer :: e, n, available
+    logical :: bad
+    character(12) :: text
+    available = b%nf
+    if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
+    if (r%modes > available) then
+      write (text, '(i0)') available
+      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'modes is larger than the number of elastic modes of '// &
+                      'the mesh; expected at most '//trim(text))
+      return
+    end if
+    allocate (runs(b%ne))
+    n = 0
+    do e = 1, b%ne
+      if (.not. viscoelastic(e)) cycle
+      if (any(runs(1:n)%material == b%material(e))) cycle
+      n = n + 1
+      runs(n)%material = b%material(e)
+      call take_terms(d, runs(n))
+    end do
+    call reduce_to_modes(b, r%modes, runs(1:n), bad)
+    if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
+                             'the modes could not be computed: the mass matrix is not positive definite')
+  end subroutine reduce
+end module build_bodies

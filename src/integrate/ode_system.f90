@@ -1,0 +1,34 @@
+!> What an integrator sees: a system y' = f(t, y) with a manifold that accepted states are projected onto. No mechanics.
+module ode_system
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+
+  !> The system.
+  type, abstract, public :: ode
+    integer :: n = 0                          !! unknowns
+  contains
+    procedure(right_hand_side), deferred :: derivative
+    procedure(onto_manifold), deferred :: accept
+  end type ode
+
+  abstract interface
+    !> f(t, y). With left = .true. jumps of the loads at t are not yet felt: the end of a step belongs to the step.
+    subroutine right_hand_side(self, t, y, left, dy)
+      import :: ode, wp
+      class(ode), intent(inout) :: self
+      real(wp), intent(in) :: t               !! [s]
+      real(wp), intent(in) :: y(:)            !! (n)
+      logical, intent(in) :: left
+      real(wp), intent(out) :: dy(:)          !! (n)
+    end subroutine right_hand_side
+    !> Puts the end of a step onto the manifold; ok is false where that fails or y is not finite.
+    subroutine onto_manifold(self, t, y, ok)
+      import :: ode, wp
+      class(ode), intent(inout) :: self
+      real(wp), intent(in) :: t               !! [s]
+      real(wp), intent(inout) :: y(:)         !! (n)
+      logical, intent(out) :: ok
+    end subroutine onto_manifold
+  end interface
+end module ode_system

@@ -1,0 +1,90 @@
+!> Explicit Runge-Kutta methods: tableaux as data, one stepping loop.
+module runge_kutta
+  use kinds, only: wp
+  use ode_system, only: ode
+  implicit none (type, external)
+  private
+  public :: tableau, classical_rk4, explicit_stepper
+
+  !> A Butcher tableau of an explicit method.
+  type :: tableau
+    integer :: stages = 0
+    integer :: order = 0
+    real(wp), allocatable :: a(:, :)          !! (stages, stages), strictly lower [-]
+    real(wp), allocatable :: b(:)             !! (stages) weights [-]
+    real(wp), allocatable :: c(:)             !! (stages) nodes [-]
+  end type tableau
+
+  !> A method with its work space.
+  type :: explicit_stepper
+    type(tableau) :: method
+    real(wp), allocatable :: k(:, :)          !! (n, stages) stage derivatives; k(:, 1) is set by the caller
+    real(wp), allocatable :: y(:)             !! (n) stage state
+  contains
+    procedure :: prepare
+    procedure :: step
+  end type explicit_stepper
+
+contains
+
+  !> The classical fourth-order method (Kutta 1901).
+  pure function classical_rk4() result(m)
+    type(tableau) :: m
+    m%stages = 4
+    m%order = 4
+    allocate (m%a(4, 4), source=0.0_wp)
+    m%a(2, 1) = 0.5_wp
+    m%a(3, 2) = 0.5_wp
+    m%a(4, 3) = 1.0_wp
+    m%b = [1.0_wp, 2.0_wp, 2.0_wp, 1.0_wp]/6.0_wp
+    m%c = [0.0_wp, 0.5_wp, 0.5_wp, 1.0_wp]
+  end function classical_rk4
+
+  !> Allocates the work space for n unknowns.
+  pure subroutine prepare(self, method, n)
+    class(explicit_stepper), intent(inout) :: self
+    type(tableau), intent(in) :: method
+    integer, intent(in) :: n
+    self%method = method
+    if (allocated(self%k)) deallocate (self%k, self%y)
+    allocate (self%k(n, method%stages), self%y(n), source=0.0_wp)
+  end subroutine prepare
+
+  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y).
+  subroutine step(self, system, t, h, y)
+    class(explicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: t, h              !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n)
+    integer :: i
+    do i = 2, self%method%stages
+      call combine(size(y), i - 1, self%method%stages, self%method%a(i, :), h, y, self%k, self%y)
+      call system%derivative(t + self%method%c(i)*h, self%y, self%method%c(i) >= 1.0_wp, self%k(:, i))
+    end do
+    call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
+    y = self%y
+  end subroutine step
+
+  !> x = y + h sum of a_j k_j over the stages whose weight is not zero.
+  pure subroutine combine(n, used, stages, a, h, y, k, x)
+    integer, intent(in) :: n, used, stages
+    real(wp), intent(in) :: a(stages), h, y(n), k(n, stages)
+    real(wp), intent(inout) :: x(n)
+    integer :: j, i
+    logical :: first
+    first = .true.
+    do j = 1, used
+      if (abs(a(j)) <= 0.0_wp) cycle
+      if (first) then
+        do i = 1, n
+          x(i) = y(i) + (h*a(j))*k(i, j)
+        end do
+        first = .false.
+      else
+        do i = 1, n
+          x(i) = x(i) + (h*a(j))*k(i, j)
+        end do
+      end if
+    end do
+  end subroutine combine
+end module runge_kutta

@@ -1,0 +1,273 @@
+!> Builds a body: rigid-body integrals, elastic coordinates under the reference conditions, shape integrals, the
+!> factor of the mass matrix, dissipative coordinates. All set-up work; nothing here runs in a step.
+module body_setup
+  use kinds, only: wp
+  use banded, only: factor_symmetric, band_solve_two
+  use beam_element, only: beam_geometry, shape_integral, shape_moment, element_mass
+  use body, only: body_model, lump, ghm_run
+  implicit none (type, external)
+  private
+  public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
+  public :: finish_elastic, allocate_work, mass_triplets, body_length, sort_runs
+
+contains
+
+  !> Adds an element's mass to the rigid-body integrals.
+  pure subroutine add_rigid_element(b, e)
+    type(body_model), intent(inout) :: b
+    integer, intent(in) :: e              !! element
+    real(wp) :: w, xi(2), d(2)
+    w = b%elements(e)%mass
+    xi = b%x(:, b%en(1, e))
+    d = b%x(:, b%en(2, e)) - xi
+    b%mass = b%mass + w
+    b%i1 = b%i1 + w*(xi + d/2)
+    b%i11 = b%i11 + w*(dot_product(xi, xi) + dot_product(xi, d) + dot_product(d, d)/3)
+  end subroutine add_rigid_element
+
+  !> Adds a lump to the rigid-body integrals.
+  pure subroutine add_rigid_lump(b, l)
+    type(body_model), intent(inout) :: b
+    type(lump), intent(in) :: l
+    b%mass = b%mass + l%mass
+    b%i1 = b%i1 + l%mass*l%x
+    b%i11 = b%i11 + l%mass*dot_product(l%x, l%x) + l%inertia
+  end subroutine add_rigid_lump
+
+  !> Numbers the nodal coordinates that remain, node by node (u, v, rotation).
+  pure subroutine number_coordinates(b, removed)
+    type(body_model), intent(inout) :: b
+    logical, intent(in) :: removed(:, :)   !! (3, nn) coordinates stopped by the reference conditions
+    integer :: k, c, e
+    allocate (b%dof(3, b%nn), b%edof(6, b%ne))
+    b%nf = 0
+    do k = 1, b%nn
+      do c = 1, 3
+        b%dof(c, k) = 0
+        if (removed(c, k)) cycle
+        if (c == 1 .and. .not. b%axial) cycle
+        b%nf = b%nf + 1
+        b%dof(c, k) = b%nf
+      end do
+    end do
+    do e = 1, b%ne
+      b%edof(1:3, e) = b%dof(:, b%en(1, e))
+      b%edof(4:6, e) = b%dof(:, b%en(2, e))
+    end do
+  end subroutine number_coordinates
+
+  !> Rank of the reference conditions on the rigid motions of the body, and the motion that they leave free.
+  pure subroutine reference_rank(b, removed, rank, free)
+    type(body_model), intent(in) :: b
+    logical, intent(in) :: removed(:, :)   !! (3, nn)
+    integer, intent(out) :: rank           !! 3: sufficient
+    real(wp), intent(out) :: free(3)       !! a rigid motion (x, y, rotation times length) left free [-]
+    real(wp) :: g(3, 3), row(3), scale, best
+    integer :: k, c, step, p, i
+    g = 0.0_wp
+    scale = max(b%length, tiny(1.0_wp))
+    do k = 1, b%nn
+      do c = 1, 3
+        if (.not. removed(c, k)) cycle
+        row = 0.0_wp
+        row(c) = 1.0_wp
+        if (c == 1) row(3) = -b%x(2, k)/scale
+        if (c == 2) row(3) = b%x(1, k)/scale
+        do i = 1, 3
+          g(:, i) = g(:, i) + row*row(i)
+        end do
+      end do
+    end do
+    rank = 0
+    free = 0.0_wp
+    do step = 1, 3     ! complete pivoting on the 3 x 3 Gram matrix
+      p = 0
+      best = 1.0e-10_wp
+      do i = 1, 3
+        if (g(i, i) > best) then
+          best = g(i, i)
+          p = i
+        end if
+      end do
+      if (p == 0) exit
+      rank = rank + 1
+      row = g(:, p)/g(p, p)
+      do i = 1, 3
+        if (i /= p) g(:, i) = g(:, i) - row*g(p, i)
+      end do
+      g(:, p) = 0.0_wp
+      g(p, :) = 0.0_wp
+      free(p) = 1.0_wp     ! marks the motions that are stopped
+    end do
+    free = merge(0.0_wp, 1.0_wp, free > 0.0_wp)
+  end subroutine reference_rank
+
+  !> S-bar, I1f and c0 of the nodal coordinates (theory.md, section 2), lumps included.
+  pure subroutine elastic_integrals(b)
+    type(body_model), intent(inout) :: b
+    real(wp) :: s(2, 6), sx(2, 6), xi(2), d(2)
+    real(wp), allocatable :: sb(:, :), f1(:), cc(:)
+    integer :: e, k, j
+    allocate (sb(2, 0:b%nf), f1(0:b%nf), cc(0:b%nf), source=0.0_wp)
+    do e = 1, b%ne
+      s = shape_integral(b%elements(e))
+      sx = shape_moment(b%elements(e))
+      xi = b%x(:, b%en(1, e))
+      d = b%x(:, b%en(2, e)) - xi
+      do k = 1, 6
+        j = b%edof(k, e)
+        sb(:, j) = sb(:, j) + s(:, k)
+        f1(j) = f1(j) + dot_product(xi, s(:, k)) + dot_product(d, sx(:, k))
+        cc(j) = cc(j) + dot_product(turned(xi), s(:, k)) + dot_product(turned(d), sx(:, k))
+      end do
+    end do
+    do k = 1, size(b%lumps)
+      call add_elastic_lump(b%lumps(k), b%dof(:, b%lumps(k)%node), sb, f1, cc)
+    end do
+    allocate (b%sbar(b%nf, 2), b%i1f(b%nf), b%c0(b%nf))
+    b%sbar = transpose(sb(:, 1:))
+    b%i1f = f1(1:)
+    b%c0 = cc(1:)
+  end subroutine elastic_integrals
+
+  !> H x: a vector turned by +90 degrees.
+  pure function turned(x) result(y)
+    real(wp), intent(in) :: x(2)
+    real(wp) :: y(2)
+    y = [-x(2), x(1)]
+  end function turned
+
+  !> A lump's part of S-bar, I1f and c0.
+  pure subroutine add_elastic_lump(l, dof, sb, f1, cc)
+    type(lump), intent(in) :: l
+    integer, intent(in) :: dof(3)            !! coordinates of its node
+    real(wp), intent(inout) :: sb(:, 0:), f1(0:), cc(0:)
+    real(wp) :: hx(2)
+    integer :: c
+    hx = turned(l%x)
+    do c = 1, 2
+      sb(c, dof(c)) = sb(c, dof(c)) + l%mass
+      f1(dof(c)) = f1(dof(c)) + l%mass*l%x(c)
+      cc(dof(c)) = cc(dof(c)) + l%mass*hx(c)
+    end do
+    cc(dof(3)) = cc(dof(3)) + l%inertia
+  end subroutine add_elastic_lump
+
+  !> Lower triangle of m_ff as triplets (consistent mass and lumps with their rotary inertia).
+  pure subroutine mass_triplets(b, rows, cols, values)
+    type(body_model), intent(in) :: b
+    integer, allocatable, intent(out) :: rows(:), cols(:)
+    real(wp), allocatable, intent(out) :: values(:)     !! [kg, kg m, kg m2]
+    real(wp) :: m(6, 6)
+    integer :: e, i, j, n, k
+    n = 21*b%ne + 3*size(b%lumps)
+    allocate (rows(n), cols(n), values(n))
+    n = 0
+    do e = 1, b%ne
+      m = element_mass(b%elements(e))
+      do i = 1, 6
+        do j = 1, i
+          if (b%edof(i, e) == 0 .or. b%edof(j, e) == 0 .or. abs(m(i, j)) <= 0.0_wp) cycle
+          n = n + 1
+          rows(n) = b%edof(i, e)
+          cols(n) = b%edof(j, e)
+          values(n) = m(i, j)
+        end do
+      end do
+    end do
+    do k = 1, size(b%lumps)
+      do i = 1, 3
+        if (b%dof(i, b%lumps(k)%node) == 0) cycle
+        n = n + 1
+        rows(n) = b%dof(i, b%lumps(k)%node)
+        cols(n) = rows(n)
+        values(n) = merge(b%lumps(k)%inertia, b%lumps(k)%mass, i == 3)
+      end do
+    end do
+    rows = rows(1:n)
+    cols = cols(1:n)
+    values = values(1:n)
+  end subroutine mass_triplets
+
+  !> Factors m_ff of the nodal coordinates.
+  subroutine factor_mass(b, bad)
+    type(body_model), intent(inout) :: b
+    integer, intent(out) :: bad           !! 0, or the coordinate at which m_ff is not positive definite
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)
+    call mass_triplets(b, rows, cols, values)
+    call factor_symmetric(b%nf, rows, cols, values, b%mff, bad)
+  end subroutine factor_mass
+
+  !> m_ff^-1 S-bar^T and S-bar m_ff^-1 S-bar^T (nodal: by the factor; modal: m_ff is the unit matrix).
+  subroutine finish_elastic(b)
+    type(body_model), intent(inout) :: b
+    integer :: i, j
+    b%pmat = b%sbar
+    if (.not. b%modal) call band_solve_two(b%mff, b%pmat(:, 1), b%pmat(:, 2))
+    do j = 1, 2
+      do i = 1, 2
+        b%sps(i, j) = dot_product(b%sbar(:, i), b%pmat(:, j))
+      end do
+    end do
+  end subroutine finish_elastic
+
+  !> Numbers the dissipative coordinates and allocates the work space of one evaluation.
+  pure subroutine allocate_work(b)
+    type(body_model), intent(inout) :: b
+    integer :: k
+    b%nz = 0
+    do k = 1, size(b%runs)
+      b%runs(k)%offset = b%nz
+      b%runs(k)%width = merge(b%nf, b%nd*(b%runs(k)%last - b%runs(k)%first + 1), b%modal)
+      b%nz = b%nz + b%runs(k)%width*size(b%runs(k)%alpha)
+    end do
+    allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%fx(0:b%nf), b%tx(0:b%nf), source=0.0_wp)
+    if (b%modal) then
+      allocate (b%d(b%nf, 1), b%ds(b%nf, 1), source=0.0_wp)
+    else
+      allocate (b%d(b%nd, b%ne), b%ds(b%nd, b%ne), source=0.0_wp)
+    end if
+  end subroutine allocate_work
+
+  !> Splits the elements into runs of one viscoelastic material.
+  pure subroutine sort_runs(b, has_ghm)
+    type(body_model), intent(inout) :: b
+    logical, intent(in) :: has_ghm(:)      !! (ne) whether the element is viscoelastic
+    type(ghm_run), allocatable :: runs(:)
+    integer :: e, n
+    allocate (runs(b%ne))
+    n = 0
+    do e = 1, b%ne
+      if (.not. has_ghm(e)) cycle
+      if (n > 0) then
+        if (runs(n)%last == e - 1 .and. runs(n)%material == b%material(e)) then
+          runs(n)%last = e
+          cycle
+        end if
+      end if
+      n = n + 1
+      runs(n)%first = e
+      runs(n)%last = e
+      runs(n)%material = b%material(e)
+    end do
+    b%runs = runs(1:n)
+  end subroutine sort_runs
+
+  !> Largest distance between two nodes [m] (of the box for bodies of many nodes: within a factor sqrt 2 there).
+  pure function body_length(x) result(length)
+    real(wp), intent(in) :: x(:, :)      !! (2, n) [m]
+    real(wp) :: length
+    integer :: i, j
+    length = 0.0_wp
+    if (size(x, 2) <= 2000) then
+      do i = 1, size(x, 2)
+        do j = 1, i - 1
+          length = max(length, hypot(x(1, i) - x(1, j), x(2, i) - x(2, j)))
+        end do
+      end do
+    else if (size(x, 2) > 0) then
+      length = hypot(maxval(x(1, :)) - minval(x(1, :)), maxval(x(2, :)) - minval(x(2, :)))
+    end if
+  end function body_length
+end module body_setup

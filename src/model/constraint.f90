@@ -1,0 +1,92 @@
+!> What all joints and drives have in common: rows of Phi(q, t) = 0 between two places. A row's gradient with respect
+!> to each place is a unit wrench: a direction n (global) on the place's position and s on its section angle. Rows are in
+!> metres: angles count times the scene's size.
+module constraint
+  use kinds, only: wp
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> Rows of all constraints, as arrays.
+  type, public :: constraint_rows
+    real(wp), allocatable :: na(:, :)     !! (2, n) gradient with respect to the position of place a [-]
+    real(wp), allocatable :: sa(:)        !! (n) with respect to the section angle of place a [m]
+    real(wp), allocatable :: nb(:, :)     !! (2, n) the same at place b [-]
+    real(wp), allocatable :: sb(:)        !! (n) [m]
+    real(wp), allocatable :: phi(:)       !! (n) Phi [m]
+    real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
+    real(wp), allocatable :: extra(:)     !! (n) part of the second derivative beside the places' accelerations [m/s2]
+  end type constraint_rows
+
+  !> Second derivatives of lambda.Phi with respect to (x, y, angle) of place a, then of place b.
+  type, public :: place_stiffness
+    integer :: ia = 0, ib = 0             !! places
+    real(wp) :: k(6, 6) = 0.0_wp          !! d(wrench on places)/d(place displacements) [N/m, N, N m]
+    real(wp) :: c(6, 6) = 0.0_wp          !! d(wrench on places)/d(place velocities) [N s/m ...]
+  end type place_stiffness
+
+  !> A joint or a drive.
+  type, abstract, public :: constraint_model
+    character(32) :: name = ''
+    integer :: ia = 0, ib = 0             !! places a and b
+    integer :: first = 0                  !! its first row
+    integer :: rows = 0                   !! number of rows
+    logical :: drive = .false.            !! depends on time
+    real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
+  contains
+    procedure(evaluate_rows), deferred :: evaluate
+    procedure(second_derivatives), deferred :: geometric
+    procedure :: turns_a => never_turns   !! whether rows can act on the section angle of place a
+    procedure :: turns_b => never_turns
+    procedure :: begin => keep_as_is      !! told the places as the deck states them
+    procedure :: settle => keep_as_is     !! told the places as assembled
+    procedure :: moves => always_moves    !! whether rows can act on positions
+  end type constraint_model
+
+  !> Makes an array of different kinds possible.
+  type, public :: constraint_box
+    class(constraint_model), allocatable :: item
+  end type constraint_box
+
+  abstract interface
+    !> Fills this constraint's rows from the states of the places.
+    pure subroutine evaluate_rows(self, t, p, r)
+      import :: constraint_model, place_states, constraint_rows, wp
+      class(constraint_model), intent(in) :: self
+      real(wp), intent(in) :: t                     !! [s]
+      type(place_states), intent(in) :: p
+      type(constraint_rows), intent(inout) :: r
+    end subroutine evaluate_rows
+    !> Place-level second derivatives of lambda.Phi (zero where a row is linear in the places' positions and angles).
+    pure subroutine second_derivatives(self, p, lambda, k)
+      import :: constraint_model, place_states, place_stiffness, wp
+      class(constraint_model), intent(in) :: self
+      type(place_states), intent(in) :: p
+      real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
+      type(place_stiffness), intent(inout) :: k     !! k%k is set
+    end subroutine second_derivatives
+  end interface
+
+contains
+
+  !> Most rows do not see a section's angle.
+  pure function never_turns(self) result(yes)
+    class(constraint_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows < 0
+  end function never_turns
+
+  !> Most constraints take nothing from the positions at the start.
+  subroutine keep_as_is(self, p)
+    class(constraint_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    if (size(p%angle) < self%rows) return
+  end subroutine keep_as_is
+
+  !> Most rows see positions.
+  pure function always_moves(self) result(yes)
+    class(constraint_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows >= 0
+  end function always_moves
+end module constraint

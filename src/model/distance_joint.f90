@@ -1,0 +1,78 @@
+!> Distance joint: two places stay a given length apart, a massless rigid link.
+module distance_joint
+  use kinds, only: wp
+  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> |r_a - r_b| = length.
+  type, extends(constraint_model), public :: distance_model
+    real(wp) :: length = 0.0_wp           !! [m]
+    logical :: pending = .false.          !! length still to be taken from the assembled positions
+  contains
+    procedure :: evaluate => distance_rows
+    procedure :: geometric => distance_second
+    procedure :: begin => distance_begin
+    procedure :: settle => distance_settle
+  end type distance_model
+
+contains
+
+  !> The row; while its length is pending it holds nothing.
+  pure subroutine distance_rows(self, t, p, r)
+    class(distance_model), intent(in) :: self
+    real(wp), intent(in) :: t
+    type(place_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    real(wp) :: d(2), dd(2), e(2), l
+    integer :: i
+    i = self%first
+    d = p%r(:, self%ia) - p%r(:, self%ib)
+    dd = p%v(:, self%ia) - p%v(:, self%ib)
+    l = max(hypot(d(1), d(2)), tiny(1.0_wp))
+    e = d/l
+    if (self%pending) e = 0.0_wp
+    r%na(:, i) = e
+    r%nb(:, i) = -e
+    r%sa(i) = 0.0_wp
+    r%sb(i) = 0.0_wp
+    r%phi(i) = merge(0.0_wp, l - self%length, self%pending)
+    r%phi_t(i) = 0.0_wp*t
+    r%extra(i) = merge(0.0_wp, (dot_product(dd, dd) - dot_product(e, dd)**2)/l, self%pending)
+  end subroutine distance_rows
+
+  !> lambda |r_a - r_b|: lambda/l (1 - e e^T) on the relative position.
+  pure subroutine distance_second(self, p, lambda, k)
+    class(distance_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: lambda(:)
+    type(place_stiffness), intent(inout) :: k
+    real(wp) :: d(2), l, g(2, 2)
+    d = p%r(:, self%ia) - p%r(:, self%ib)
+    l = max(hypot(d(1), d(2)), tiny(1.0_wp))
+    d = d/l
+    g(:, 1) = [1 - d(1)**2, -d(1)*d(2)]*lambda(self%first)/l
+    g(:, 2) = [-d(1)*d(2), 1 - d(2)**2]*lambda(self%first)/l
+    k%k = 0.0_wp
+    k%k(1:2, 1:2) = g
+    k%k(4:5, 4:5) = g
+    k%k(1:2, 4:5) = -g
+    k%k(4:5, 1:2) = -g
+  end subroutine distance_second
+
+  !> The deck's own distance, for messages while the length is pending.
+  subroutine distance_begin(self, p)
+    class(distance_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    if (self%pending) self%length = norm2(p%r(:, self%ia) - p%r(:, self%ib))
+  end subroutine distance_begin
+
+  !> Takes the assembled distance as the length.
+  subroutine distance_settle(self, p)
+    class(distance_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    if (self%pending) self%length = norm2(p%r(:, self%ia) - p%r(:, self%ib))
+    self%pending = .false.
+  end subroutine distance_settle
+end module distance_joint

@@ -1,0 +1,119 @@
+!> Slider and prismatic joints and the position drive: rows that measure place a along a direction fixed in the section
+!> of place b.
+module line_joint
+  use kinds, only: wp
+  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use history, only: history_function
+  use place, only: place_states, turn
+  implicit none (type, external)
+  private
+
+  !> n.(r_a - r_b) = target, n at `direction` from the section of place b; prismatic: and the relative angle is kept.
+  type, extends(constraint_model), public :: line_model
+    real(wp) :: direction = 0.0_wp        !! angle of n from section b [rad]
+    logical :: prismatic = .false.
+    real(wp) :: angle = 0.0_wp            !! prismatic: angle of section a minus that of section b [rad]
+    logical :: rate = .false.             !! position drive: the history gives the rate
+    real(wp) :: origin = 0.0_wp           !! position drive by rate: the deck's own value of the distance [m]
+    type(history_function) :: target      !! position drive only
+  contains
+    procedure :: evaluate => line_rows
+    procedure :: geometric => line_second
+    procedure :: begin => line_begin
+    procedure :: turns_a => prismatic_turns
+    procedure :: turns_b => line_turns
+  end type line_model
+
+contains
+
+  !> Rows of the joint or drive.
+  pure subroutine line_rows(self, t, p, r)
+    class(line_model), intent(in) :: self
+    real(wp), intent(in) :: t
+    type(place_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    real(wp) :: n(2), d(2), dd(2), h(0:2), om
+    integer :: i
+    i = self%first
+    n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
+    d = p%r(:, self%ia) - p%r(:, self%ib)
+    dd = p%v(:, self%ia) - p%v(:, self%ib)
+    om = p%rate(self%ib)
+    call follow(self, t, h)
+    r%na(:, i) = n
+    r%nb(:, i) = -n
+    r%sa(i) = 0.0_wp
+    r%sb(i) = dot_product(turn(n), d)
+    r%phi(i) = dot_product(n, d) - h(0)
+    r%phi_t(i) = -h(1)
+    r%extra(i) = 2*om*dot_product(turn(n), dd) - om**2*dot_product(n, d) - h(2)
+    if (self%prismatic) then
+      i = i + 1
+      r%na(:, i) = 0.0_wp
+      r%nb(:, i) = 0.0_wp
+      r%sa(i) = self%size
+      r%sb(i) = -self%size
+      r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - self%angle)
+      r%phi_t(i) = 0.0_wp
+      r%extra(i) = 0.0_wp
+    end if
+  end subroutine line_rows
+
+  !> Target of a position drive and its two derivatives; zero for joints.
+  pure subroutine follow(self, t, h)
+    class(line_model), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(out) :: h(0:2)       !! [m, m/s, m/s2]
+    real(wp) :: g(0:2)
+    h = 0.0_wp
+    if (.not. self%drive) return
+    call self%target%evaluate(t, .false., g)
+    if (self%rate) then
+      h = [self%origin + self%target%integral(t), g(0), g(1)]
+    else
+      h = g
+    end if
+  end subroutine follow
+
+  !> lambda n(psi_b).(r_a - r_b): the direction turns with section b.
+  pure subroutine line_second(self, p, lambda, k)
+    class(line_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: lambda(:)
+    type(place_stiffness), intent(inout) :: k
+    real(wp) :: n(2), d(2), l
+    n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
+    d = p%r(:, self%ia) - p%r(:, self%ib)
+    l = lambda(self%first)
+    k%k = 0.0_wp
+    k%k(1:2, 6) = l*turn(n)
+    k%k(4:5, 6) = -l*turn(n)
+    k%k(6, 1:2) = l*turn(n)
+    k%k(6, 4:5) = -l*turn(n)
+    k%k(6, 6) = -l*dot_product(n, d)
+  end subroutine line_second
+
+  !> A prismatic joint keeps section a's angle.
+  pure function prismatic_turns(self) result(yes)
+    class(line_model), intent(in) :: self
+    logical :: yes
+    yes = self%prismatic
+  end function prismatic_turns
+
+  !> The line turns with section b.
+  pure function line_turns(self) result(yes)
+    class(line_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows > 0
+  end function line_turns
+
+  !> A drive by rate starts from the deck's own value.
+  subroutine line_begin(self, p)
+    class(line_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    real(wp) :: angle
+    if (.not. self%rate) return
+    angle = p%angle(self%ib) + self%direction
+    self%origin = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
+  end subroutine line_begin
+end module line_joint

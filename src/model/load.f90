@@ -1,0 +1,82 @@
+!> Loads: forces with global or follower axes, torques on frames and sections, torques about a fixed centre.
+module load
+  use kinds, only: wp
+  use place, only: place_states, turn
+  use history, only: history_function
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: axes_global = 0, axes_body = 1, axes_section = 2
+  integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
+  integer, parameter, public :: load_force = 1, load_torque = 2, load_about = 3
+
+  !> One load.
+  type, public :: load_model
+    character(32) :: name = ''
+    integer :: kind = load_force
+    integer :: place = 0                   !! where it acts
+    real(wp) :: f(2) = 0.0_wp              !! [N]
+    integer :: axes = axes_global
+    real(wp) :: moment = 0.0_wp            !! [N m]
+    real(wp) :: centre(2) = 0.0_wp         !! torque_about: global [m]
+    logical :: timed = .false.             !! has a history
+    integer :: stage = stage_all
+    type(history_function) :: factor
+  contains
+    procedure :: wrench => load_wrench
+    procedure :: acts => load_acts
+    procedure :: scale => load_scale
+  end type load_model
+
+contains
+
+  !> Whether the load acts in the given stage.
+  pure function load_acts(self, stage) result(yes)
+    class(load_model), intent(in) :: self
+    integer, intent(in) :: stage           !! stage_static or stage_transient
+    logical :: yes
+    yes = self%stage == stage_all .or. self%stage == stage
+  end function load_acts
+
+  !> Factor of the load at a time.
+  pure function load_scale(self, t, left) result(s)
+    class(load_model), intent(in) :: self
+    real(wp), intent(in) :: t              !! [s]
+    logical, intent(in) :: left            !! a jump at t is not yet felt
+    real(wp) :: s, h(0:2)
+    s = 1.0_wp
+    if (.not. self%timed) return
+    call self%factor%evaluate(t, left, h)
+    s = h(0)
+  end function load_scale
+
+  !> Force (global axes) and moment on the place for a given factor.
+  pure subroutine load_wrench(self, p, frame_angle, scale, force, moment)
+    class(load_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: frame_angle    !! of the body [rad]
+    real(wp), intent(in) :: scale          !! [-]
+    real(wp), intent(out) :: force(2)      !! [N]
+    real(wp), intent(out) :: moment        !! [N m]
+    real(wp) :: c, s, arm(2)
+    force = 0.0_wp
+    moment = 0.0_wp
+    select case (self%kind)
+    case (load_force)
+      force = self%f
+      if (self%axes /= axes_global) then
+        c = frame_angle
+        if (self%axes == axes_section) c = p%angle(self%place)
+        s = sin(c)
+        c = cos(c)
+        force = [c*self%f(1) - s*self%f(2), s*self%f(1) + c*self%f(2)]
+      end if
+      force = scale*force
+    case (load_torque)
+      moment = scale*self%moment
+    case (load_about)
+      arm = p%r(:, self%place) - self%centre
+      force = scale*self%moment*turn(arm)/max(dot_product(arm, arm), tiny(1.0_wp))
+    end select
+  end subroutine load_wrench
+end module load

@@ -1,0 +1,358 @@
+!> Reduces a flexible body to its lowest modes under its reference conditions (free-free modes for reference 'free').
+!> Modes are mass-normalised with lumps included. Set-up work only.
+module modal_reduction
+  use kinds, only: wp
+  use banded, only: band_factor, factor_symmetric, band_solve
+  use beam_element, only: element_stiffness, element_mass, element_gyroscopic
+  use body, only: body_model, ghm_run
+  use body_setup, only: mass_triplets
+  use lapack, only: dsygvd
+  implicit none (type, external)
+  private
+  public :: reduce_to_modes, stiffness_triplets, lowest_modes
+
+  integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely
+
+contains
+
+  !> Lower triangle of K_ff at E_R as triplets.
+  pure subroutine stiffness_triplets(b, rows, cols, values)
+    type(body_model), intent(in) :: b
+    integer, allocatable, intent(out) :: rows(:), cols(:)
+    real(wp), allocatable, intent(out) :: values(:)     !! [N/m, N, N m]
+    real(wp) :: k(6, 6)
+    integer :: e, i, j, n
+    allocate (rows(21*b%ne), cols(21*b%ne), values(21*b%ne))
+    n = 0
+    do e = 1, b%ne
+      k = element_stiffness(b%elements(e))
+      do i = 1, 6
+        do j = 1, i
+          if (b%edof(i, e) == 0 .or. b%edof(j, e) == 0 .or. abs(k(i, j)) <= 0.0_wp) cycle
+          n = n + 1
+          rows(n) = b%edof(i, e)
+          cols(n) = b%edof(j, e)
+          values(n) = k(i, j)
+        end do
+      end do
+    end do
+    rows = rows(1:n)
+    cols = cols(1:n)
+    values = values(1:n)
+  end subroutine stiffness_triplets
+
+  !> Replaces the nodal coordinates of a body by its `modes` lowest modes.
+  subroutine reduce_to_modes(b, modes, viscoelastic, bad)
+    type(body_model), intent(inout) :: b                !! nodal integrals are set
+    integer, intent(in) :: modes                        !! modes kept
+    type(ghm_run), intent(in) :: viscoelastic(:)        !! one entry a distinct viscoelastic material
+    logical, intent(out) :: bad                         !! the eigenvalue problem failed
+    real(wp), allocatable :: x(:, :), w(:)
+    call lowest_modes(b, modes, x, w, bad)
+    if (bad) return
+    call project_integrals(b, x, w, viscoelastic)
+    call nodal_shapes(b, x)
+    b%modal = .true.
+    b%nodal_nf = b%nf
+    b%nf = modes
+  end subroutine reduce_to_modes
+
+  !> Lowest elastic modes in nodal coordinates: x (nf, modes) mass-normalised, w squared frequencies [rad2/s2].
+  subroutine lowest_modes(b, modes, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: rigid(:, :)
+    integer :: p
+    call rigid_modes(b, rigid)
+    if (b%nf <= dense_size .or. 2*(modes + size(rigid, 2)) >= b%nf) then
+      call dense_modes(b, modes, rigid, x, w, bad)
+    else
+      p = min(b%nf - size(rigid, 2), max(2*modes, modes + 8))
+      call subspace_modes(b, modes, p, rigid, x, w, bad)
+    end if
+  end subroutine lowest_modes
+
+  !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).
+  subroutine rigid_modes(b, rigid)
+    type(body_model), intent(in) :: b
+    real(wp), allocatable, intent(out) :: rigid(:, :)   !! (nf, n)
+    real(wp) :: u(3)
+    integer :: k, c, m, n, first
+    if (any(b%dof(2:3, :) == 0)) then
+      allocate (rigid(b%nf, 0))
+      return
+    end if
+    first = merge(1, 2, b%axial)
+    n = 0
+    allocate (rigid(b%nf, 4 - first))
+    do m = first, 3
+      n = n + 1
+      do k = 1, b%nn
+        u = 0.0_wp
+        u(m) = 1.0_wp
+        if (m == 3) u(1:2) = [-b%x(2, k), b%x(1, k)]
+        do c = 1, 3
+          if (b%dof(c, k) > 0) rigid(b%dof(c, k), n) = u(c)
+        end do
+      end do
+      call orthogonalise(b, rigid(:, 1:n - 1), rigid(:, n))
+    end do
+  end subroutine rigid_modes
+
+  !> Makes x mass-orthogonal to mass-orthonormal columns (twice, to rounding) and normalises it.
+  subroutine orthogonalise(b, basis, x)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: basis(:, :)
+    real(wp), intent(inout) :: x(:)
+    real(wp), allocatable :: mx(:)
+    integer :: pass, k
+    do pass = 1, 2
+      do k = 1, size(basis, 2)
+        mx = mass_product(b, x)
+        x = x - dot_product(basis(:, k), mx)*basis(:, k)
+      end do
+    end do
+    mx = mass_product(b, x)
+    x = x/sqrt(dot_product(x, mx))
+  end subroutine orthogonalise
+
+  !> m_ff x, lumps included.
+  pure function mass_product(b, x) result(y)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(size(x))
+    real(wp) :: xx(0:size(x)), yy(0:size(x)), a(6)
+    integer :: e, k, c
+    xx(0) = 0.0_wp
+    xx(1:) = x
+    yy = 0.0_wp
+    do e = 1, b%ne
+      a = matmul(element_mass(b%elements(e)), xx(b%edof(:, e)))
+      do k = 1, 6
+        yy(b%edof(k, e)) = yy(b%edof(k, e)) + a(k)
+      end do
+    end do
+    do k = 1, size(b%lumps)
+      do c = 1, 3
+        associate (d => b%dof(c, b%lumps(k)%node))
+          yy(d) = yy(d) + merge(b%lumps(k)%inertia, b%lumps(k)%mass, c == 3)*xx(d)
+        end associate
+      end do
+    end do
+    y = yy(1:)
+  end function mass_product
+
+  !> All modes of a small body.
+  subroutine dense_modes(b, modes, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: k(:, :), m(:, :), lambda(:)
+    integer :: nr, j
+    call dense_pair(b, k, m)
+    allocate (lambda(b%nf))
+    call symmetric_pair(k, m, lambda, bad)
+    if (bad) return
+    nr = size(rigid, 2)
+    allocate (x(b%nf, modes), w(modes))
+    x = k(:, nr + 1:nr + modes)
+    w = lambda(nr + 1:nr + modes)
+    if (nr > 0) then
+      do j = 1, modes
+        call orthogonalise(b, rigid, x(:, j))
+      end do
+    end if
+  end subroutine dense_modes
+
+  !> K and m_ff as dense matrices.
+  subroutine dense_pair(b, k, m)
+    type(body_model), intent(in) :: b
+    real(wp), allocatable, intent(out) :: k(:, :), m(:, :)
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)
+    integer :: i
+    allocate (k(b%nf, b%nf), m(b%nf, b%nf), source=0.0_wp)
+    call stiffness_triplets(b, rows, cols, values)
+    do i = 1, size(rows)
+      k(rows(i), cols(i)) = k(rows(i), cols(i)) + values(i)
+      if (rows(i) /= cols(i)) k(cols(i), rows(i)) = k(cols(i), rows(i)) + values(i)
+    end do
+    call mass_triplets(b, rows, cols, values)
+    do i = 1, size(rows)
+      m(rows(i), cols(i)) = m(rows(i), cols(i)) + values(i)
+      if (rows(i) /= cols(i)) m(cols(i), rows(i)) = m(cols(i), rows(i)) + values(i)
+    end do
+  end subroutine dense_pair
+
+  !> K x = w M x, dense; eigenvectors replace K.
+  subroutine symmetric_pair(k, m, w, bad)
+    real(wp), intent(inout) :: k(:, :), m(:, :)
+    real(wp), intent(out) :: w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: work(:)
+    integer, allocatable :: iwork(:)
+    integer :: n, info
+    n = size(k, 1)
+    allocate (work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
+    call dsygvd(1, 'V', 'L', n, k, n, m, n, w, work, size(work), iwork, size(iwork), info)
+    bad = info /= 0
+  end subroutine symmetric_pair
+
+  !> Lowest modes by subspace iteration with the banded factor of K + shift M (Bathe, Finite Element Procedures).
+  subroutine subspace_modes(b, modes, p, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes, p                      !! modes wanted, size of the subspace
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    type(band_factor) :: factor
+    real(wp), allocatable :: y(:, :), my(:, :), kk(:, :), mm(:, :), lambda(:), old(:)
+    real(wp) :: shift
+    integer :: i, j, pass
+    call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
+    if (bad) return
+    allocate (y(b%nf, p), my(b%nf, p), kk(p, p), mm(p, p), lambda(p), old(p))
+    do j = 1, p
+      do i = 1, b%nf
+        y(i, j) = sin(real(i, wp)*(j + 0.37_wp)*1.7_wp) + merge(1.0_wp, 0.0_wp, mod(i, p) == j - 1)
+      end do
+    end do
+    old = 0.0_wp
+    do pass = 1, 200
+      do j = 1, p
+        my(:, j) = mass_product(b, y(:, j))
+        y(:, j) = my(:, j)
+        call band_solve(factor, y(:, j))
+        do i = 1, size(rigid, 2)
+          y(:, j) = y(:, j) - dot_product(rigid(:, i), mass_product(b, y(:, j)))*rigid(:, i)
+        end do
+      end do
+      do j = 1, p
+        kk(:, j) = matmul(transpose(y), my(:, j))
+      end do
+      do j = 1, p
+        my(:, j) = mass_product(b, y(:, j))
+        mm(:, j) = matmul(transpose(y), my(:, j))
+      end do
+      call symmetric_pair(kk, mm, lambda, bad)
+      if (bad) return
+      y = matmul(y, kk)
+      if (all(abs(lambda(1:modes) - old(1:modes)) <= 1.0e-14_wp*lambda(1:modes))) exit
+      old = lambda
+    end do
+    x = y(:, 1:modes)
+    w = lambda(1:modes) - shift
+    do j = 1, modes
+      call orthogonalise(b, rigid, x(:, j))
+    end do
+  end subroutine subspace_modes
+
+  !> Factor of K, or of K + shift M where rigid motions are free.
+  subroutine factor_shifted(b, shifted, factor, shift, bad)
+    type(body_model), intent(in) :: b
+    logical, intent(in) :: shifted
+    type(band_factor), intent(out) :: factor
+    real(wp), intent(out) :: shift                       !! [rad2/s2]
+    logical, intent(out) :: bad
+    integer, allocatable :: rows(:), cols(:), mr(:), mc(:)
+    real(wp), allocatable :: values(:), mv(:)
+    integer :: where_bad
+    real(wp) :: l
+    call stiffness_triplets(b, rows, cols, values)
+    shift = 0.0_wp
+    if (shifted) then       ! of the order of the lowest bending frequency of the body as one beam
+      l = max(b%length, tiny(1.0_wp))
+      shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*l**3)
+      call mass_triplets(b, mr, mc, mv)
+      rows = [rows, mr]
+      cols = [cols, mc]
+      values = [values, shift*mv]
+    end if
+    call factor_symmetric(b%nf, rows, cols, values, factor, where_bad)
+    bad = where_bad > 0
+  end subroutine factor_shifted
+
+  !> Shape integrals, gyroscopic matrix, damping and material stiffnesses in the modal basis.
+  subroutine project_integrals(b, x, w, viscoelastic)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: x(:, :)                      !! (nf, modes)
+    real(wp), intent(in) :: w(:)                         !! (modes)
+    type(ghm_run), intent(in) :: viscoelastic(:)
+    real(wp) :: xe(6, size(w)), m(6, 6), k(6, 6)
+    integer :: e, r, i, n
+    n = size(w)
+    b%sbar = matmul(transpose(x), b%sbar)
+    b%i1f = matmul(b%i1f, x)
+    b%c0 = matmul(b%c0, x)
+    b%omega2 = w
+    b%runs = viscoelastic
+    allocate (b%zmodal(n, n), b%jmodal(n, n), b%cmodal(n, n), source=0.0_wp)
+    do r = 1, size(b%runs)
+      allocate (b%runs(r)%stiffness(n, n), source=0.0_wp)
+    end do
+    do e = 1, b%ne
+      do i = 1, 6
+        xe(i, :) = 0.0_wp
+        if (b%edof(i, e) > 0) xe(i, :) = x(b%edof(i, e), :)
+      end do
+      b%zmodal = b%zmodal + sandwich(xe, element_gyroscopic(b%elements(e)))
+      k = element_stiffness(b%elements(e))
+      if (b%rayleigh) then
+        m = element_mass(b%elements(e))
+        b%cmodal = b%cmodal + sandwich(xe, b%elements(e)%ray_m*m + b%elements(e)%ray_k*k)
+      end if
+      do r = 1, size(b%runs)
+        if (b%runs(r)%material == b%material(e)) b%runs(r)%stiffness = b%runs(r)%stiffness + sandwich(xe, k)
+      end do
+    end do
+    call project_lumps(b, x)
+  end subroutine project_integrals
+
+  !> Lumps' part of the gyroscopic matrix, and their rotary inertia.
+  subroutine project_lumps(b, x)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: x(:, :)
+    real(wp) :: xl(3, size(x, 2))
+    integer :: k, c, i, j
+    do k = 1, size(b%lumps)
+      do c = 1, 3
+        xl(c, :) = 0.0_wp
+        associate (d => b%dof(c, b%lumps(k)%node))
+          if (d > 0) xl(c, :) = x(d, :)
+        end associate
+      end do
+      if (b%lumps(k)%inertia > 0.0_wp) b%rotary = .true.
+      do j = 1, size(x, 2)
+        do i = 1, size(x, 2)
+          b%zmodal(i, j) = b%zmodal(i, j) + b%lumps(k)%mass*(xl(1, i)*xl(2, j) - xl(2, i)*xl(1, j))
+          b%jmodal(i, j) = b%jmodal(i, j) + b%lumps(k)%inertia*xl(3, i)*xl(3, j)
+        end do
+      end do
+    end do
+  end subroutine project_lumps
+
+  !> X^T A X for one element.
+  pure function sandwich(x, a) result(y)
+    real(wp), intent(in) :: x(:, :), a(6, 6)
+    real(wp) :: y(size(x, 2), size(x, 2)), ax(6, size(x, 2))
+    ax = matmul(a, x)
+    y = matmul(transpose(x), ax)
+  end function sandwich
+
+  !> Displacements of every node in every mode.
+  pure subroutine nodal_shapes(b, x)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: x(:, :)
+    integer :: k, c
+    allocate (b%psi(3*b%nn, size(x, 2)), source=0.0_wp)
+    do k = 1, b%nn
+      do c = 1, 3
+        if (b%dof(c, k) > 0) b%psi(3*(k - 1) + c, :) = x(b%dof(c, k), :)
+      end do
+    end do
+  end subroutine nodal_shapes
+end module modal_reduction

@@ -1,0 +1,312 @@
+!> Generalised elastic forces of a flexible body in nodal coordinates, element by element, with GHM in deformation
+!> space. One pass computes the deformations, one the dissipative coordinates, one the forces. Nothing is allocated and
+!> nothing is virtual inside a loop.
+module nodal_kernel
+  use kinds, only: wp
+  use body, only: body_model, ghm_run
+  implicit none (type, external)
+  private
+  public :: nodal_forces, deformations, element_stress, run_dissipation, rayleigh_power, sum_runs
+
+contains
+
+  !> Adds to b%fx: theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - GHM; sets b%tx = -Z q (theory.md, section 3).
+  !> On entry b%qx, b%vx hold the coordinates and rates. Lumps included.
+  subroutine nodal_forces(b, z, zd, thetad, zdd, qmq, qmv, power)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: z(*), zd(*)     !! (b%nz) dissipative coordinates and rates [m, rad] and per second
+    real(wp), intent(in) :: thetad          !! frame rate [rad/s]
+    real(wp), intent(inout) :: zdd(*)       !! (b%nz) dissipative accelerations
+    real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
+    real(wp), intent(out) :: power          !! dissipated by GHM and Rayleigh damping [W]
+    integer :: r
+    power = 0.0_wp
+    call deformations(b, b%qx, b%d)
+    if (size(b%runs) > 0) then
+      b%ds = b%d
+      do r = 1, size(b%runs)
+        associate (run => b%runs(r))
+          call advance_run(run, run%width, b%d(1, run%first), z(run%offset + 1), zd(run%offset + 1), &
+                           zdd(run%offset + 1), b%ds(1, run%first))
+          power = power + run_dissipation(b, run, zd(run%offset + 1))
+        end associate
+      end do
+      call element_forces(b, b%ds, thetad, qmq, qmv)
+    else
+      call element_forces(b, b%d, thetad, qmq, qmv)
+    end if
+    if (b%rayleigh) call rayleigh_forces(b, power)
+    call lump_forces(b, thetad, qmq, qmv)
+  end subroutine nodal_forces
+
+  !> Deformations (e, phi1, phi2) of every element, or (phi1, phi2) without axial deformation.
+  pure subroutine deformations(b, qx, d)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: qx(0:)          !! (0:nf) coordinates, entry 0 is zero
+    real(wp), intent(inout) :: d(:, :)      !! (nd, ne) [m, rad, rad]
+    real(wp) :: a(6), psi, p1, p2
+    integer :: e
+    do e = 1, b%ne
+      a = qx(b%edof(:, e))
+      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
+      psi = (a(5) - a(2))/b%elements(e)%length
+      p1 = a(3) - psi
+      p2 = a(6) - psi
+      d(b%nd - 1, e) = p1
+      d(b%nd, e) = p2
+      if (b%nd == 3) then
+        d(1, e) = a(4) - a(1)
+        if (b%stiffening) d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 &
+                                                                + (2*p1**2 - p1*p2 + 2*p2**2)/30)
+      end if
+    end do
+  end subroutine deformations
+
+  !> Turns the displacements of an element from body axes into element axes.
+  pure subroutine to_element(c, s, a)
+    real(wp), intent(in) :: c, s            !! of the element angle [-]
+    real(wp), intent(inout) :: a(6)
+    real(wp) :: u, v
+    u = a(1); v = a(2)
+    a(1) = c*u + s*v
+    a(2) = c*v - s*u
+    u = a(4); v = a(5)
+    a(4) = c*u + s*v
+    a(5) = c*v - s*u
+  end subroutine to_element
+
+  !> Dissipative accelerations of one run and its differences alpha (d - z), added to ds (theory.md, section 5).
+  pure subroutine advance_run(run, n, d, z, zd, zdd, ds)
+    type(ghm_run), intent(in) :: run
+    integer, intent(in) :: n                !! coordinates of one term
+    real(wp), intent(in) :: d(n)            !! deformations followed
+    real(wp), intent(in) :: z(n, *), zd(n, *)
+    real(wp), intent(inout) :: zdd(n, *), ds(n)
+    real(wp) :: two_zw, w2, alpha
+    integer :: k, i
+    do k = 1, size(run%alpha)
+      two_zw = 2*run%zeta(k)*run%omega(k)
+      w2 = run%omega(k)**2
+      alpha = run%alpha(k)
+      do i = 1, n
+        zdd(i, k) = w2*(d(i) - z(i, k)) - two_zw*zd(i, k)
+        ds(i) = ds(i) + alpha*(d(i) - z(i, k))
+      end do
+    end do
+  end subroutine advance_run
+
+  !> Power dissipated by one run, sum of (2 alpha zeta/omega) z'^T D z' [W].
+  pure function run_dissipation(b, run, zd) result(power)
+    type(body_model), intent(in) :: b
+    type(ghm_run), intent(in) :: run
+    real(wp), intent(in) :: zd(*)           !! rates of the run's dissipative coordinates
+    real(wp) :: power
+    power = sum_runs(b, run, zd, 2*run%alpha*run%zeta/run%omega)
+  end function run_dissipation
+
+  !> Sum over the terms of weight_k x_k^T D x_k for one run.
+  pure function sum_runs(b, run, x, weight) result(total)
+    type(body_model), intent(in) :: b
+    type(ghm_run), intent(in) :: run
+    real(wp), intent(in) :: x(*)            !! coordinates of the run, or their rates
+    real(wp), intent(in) :: weight(:)       !! (terms)
+    real(wp) :: total, part
+    integer :: k, e, i
+    total = 0.0_wp
+    i = 0
+    do k = 1, size(weight)
+      part = 0.0_wp
+      do e = run%first, run%last
+        if (b%nd == 3) then
+          i = i + 1
+          part = part + b%elements(e)%ea_l*x(i)**2
+        end if
+        part = part + 4*b%elements(e)%ei_l*(x(i + 1)**2 + x(i + 1)*x(i + 2) + x(i + 2)**2)
+        i = i + 2
+      end do
+      total = total + weight(k)*part
+    end do
+  end function sum_runs
+
+  !> Force and end moments conjugate to the element's deformations: D ds, with the extra terms of stiffening.
+  !> Returned as force along the element, the moment conjugate to the chord's turn, and the two end moments.
+  pure subroutine element_stress(b, e, d, ds, n, fpsi, m1, m2)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e
+    real(wp), intent(in) :: d(:)            !! (nd) deformations [m, rad, rad]
+    real(wp), intent(in) :: ds(:)           !! (nd) the same with GHM differences
+    real(wp), intent(out) :: n              !! conjugate to e [N]
+    real(wp), intent(out) :: fpsi           !! stiffening: n/30 L, factor of the quadratic terms [N m]
+    real(wp), intent(out) :: m1, m2         !! conjugate to phi1, phi2 [N m]
+    real(wp) :: kb
+    kb = b%elements(e)%ei_l
+    n = 0.0_wp
+    fpsi = 0.0_wp
+    if (b%nd == 3) n = b%elements(e)%ea_l*ds(1)
+    m1 = kb*(4*ds(b%nd - 1) + 2*ds(b%nd))
+    m2 = kb*(2*ds(b%nd - 1) + 4*ds(b%nd))
+    if (b%stiffening) then
+      fpsi = n*b%elements(e)%length/30
+      m1 = m1 + fpsi*(4*d(2) - d(3))
+      m2 = m2 + fpsi*(4*d(3) - d(2))
+    end if
+  end subroutine element_stress
+
+  !> The element loop: inertia and elastic forces of every element.
+  subroutine element_forces(b, ds, thetad, qmq, qmv)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: ds(:, :)        !! (nd, ne) deformations with GHM differences
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(out) :: qmq, qmv
+    real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il, psi
+    integer :: e, k
+    w2 = thetad**2
+    qmq = 0.0_wp
+    qmv = 0.0_wp
+    do e = 1, b%ne
+      a = b%qx(b%edof(:, e))
+      v = b%vx(b%edof(:, e))
+      if (.not. b%straight) then
+        call to_element(b%elements(e)%c, b%elements(e)%s, a)
+        call to_element(b%elements(e)%c, b%elements(e)%s, v)
+      end if
+      call mass_times(b%elements(e)%mass, b%elements(e)%length, a, ma)
+      call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, a, za)
+      call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, v, zv)
+      qmq = qmq + dot_product(a, ma)
+      qmv = qmv + dot_product(v, ma)
+      f = w2*ma + 2*thetad*zv
+      call element_stress(b, e, b%d(:, e), ds(:, e), n, fpsi, m1, m2)
+      il = 1.0_wp/b%elements(e)%length
+      q = (m1 + m2)*il
+      if (b%stiffening) then
+        psi = (a(5) - a(2))*il
+        q = q - n*psi
+      end if
+      f(1) = f(1) + n
+      f(4) = f(4) - n
+      f(2) = f(2) - q
+      f(5) = f(5) + q
+      f(3) = f(3) - m1
+      f(6) = f(6) - m2
+      if (.not. b%straight) then
+        call to_element(b%elements(e)%c, -b%elements(e)%s, f)
+        call to_element(b%elements(e)%c, -b%elements(e)%s, za)
+      end if
+      do k = 1, 6
+        b%fx(b%edof(k, e)) = b%fx(b%edof(k, e)) + f(k)
+        b%tx(b%edof(k, e)) = b%tx(b%edof(k, e)) - za(k)
+      end do
+    end do
+  end subroutine element_forces
+
+  !> m a for one element in its own axes.
+  pure subroutine mass_times(w, l, a, ma)
+    real(wp), intent(in) :: w               !! element mass [kg]
+    real(wp), intent(in) :: l               !! length [m]
+    real(wp), intent(in) :: a(6)
+    real(wp), intent(out) :: ma(6)
+    real(wp) :: wb, r1, r2
+    wb = w/420
+    r1 = l*a(3)
+    r2 = l*a(6)
+    ma(1) = wb*(140*a(1) + 70*a(4))
+    ma(4) = wb*(70*a(1) + 140*a(4))
+    ma(2) = wb*(156*a(2) + 22*r1 + 54*a(5) - 13*r2)
+    ma(3) = wb*l*(22*a(2) + 4*r1 + 13*a(5) - 3*r2)
+    ma(5) = wb*(54*a(2) + 13*r1 + 156*a(5) - 22*r2)
+    ma(6) = -wb*l*(13*a(2) + 3*r1 + 22*a(5) - 4*r2)
+  end subroutine mass_times
+
+  !> Z a for one element in its own axes.
+  pure subroutine gyroscopic_times(w, l, a, za)
+    real(wp), intent(in) :: w               !! element mass [kg]
+    real(wp), intent(in) :: l               !! length [m]
+    real(wp), intent(in) :: a(6)
+    real(wp), intent(out) :: za(6)
+    real(wp) :: wb, r1, r2
+    wb = w/60
+    r1 = l*a(3)
+    r2 = l*a(6)
+    za(1) = wb*(21*a(2) + 3*r1 + 9*a(5) - 2*r2)
+    za(4) = wb*(9*a(2) + 2*r1 + 21*a(5) - 3*r2)
+    za(2) = -wb*(21*a(1) + 9*a(4))
+    za(3) = -wb*l*(3*a(1) + 2*a(4))
+    za(5) = -wb*(9*a(1) + 21*a(4))
+    za(6) = wb*l*(2*a(1) + 3*a(4))
+  end subroutine gyroscopic_times
+
+  !> Rayleigh damping, element by element: -(a m + b K) q' with K linear at E_R; adds the power.
+  subroutine rayleigh_forces(b, power)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(inout) :: power        !! [W]
+    real(wp) :: v(6), f(6)
+    integer :: e, k
+    do e = 1, b%ne
+      v = b%vx(b%edof(:, e))
+      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, v)
+      call damping_times(b, e, v, f)
+      power = power + dot_product(v, f)
+      if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, f)
+      do k = 1, 6
+        b%fx(b%edof(k, e)) = b%fx(b%edof(k, e)) - f(k)
+      end do
+    end do
+  end subroutine rayleigh_forces
+
+  !> (a m + b K) v for one element in its own axes.
+  pure subroutine damping_times(b, e, v, f)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e
+    real(wp), intent(in) :: v(6)
+    real(wp), intent(out) :: f(6)
+    real(wp) :: psi, n, m1, m2, q
+    associate (g => b%elements(e))
+      call mass_times(g%mass, g%length, v, f)
+      f = g%ray_m*f
+      psi = (v(5) - v(2))/g%length
+      n = 0.0_wp
+      if (b%nd == 3) n = g%ray_k*g%ea_l*(v(4) - v(1))
+      m1 = g%ray_k*g%ei_l*(4*(v(3) - psi) + 2*(v(6) - psi))
+      m2 = g%ray_k*g%ei_l*(2*(v(3) - psi) + 4*(v(6) - psi))
+      q = (m1 + m2)/g%length
+      f = f + [-n, q, m1, n, -q, m2]
+    end associate
+  end subroutine damping_times
+
+  !> Power dissipated by Rayleigh damping alone [W].
+  function rayleigh_power(b) result(power)
+    type(body_model), intent(in) :: b
+    real(wp) :: power, v(6), f(6)
+    integer :: e
+    power = 0.0_wp
+    do e = 1, b%ne
+      v = b%vx(b%edof(:, e))
+      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, v)
+      call damping_times(b, e, v, f)
+      power = power + dot_product(v, f)
+    end do
+  end function rayleigh_power
+
+  !> Lumps: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
+  subroutine lump_forces(b, thetad, qmq, qmv)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(inout) :: qmq, qmv
+    real(wp) :: u(2), v(2), mu
+    integer :: k, i, j
+    do k = 1, size(b%lumps)
+      i = b%dof(1, b%lumps(k)%node)
+      j = b%dof(2, b%lumps(k)%node)
+      mu = b%lumps(k)%mass
+      u = b%qx([i, j])
+      v = b%vx([i, j])
+      qmq = qmq + mu*dot_product(u, u)
+      qmv = qmv + mu*dot_product(u, v)
+      b%fx(i) = b%fx(i) + mu*(thetad**2*u(1) + 2*thetad*v(2))
+      b%fx(j) = b%fx(j) + mu*(thetad**2*u(2) - 2*thetad*v(1))
+      b%tx(i) = b%tx(i) - mu*u(2)
+      b%tx(j) = b%tx(j) + mu*u(1)
+    end do
+  end subroutine lump_forces
+end module nodal_kernel

@@ -1,0 +1,67 @@
+!> Revolute and weld joints: the places coincide; a weld also keeps the relative angle of the sections.
+module pin_joint
+  use kinds, only: wp
+  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> r_a - r_b = 0 and, welded, angle_a - angle_b = angle.
+  type, extends(constraint_model), public :: pin_model
+    logical :: welded = .false.
+    real(wp) :: angle = 0.0_wp            !! angle of section a minus that of section b [rad]
+  contains
+    procedure :: evaluate => pin_rows
+    procedure :: geometric => pin_second
+    procedure :: turns_a => weld_turns
+    procedure :: turns_b => weld_turns
+  end type pin_model
+
+contains
+
+  !> Rows of the joint.
+  pure subroutine pin_rows(self, t, p, r)
+    class(pin_model), intent(in) :: self
+    real(wp), intent(in) :: t
+    type(place_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    integer :: i, c
+    i = self%first
+    do c = 0, 1
+      r%na(:, i + c) = 0.0_wp
+      r%na(c + 1, i + c) = 1.0_wp
+      r%nb(:, i + c) = -r%na(:, i + c)
+      r%sa(i + c) = 0.0_wp
+      r%sb(i + c) = 0.0_wp
+      r%phi(i + c) = p%r(c + 1, self%ia) - p%r(c + 1, self%ib)
+      r%phi_t(i + c) = 0.0_wp*t
+      r%extra(i + c) = 0.0_wp
+    end do
+    if (self%welded) then
+      i = i + 2
+      r%na(:, i) = 0.0_wp
+      r%nb(:, i) = 0.0_wp
+      r%sa(i) = self%size
+      r%sb(i) = -self%size
+      r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - self%angle)
+      r%phi_t(i) = 0.0_wp
+      r%extra(i) = 0.0_wp
+    end if
+  end subroutine pin_rows
+
+  !> The rows are linear in positions and angles.
+  pure subroutine pin_second(self, p, lambda, k)
+    class(pin_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: lambda(:)
+    type(place_stiffness), intent(inout) :: k
+    k%k = 0.0_wp*lambda(self%first)*p%angle(self%ia)
+  end subroutine pin_second
+
+  !> A weld acts on section angles.
+  pure function weld_turns(self) result(yes)
+    class(pin_model), intent(in) :: self
+    logical :: yes
+    yes = self%welded
+  end function weld_turns
+end module pin_joint

@@ -1,0 +1,46 @@
+!> Places: where joints, drives, springs, loads and sensors act. A place is a point of the ground, a point or node of a
+!> body with its section, or the frame of a body (which only moments see).
+module place
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+  public :: turn
+
+  !> A place on a body.
+  type, public :: place_model
+    integer :: body = 0                      !! 0: the ground
+    integer :: node = 0                      !! node of a beam or frame, 0: a point or the frame itself
+    real(wp) :: x(2) = 0.0_wp                !! undeformed position: body axes, global on the ground [m]
+    integer :: dof(3) = 0                    !! its elastic coordinates (u, v, rotation), 0: none
+    real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) its displacements in each mode
+  end type place_model
+
+  !> Kinematic state of all places of a list.
+  type, public :: place_states
+    real(wp), allocatable :: r(:, :)         !! (2, n) position, global [m]
+    real(wp), allocatable :: v(:, :)         !! (2, n) velocity, global [m/s]
+    real(wp), allocatable :: angle(:)        !! (n) angle of the section, or of the frame [rad]
+    real(wp), allocatable :: rate(:)         !! (n) its rate [rad/s]
+    real(wp), allocatable :: rho(:, :)       !! (2, n) x + u in body axes [m]
+    real(wp), allocatable :: bias(:, :)      !! (2, n) velocity-dependent part of the acceleration, global [m/s2]
+  contains
+    procedure :: allocate => allocate_states
+  end type place_states
+
+contains
+
+  !> Allocates the states of n places, at rest at the origin.
+  pure subroutine allocate_states(self, n)
+    class(place_states), intent(inout) :: self
+    integer, intent(in) :: n
+    allocate (self%r(2, n), self%v(2, n), self%angle(n), self%rate(n), self%rho(2, n), self%bias(2, n), source=0.0_wp)
+  end subroutine allocate_states
+
+  !> H x: a vector turned by +90 degrees.
+  pure function turn(x) result(y)
+    real(wp), intent(in) :: x(2)
+    real(wp) :: y(2)
+    y(1) = -x(2)
+    y(2) = x(1)
+  end function turn
+end module place

@@ -1,0 +1,76 @@
+!> Rotation drive: the angle of frame or section a minus that of b follows a history, directly or by its rate.
+module rotation_drive
+  use kinds, only: wp
+  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use history, only: history_function
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> size (angle_a - angle_b - target(t)) = 0.
+  type, extends(constraint_model), public :: rotation_model
+    logical :: rate = .false.             !! the history gives the rate
+    real(wp) :: origin = 0.0_wp           !! by rate: the deck's own value of the angle [rad]
+    type(history_function) :: target
+  contains
+    procedure :: evaluate => rotation_rows
+    procedure :: geometric => rotation_second
+    procedure :: begin => rotation_begin
+    procedure :: turns_a => rotation_turns
+    procedure :: turns_b => rotation_turns
+    procedure :: moves => rotation_moves
+  end type rotation_model
+
+contains
+
+  !> The row.
+  pure subroutine rotation_rows(self, t, p, r)
+    class(rotation_model), intent(in) :: self
+    real(wp), intent(in) :: t
+    type(place_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    real(wp) :: h(0:2), g(0:2)
+    integer :: i
+    i = self%first
+    call self%target%evaluate(t, .false., g)
+    h = g
+    if (self%rate) h = [self%origin + self%target%integral(t), g(0), g(1)]
+    r%na(:, i) = 0.0_wp
+    r%nb(:, i) = 0.0_wp
+    r%sa(i) = self%size
+    r%sb(i) = -self%size
+    r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - h(0))
+    r%phi_t(i) = -self%size*h(1)
+    r%extra(i) = -self%size*h(2)
+  end subroutine rotation_rows
+
+  !> The row is linear in the angles.
+  pure subroutine rotation_second(self, p, lambda, k)
+    class(rotation_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: lambda(:)
+    type(place_stiffness), intent(inout) :: k
+    k%k = 0.0_wp*lambda(self%first)*p%angle(self%ia)
+  end subroutine rotation_second
+
+  !> It acts on section angles.
+  pure function rotation_turns(self) result(yes)
+    class(rotation_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows > 0
+  end function rotation_turns
+
+  !> It does not act on positions.
+  pure function rotation_moves(self) result(yes)
+    class(rotation_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows < 0
+  end function rotation_moves
+
+  !> A drive by rate starts from the deck's own value.
+  subroutine rotation_begin(self, p)
+    class(rotation_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    if (self%rate) self%origin = p%angle(self%ia) - p%angle(self%ib)
+  end subroutine rotation_begin
+end module rotation_drive

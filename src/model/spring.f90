@@ -1,0 +1,113 @@
+!> Springs and dampers between two places, with GHM terms on their one deformation (a viscoelastic joint).
+!> Deformation: length minus free length, or angle of a minus angle of b minus free angle. theory.md, section 5.
+module spring
+  use kinds, only: wp
+  use place, only: place_states
+  use constraint, only: place_stiffness
+  implicit none (type, external)
+  private
+
+  !> One spring.
+  type, public :: spring_model
+    character(32) :: name = ''
+    logical :: torsional = .false.
+    integer :: ia = 0, ib = 0              !! places a and b
+    real(wp) :: stiffness = 0.0_wp         !! static: [N/m] or [N m/rad]
+    real(wp) :: damping = 0.0_wp           !! [N s/m] or [N m s/rad]
+    real(wp) :: free = 0.0_wp              !! free length [m] or angle [rad]
+    logical :: pending = .false.           !! free value still to be taken from the assembled positions
+    integer :: offset = 0                  !! of its dissipative coordinates in the state, from 0
+    real(wp), allocatable :: alpha(:)      !! [-]
+    real(wp), allocatable :: zeta(:)       !! [-]
+    real(wp), allocatable :: omega(:)      !! [rad/s]
+  contains
+    procedure :: deformation => spring_deformation
+    procedure :: force => spring_force
+    procedure :: tangent => spring_tangent
+  end type spring_model
+
+contains
+
+  !> Deformation, its rate, and the direction from b to a (linear springs).
+  pure subroutine spring_deformation(self, p, d, dd, e)
+    class(spring_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(out) :: d             !! [m] or [rad]
+    real(wp), intent(out) :: dd            !! its rate
+    real(wp), intent(out) :: e(2)          !! [-]
+    real(wp) :: length
+    e = 0.0_wp
+    if (self%torsional) then
+      d = p%angle(self%ia) - p%angle(self%ib) - self%free
+      dd = p%rate(self%ia) - p%rate(self%ib)
+    else
+      e = p%r(:, self%ia) - p%r(:, self%ib)
+      length = hypot(e(1), e(2))
+      e = e/max(length, tiny(1.0_wp))
+      d = length - self%free
+      dd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
+    end if
+  end subroutine spring_deformation
+
+  !> Force (tension > 0) or moment that opposes the deformation, with the dissipative accelerations and the power.
+  pure subroutine spring_force(self, d, dd, z, zd, zdd, f, power)
+    class(spring_model), intent(in) :: self
+    real(wp), intent(in) :: d, dd          !! deformation and rate
+    real(wp), intent(in) :: z(*), zd(*)    !! (nz) all dissipative coordinates and rates
+    real(wp), intent(inout) :: zdd(*)      !! (nz) dissipative accelerations
+    real(wp), intent(out) :: f             !! [N] or [N m]
+    real(wp), intent(out) :: power         !! dissipated [W]
+    integer :: k, i
+    f = self%stiffness*d + self%damping*dd
+    power = self%damping*dd**2
+    do k = 1, size(self%alpha)
+      i = self%offset + k
+      f = f + self%stiffness*self%alpha(k)*(d - z(i))
+      zdd(i) = self%omega(k)**2*(d - z(i)) - 2*self%zeta(k)*self%omega(k)*zd(i)
+      power = power + self%stiffness*2*self%alpha(k)*self%zeta(k)/self%omega(k)*zd(i)**2
+    end do
+  end subroutine spring_force
+
+  !> Place-level tangent of the spring's wrenches (residual side: + opposes): k_eff along the deformation, c_eff on its
+  !> rate, force/length across it.
+  pure subroutine spring_tangent(self, p, keff, ceff, f, t)
+    class(spring_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: keff           !! stiffness seen by the deformation [N/m] or [N m/rad]
+    real(wp), intent(in) :: ceff           !! damping seen by its rate
+    real(wp), intent(in) :: f              !! present force [N] or [N m]
+    type(place_stiffness), intent(inout) :: t
+    real(wp) :: g(6), e(2), across(2), d, dd, length, vt
+    t%ia = self%ia
+    t%ib = self%ib
+    t%k = 0.0_wp
+    t%c = 0.0_wp
+    g = 0.0_wp
+    call self%deformation(p, d, dd, e)
+    if (self%torsional) then
+      g(3) = 1.0_wp
+      g(6) = -1.0_wp
+    else
+      g(1:2) = e
+      g(4:5) = -e
+    end if
+    t%k = keff*outer(g, g)
+    t%c = ceff*outer(g, g)
+    if (self%torsional) return
+    length = max(d + self%free, tiny(1.0_wp))
+    across = [-e(2), e(1)]
+    vt = dot_product(across, p%v(:, self%ia) - p%v(:, self%ib))
+    t%k = t%k + f/length*outer([across, 0.0_wp, -across, 0.0_wp], [across, 0.0_wp, -across, 0.0_wp]) &
+          + ceff*vt/length*outer(g, [across, 0.0_wp, -across, 0.0_wp])   ! e turns: the rate along it changes
+  end subroutine spring_tangent
+
+  !> Outer product.
+  pure function outer(a, b) result(m)
+    real(wp), intent(in) :: a(6), b(6)
+    real(wp) :: m(6, 6)
+    integer :: j
+    do j = 1, 6
+      m(:, j) = a*b(j)
+    end do
+  end function outer
+end module spring

@@ -1,0 +1,56 @@
+!> A progress line on a terminal: fraction, simulated time, estimated time left. Nothing in a pipe or when quiet.
+module progress
+  use kinds, only: wp, ip
+  use posix, only: is_terminal
+  use, intrinsic :: iso_fortran_env, only: error_unit
+  implicit none (type, external)
+  private
+  public :: progress_line
+
+  !> State of the line.
+  type :: progress_line
+    logical :: shown = .false.
+    integer(ip) :: start = 0, last = 0, rate = 1   !! clock counts
+  contains
+    procedure :: begin
+    procedure :: report
+    procedure :: finish
+  end type progress_line
+
+contains
+
+  !> Starts the clock.
+  subroutine begin(self, quiet)
+    class(progress_line), intent(inout) :: self
+    logical, intent(in) :: quiet
+    self%shown = .not. quiet
+    if (self%shown) self%shown = is_terminal(2)
+    call system_clock(self%start, self%rate)
+    self%last = self%start
+  end subroutine begin
+
+  !> Shows where the run is, at most five times a second.
+  subroutine report(self, t, t_end)
+    class(progress_line), intent(inout) :: self
+    real(wp), intent(in) :: t, t_end          !! simulated time reached and wanted [s]
+    integer(ip) :: now
+    real(wp) :: seconds, left
+    if (.not. self%shown) return
+    call system_clock(now)
+    if (real(now - self%last, wp) < 0.2_wp*real(self%rate, wp)) return
+    self%last = now
+    seconds = real(now - self%start, wp)/real(self%rate, wp)
+    left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
+    write (error_unit, '(a, f5.1, a, es11.4, a, f0.0, a)', advance='no') char(13), 100*t/t_end, ' %   t = ', t, &
+      ' s   about ', min(left, 9.9e6_wp), ' s left   '
+    flush (error_unit)
+  end subroutine report
+
+  !> Clears the line.
+  subroutine finish(self)
+    class(progress_line), intent(inout) :: self
+    if (self%shown .and. self%last > self%start) then
+      write (error_unit, '(a, a, a)', advance='no') char(13), repeat(' ', 60), char(13)
+    end if
+  end subroutine finish
+end module progress

@@ -1,0 +1,173 @@
+!> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (deck.md, "Results").
+module results
+  use kinds, only: wp
+  use body, only: body_model
+  use mechanism, only: mechanism_model
+  use sensors, only: sensor_list, read_sensors
+  use energy, only: energies
+  use projection, only: violations
+  use text_file, only: result_file
+  implicit none (type, external)
+  private
+  public :: result_set, file_header
+
+  !> Open result files and what their rows need.
+  type :: result_set
+    type(result_file) :: history, energy, motion
+    real(wp), allocatable :: values(:)        !! columns of the sensors
+    real(wp), allocatable :: nodes(:)         !! a row of motion
+    real(wp) :: energy_start = 0.0_wp         !! T + V at t = 0 [J]
+    real(wp) :: residual = 0.0_wp             !! last energy residual [J]
+    real(wp) :: largest_residual = 0.0_wp     !! [J]
+    real(wp) :: largest_energy = 0.0_wp       !! largest of T, |V|, dissipated, |work| so far [J]
+    real(wp) :: worst_position = 0.0_wp       !! [m]
+    real(wp) :: worst_velocity = 0.0_wp       !! [m/s]
+    real(wp) :: last(7) = 0.0_wp              !! last energy row without the time
+    integer :: rows = 0
+  contains
+    procedure :: open => open_results
+    procedure :: write_row
+    procedure :: write_motion
+    procedure :: flush => flush_results
+    procedure :: close => close_results
+    procedure :: failed
+  end type result_set
+
+contains
+
+  !> First lines of a result file.
+  subroutine file_header(file, what, deck_name, title, columns)
+    type(result_file), intent(inout) :: file
+    character(*), intent(in) :: what          !! what the file holds
+    character(*), intent(in) :: deck_name, title
+    character(*), intent(in) :: columns       !! names with units, separated by blanks
+    call file%line('# biela: '//what)
+    call file%line('# deck: '//deck_name)
+    if (len(title) > 0) call file%line('# title: '//title)
+    call file%line('# columns: '//columns)
+  end subroutine file_header
+
+  !> Opens the files in a folder that exists and writes their headers.
+  subroutine open_results(self, folder, deck_name, m, list, with_motion)
+    class(result_set), intent(inout) :: self
+    character(*), intent(in) :: folder, deck_name
+    type(mechanism_model), intent(in) :: m
+    type(sensor_list), intent(in) :: list
+    logical, intent(in) :: with_motion
+    allocate (self%values(list%columns))
+    call self%history%open(folder//'/history.txt')
+    call file_header(self%history, 'sensors against time', deck_name, m%s%title, join_names(list))
+    call self%energy%open(folder//'/energy.txt')
+    call file_header(self%energy, 'energies, their residual and constraint violations against time', deck_name, &
+                     m%s%title, 't[s] kinetic[J] potential[J] dissipated[J] work[J] residual[J] '// &
+                     'position_violation[m] velocity_violation[m/s]')
+    if (.not. with_motion) return
+    call self%motion%open(folder//'/motion.txt')
+    call file_header(self%motion, 'body frames and node positions against time', deck_name, m%s%title, motion_names(m))
+    allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
+  end subroutine open_results
+
+  !> Column names of the history.
+  function join_names(list) result(text)
+    type(sensor_list), intent(in) :: list
+    character(:), allocatable :: text
+    integer :: k
+    text = 't[s]'
+    do k = 1, list%columns
+      text = text//' '//trim(list%names(k))
+    end do
+  end function join_names
+
+  !> Column names of the motion.
+  function motion_names(m) result(text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text
+    character(12) :: number
+    integer :: b, k
+    text = 't[s]'
+    do b = 1, size(m%s%bodies)
+      associate (name => trim(m%s%bodies(b)%name))
+        text = text//' '//name//'.x[m] '//name//'.y[m] '//name//'.angle[rad]'
+        do k = 1, m%s%bodies(b)%nn
+          write (number, '(i0)') k
+          text = text//' '//name//'.'//trim(number)//'.x[m] '//name//'.'//trim(number)//'.y[m]'
+        end do
+      end associate
+    end do
+  end function motion_names
+
+  !> Writes one row of history and energy. m holds the evaluation at this state.
+  subroutine write_row(self, t, m, list, q, v, z, zd, dissipated, work)
+    class(result_set), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    type(mechanism_model), intent(inout) :: m
+    type(sensor_list), intent(inout) :: list
+    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
+    real(wp), intent(in) :: dissipated, work  !! [J]
+    real(wp) :: kinetic, potential, position, velocity
+    call read_sensors(list, m, q, v, z, self%values)
+    call self%history%row([t, self%values])
+    call energies(m, q, v, z, zd, kinetic, potential)
+    call violations(m, t, q, v, position, velocity)
+    if (self%rows == 0) self%energy_start = kinetic + potential
+    self%residual = kinetic + potential + dissipated - work - self%energy_start
+    self%last = [kinetic, potential, dissipated, work, self%residual, position, velocity]
+    call self%energy%row([t, self%last])
+    self%largest_residual = max(self%largest_residual, abs(self%residual))
+    self%largest_energy = max(self%largest_energy, abs(kinetic), abs(potential), abs(dissipated), abs(work))
+    self%worst_position = max(self%worst_position, position)
+    self%worst_velocity = max(self%worst_velocity, velocity)
+    self%rows = self%rows + 1
+  end subroutine write_row
+
+  !> Writes one row of motion.
+  subroutine write_motion(self, t, m, q)
+    class(result_set), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq)
+    real(wp) :: u(3), x(2), c, s
+    integer :: b, k, i, j
+    j = 1
+    self%nodes(1) = t
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      self%nodes(j + 1:j + 3) = q(i + 1:i + 3)
+      j = j + 3
+      c = cos(q(i + 3))
+      s = sin(q(i + 3))
+      associate (bo => m%s%bodies(b))
+        do k = 1, bo%nn
+          u = bo%displacement(k, q(i + 4:i + 3 + bo%nf))
+          x = bo%x(:, k) + u(1:2)
+          self%nodes(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
+          j = j + 2
+        end do
+      end associate
+    end do
+    call self%motion%row(self%nodes)
+  end subroutine write_motion
+
+  !> Hands everything written so far to the system.
+  subroutine flush_results(self)
+    class(result_set), intent(inout) :: self
+    call self%history%flush()
+    call self%energy%flush()
+    if (allocated(self%nodes)) call self%motion%flush()
+  end subroutine flush_results
+
+  !> Closes the files.
+  subroutine close_results(self)
+    class(result_set), intent(inout) :: self
+    call self%history%close()
+    call self%energy%close()
+    if (allocated(self%nodes)) call self%motion%close()
+  end subroutine close_results
+
+  !> Whether something could not be written.
+  pure function failed(self) result(yes)
+    class(result_set), intent(in) :: self
+    logical :: yes
+    yes = self%history%failed .or. self%energy%failed .or. self%motion%failed
+  end function failed
+end module results

@@ -1,0 +1,143 @@
+!> The model part of summary.txt and of --check: what was modelled and why, and what it costs.
+module summary
+  use kinds, only: wp
+  use assembly, only: assembly_report
+  use body, only: body_model
+  use deck_records, only: deck
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: model_lines, version, add_line, number
+
+  character(*), parameter :: version = '0.1.0'   !! of the program
+
+contains
+
+  !> Appends a line to a text.
+  subroutine add_line(text, line)
+    character(:), allocatable, intent(inout) :: text
+    character(*), intent(in) :: line
+    text = text//line//new_line('a')
+  end subroutine add_line
+
+  !> A count as text.
+  function number(n) result(text)
+    integer, intent(in) :: n
+    character(:), allocatable :: text
+    character(12) :: buffer
+    write (buffer, '(i0)') n
+    text = trim(buffer)
+  end function number
+
+  !> What was modelled: bodies and their coordinates, constraints, degrees of freedom, redundant joints.
+  function model_lines(d, m, report) result(text)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(assembly_report), intent(in) :: report
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    call add_line(text, 'deck: '//d%name)
+    if (len(d%scene%title) > 0) call add_line(text, 'title: '//d%scene%title)
+    call add_line(text, '')
+    call add_line(text, 'model')
+    do k = 1, size(m%s%bodies)
+      call add_line(text, '  body "'//trim(m%s%bodies(k)%name)//'": '//body_line(d, m%s%bodies(k), k))
+    end do
+    call add_line(text, '  coordinates: '//number(3*size(m%s%bodies))//' of frames + '// &
+                  number(m%s%nq - 3*size(m%s%bodies))//' elastic = '//number(m%s%nq))
+    call add_line(text, '  dissipative coordinates: '//number(m%s%nz))
+    call add_line(text, '  constraints (multipliers): '//number(m%s%rows)//', independent at the start: '// &
+                  number(report%rank))
+    call add_line(text, '  degrees of freedom: '//number(report%freedoms))
+    call redundancy(m, report, text)
+    call frame_notes(m, text)
+    do k = 1, size(report%warnings)
+      call add_line(text, '  warning: '//trim(report%warnings(k)))
+    end do
+  end function model_lines
+
+  !> One body in words.
+  function body_line(d, b, k) result(text)
+    type(deck), intent(in) :: d
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: k
+    character(:), allocatable :: text
+    integer :: r, terms
+    if (.not. b%flexible) then
+      text = 'rigid, 3 coordinates'
+      if (d%bodies(k)%kind /= 'rigid') text = text//' ('//trim(d%bodies(k)%kind)//' with flexible=.false.)'
+      return
+    end if
+    text = trim(d%bodies(k)%kind)//' of '//number(b%ne)//' elements, reference '//trim(d%bodies(k)%reference)//', 3 + '
+    if (b%modal) then
+      text = text//number(b%nf)//' modes of '//number(b%nodal_nf)//' nodal coordinates'
+    else
+      text = text//number(b%nf)//' elastic coordinates'
+    end if
+    if (.not. b%axial) text = text//', no axial deformation'
+    if (b%stiffening) text = text//', geometric stiffening'
+    terms = 0
+    do r = 1, size(b%runs)
+      terms = max(terms, size(b%runs(r)%alpha))
+    end do
+    if (b%nz > 0) then
+      text = text//', '//number(b%nz)//' dissipative coordinates ('//number(terms)//' GHM terms)'
+    else
+      text = text//', elastic'
+    end if
+    if (b%rayleigh) text = text//', Rayleigh damping'
+    if (b%extra_references > 0) text = text//'; '//number(b%extra_references)// &
+                                       ' reference conditions more than needed: stiffer than the structure'
+  end function body_line
+
+  !> Names the joints of redundant sets.
+  subroutine redundancy(m, report, text)
+    type(mechanism_model), intent(in) :: m
+    type(assembly_report), intent(in) :: report
+    character(:), allocatable, intent(inout) :: text
+    character(:), allocatable :: names
+    integer :: k
+    if (report%rank == m%s%rows) return
+    names = ''
+    do k = 1, size(m%s%constraints)
+      if (report%dependent(k)) names = names//' "'//trim(m%s%constraints(k)%item%name)//'"'
+    end do
+    call add_line(text, '  redundant constraints: '//number(m%s%rows - report%rank)//' at the start, among'//names// &
+                  '; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are'// &
+                  ' reported)')
+  end subroutine redundancy
+
+  !> Says where a drive, torque or torsional spring acts on the frame of a flexible body.
+  subroutine frame_notes(m, text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable, intent(inout) :: text
+    integer :: k
+    do k = m%s%joints + 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        if (c%turns_a()) call note(c%ia, 'drive "'//trim(c%name)//'"')
+        if (c%turns_b()) call note(c%ib, 'drive "'//trim(c%name)//'"')
+      end associate
+    end do
+    do k = 1, size(m%s%springs)
+      if (.not. m%s%springs(k)%torsional) cycle
+      call note(m%s%springs(k)%ia, 'spring "'//trim(m%s%springs(k)%name)//'"')
+      call note(m%s%springs(k)%ib, 'spring "'//trim(m%s%springs(k)%name)//'"')
+    end do
+    do k = 1, size(m%s%loads)
+      call note(m%s%loads(k)%place, 'force "'//trim(m%s%loads(k)%name)//'"')
+    end do
+  contains
+    !> Adds the line if the place is the frame of a flexible body.
+    subroutine note(place, what)
+      integer, intent(in) :: place
+      character(*), intent(in) :: what
+      integer :: b
+      b = m%s%places(place)%body
+      if (b == 0 .or. m%s%places(place)%node > 0) return
+      if (.not. m%s%bodies(b)%flexible) return
+      call add_line(text, '  note: '//what//' acts on the frame of flexible body "'//trim(m%s%bodies(b)%name)// &
+                    '", whose angle depends on its reference conditions')
+    end subroutine note
+  end subroutine frame_notes
+end module summary

@@ -1,0 +1,59 @@
+!> Energies of the whole mechanism (theory.md, section 5): kinetic, potential (gravity, strain, GHM storage, springs).
+module energy
+  use kinds, only: wp
+  use body_energy, only: kinetic_energy, strain_energy
+  use dynamics, only: set_frames, place_kinematics
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: energies
+
+contains
+
+  !> Kinetic and potential energy at a state [J].
+  subroutine energies(self, q, v, z, zd, kinetic, potential)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)        !! (nq)
+    real(wp), intent(in) :: z(:), zd(:)       !! (nz)
+    real(wp), intent(out) :: kinetic, potential
+    real(wp) :: p(2)
+    integer :: b, i, n, o
+    call set_frames(self, q)
+    call place_kinematics(self, q, v)
+    kinetic = 0.0_wp
+    potential = 0.0_wp
+    do b = 1, size(self%s%bodies)
+      associate (bo => self%s%bodies(b))
+        i = self%s%qo(b)
+        n = bo%nf
+        o = self%s%zo(b)
+        kinetic = kinetic + kinetic_energy(bo, self%c(b), self%sn(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i + 4:i + 3 + n))
+        p = bo%i1
+        if (bo%flexible) p = p + matmul(q(i + 4:i + 3 + n), bo%sbar)
+        p = [self%c(b)*p(1) - self%sn(b)*p(2), self%sn(b)*p(1) + self%c(b)*p(2)]
+        potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) &
+                    + strain_energy(bo, q(i + 4:i + 3 + n), z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz))
+      end associate
+    end do
+    potential = potential + spring_energy(self, z, zd)
+  end subroutine energies
+
+  !> Energy stored in springs and their GHM terms [J].
+  function spring_energy(self, z, zd) result(total)
+    type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: z(:), zd(:)
+    real(wp) :: total, d, dd, e(2)
+    integer :: k, j, i
+    total = 0.0_wp
+    do k = 1, size(self%s%springs)
+      associate (sp => self%s%springs(k))
+        call sp%deformation(self%p, d, dd, e)
+        total = total + 0.5_wp*sp%stiffness*d**2
+        do j = 1, size(sp%alpha)
+          i = sp%offset + j
+          total = total + 0.5_wp*sp%stiffness*sp%alpha(j)*((d - z(i))**2 + (zd(i)/sp%omega(j))**2)
+        end do
+      end associate
+    end do
+  end function spring_energy
+end module energy

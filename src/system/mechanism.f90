@@ -1,0 +1,273 @@
+!> The mechanism: a scene with the work space of its equations of motion, and what is computed once (attachment columns
+!> m_ff^-1 E^T and compliances, the joint graph). The equations themselves are in `dynamics`.
+module mechanism
+  use kinds, only: wp, ip
+  use banded, only: band_solve
+  use scene_model, only: scene
+  use place, only: place_states
+  use constraint, only: constraint_rows
+  use multipliers, only: multiplier_system
+  implicit none (type, external)
+  private
+  public :: mechanism_model, flexible_attachments, set_up_mechanism
+
+  !> Attached places of a flexible body: columns m_ff^-1 E_k^T and the compliances between them (constant).
+  type :: flexible_attachments
+    integer, allocatable :: place(:)            !! attached places (indices in the scene's list)
+    real(wp), allocatable :: columns(:, :)      !! (nf, nc) m_ff^-1 E^T [1/kg ...]
+    integer, allocatable :: column(:, :)        !! (3, na) column of each place's u, v, rotation, 0: none needed
+    real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i m_ff^-1 E_j^T
+    real(wp), allocatable :: ep(:, :, :)        !! (3, 2, na) E_k m_ff^-1 S-bar^T
+    real(wp), allocatable :: ex(:, :)           !! (3, na) E_k m_ff^-1 Q_f, this evaluation
+    real(wp), allocatable :: ey(:, :)           !! (3, na) E_k m_ff^-1 m_theta_f^T, this evaluation
+    real(wp), allocatable :: load(:)            !! (nc) multiplier forces on the columns
+  end type flexible_attachments
+
+  !> Scene and work space.
+  type :: mechanism_model
+    type(scene) :: s
+    type(place_states) :: p                     !! states of the scene's places
+    type(constraint_rows) :: rows
+    type(multiplier_system) :: schur
+    type(flexible_attachments), allocatable :: attached(:)   !! (nb), empty for rigid bodies
+    ! ends of constraint rows on moving bodies, grouped by body
+    integer, allocatable :: end_first(:)        !! (nb+1) first end of each body
+    integer, allocatable :: end_row(:)          !! row of each end
+    integer, allocatable :: end_place(:)        !! its place
+    integer, allocatable :: end_local(:)        !! its place's number among the body's attachments (flexible bodies)
+    logical, allocatable :: end_is_a(:)         !! side of the row
+    integer, allocatable :: of_row(:, :)        !! (2, rows) ends of each row, 0: on the ground
+    real(wp), allocatable :: w(:, :)            !! (3, ends) wrench of a unit multiplier, body axes
+    real(wp), allocatable :: jw(:, :)           !! (3, ends) the same on the condensed frame, J^T w
+    real(wp), allocatable :: g(:, :)            !! (3, ends) L^-1 J^T w
+    ! frames
+    real(wp), allocatable :: c(:), sn(:)        !! (nb) cosine and sine of the frame angle [-]
+    real(wp), allocatable :: low(:, :)          !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32
+    real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it
+    real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes
+    real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes
+    real(wp), allocatable :: wrench(:, :)       !! (3, places) force in body axes and moment of springs and loads
+    real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
+    ! results of the last evaluation
+    real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
+    real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins
+    real(wp), allocatable :: zdd(:)             !! (nz) dissipative accelerations
+    real(wp), allocatable :: spring_force(:)    !! (springs) force or moment
+    real(wp) :: dissipated_power = 0.0_wp       !! [W]
+    real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
+    integer :: stage = 2                        !! stage_static or stage_transient of `load`
+    logical :: left = .false.                   !! jumps of histories at t are not yet felt
+    logical :: frozen = .false.                 !! assembly: elastic coordinates do not move
+    real(wp) :: load_factor = 1.0_wp            !! static analysis: fraction of the loads
+    real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
+    ! counts
+    integer(ip) :: evaluations = 0              !! right-hand sides
+    integer(ip) :: solves = 0                   !! banded solves of bodies
+    integer(ip) :: factorisations = 0           !! of body mass matrices
+    logical :: broken = .false.                 !! a condensed mass matrix lost positive definiteness
+  end type mechanism_model
+
+contains
+
+  !> Prepares the work space of a scene.
+  subroutine set_up_mechanism(self, s)
+    type(mechanism_model), intent(out) :: self
+    type(scene), intent(in) :: s
+    integer :: nb
+    self%s = s
+    nb = size(s%bodies)
+    call self%p%allocate(size(s%places))
+    call fixed_places(self)
+    call allocate_rows(self%rows, s%rows)
+    call collect_ends(self)
+    allocate (self%attached(nb))
+    call attach_places(self)
+    allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), &
+              self%pin(2, nb), source=0.0_wp)
+    allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%a(s%nq), self%zdd(s%nz), &
+              self%spring_force(size(s%springs)), source=0.0_wp)
+    self%factorisations = count(s%bodies%flexible .and. .not. s%bodies%modal)
+  end subroutine set_up_mechanism
+
+  !> Places on the ground never move.
+  pure subroutine fixed_places(self)
+    type(mechanism_model), intent(inout) :: self
+    integer :: k
+    do k = 1, size(self%s%places)
+      if (self%s%places(k)%body == 0) self%p%r(:, k) = self%s%places(k)%x
+      self%p%rho(:, k) = self%s%places(k)%x
+    end do
+  end subroutine fixed_places
+
+  !> Arrays of constraint rows.
+  pure subroutine allocate_rows(r, n)
+    type(constraint_rows), intent(inout) :: r
+    integer, intent(in) :: n
+    allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%phi(n), r%phi_t(n), r%extra(n), source=0.0_wp)
+  end subroutine allocate_rows
+
+  !> Lists the ends of rows on moving bodies, body by body, and orders the joint graph.
+  subroutine collect_ends(self)
+    type(mechanism_model), intent(inout) :: self
+    integer, allocatable :: fill(:), rows(:), cols(:)
+    integer :: nb, k, i, side, body, place, e, f, n
+    nb = size(self%s%bodies)
+    allocate (self%end_first(nb + 1), fill(nb), self%of_row(2, self%s%rows))
+    self%of_row = 0
+    self%end_first = 0
+    do k = 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        do side = 1, 2
+          body = self%s%places(merge(c%ia, c%ib, side == 1))%body
+          if (body > 0) self%end_first(body + 1) = self%end_first(body + 1) + c%rows
+        end do
+      end associate
+    end do
+    self%end_first(1) = 1
+    do k = 1, nb
+      self%end_first(k + 1) = self%end_first(k + 1) + self%end_first(k)
+    end do
+    n = self%end_first(nb + 1) - 1
+    allocate (self%end_row(n), self%end_place(n), self%end_local(n), self%end_is_a(n))
+    allocate (self%w(3, n), self%jw(3, n), self%g(3, n), source=0.0_wp)
+    self%end_local = 0
+    fill = self%end_first(1:nb)
+    do k = 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        do i = c%first, c%first + c%rows - 1
+          do side = 1, 2
+            place = merge(c%ia, c%ib, side == 1)
+            body = self%s%places(place)%body
+            if (body == 0) cycle
+            e = fill(body)
+            fill(body) = e + 1
+            self%end_row(e) = i
+            self%end_place(e) = place
+            self%end_is_a(e) = side == 1
+            self%of_row(side, i) = e
+          end do
+        end do
+      end associate
+    end do
+    n = 0
+    do body = 1, nb
+      n = n + (self%end_first(body + 1) - self%end_first(body))**2/2
+    end do
+    allocate (rows(n), cols(n))
+    n = 0
+    do body = 1, nb
+      do e = self%end_first(body), self%end_first(body + 1) - 1
+        do f = self%end_first(body), e - 1
+          n = n + 1
+          rows(n) = self%end_row(e)
+          cols(n) = self%end_row(f)
+        end do
+      end do
+    end do
+    call self%schur%set_up(self%s%rows, rows(1:n), cols(1:n))
+  end subroutine collect_ends
+
+  !> Columns and compliances of the places where constraints act on flexible bodies.
+  subroutine attach_places(self)
+    type(mechanism_model), intent(inout) :: self
+    logical, allocatable :: positions(:), angles(:)
+    integer :: k, b
+    allocate (positions(size(self%s%places)), angles(size(self%s%places)), source=.false.)
+    do k = 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        if (c%moves()) positions([c%ia, c%ib]) = .true.
+        if (c%turns_a()) angles(c%ia) = .true.
+        if (c%turns_b()) angles(c%ib) = .true.
+      end associate
+    end do
+    do b = 1, size(self%s%bodies)
+      if (self%s%bodies(b)%flexible) call attach_body(self, b, positions, angles)
+    end do
+  end subroutine attach_places
+
+  !> The same for one flexible body.
+  subroutine attach_body(self, b, positions, angles)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    logical, intent(in) :: positions(:), angles(:)   !! whether constraints act on a place's position, its angle
+    integer, allocatable :: local(:)
+    integer :: k, n, nc, e, c, i, j
+    allocate (local(size(self%s%places)), source=0)
+    associate (t => self%attached(b), bo => self%s%bodies(b))
+      n = 0
+      do e = self%end_first(b), self%end_first(b + 1) - 1
+        k = self%end_place(e)
+        if (local(k) == 0) then
+          n = n + 1
+          local(k) = n
+        end if
+        self%end_local(e) = local(k)
+      end do
+      allocate (t%place(n), t%column(3, n), t%compliance(3, 3, n, n), t%ep(3, 2, n), t%ex(3, n), t%ey(3, n))
+      t%column = 0
+      t%ex = 0.0_wp
+      t%ey = 0.0_wp
+      nc = 0
+      do k = 1, size(local)
+        if (local(k) == 0) cycle
+        t%place(local(k)) = k
+        do c = 1, 3
+          if (bo%modal) then
+            if (.not. allocated(self%s%places(k)%psi)) cycle
+          else
+            if (self%s%places(k)%dof(c) == 0) cycle
+          end if
+          if (c < 3 .and. .not. positions(k)) cycle
+          if (c == 3 .and. .not. angles(k)) cycle
+          nc = nc + 1
+          t%column(c, local(k)) = nc
+        end do
+      end do
+      allocate (t%columns(bo%nf, nc), t%load(nc), source=0.0_wp)
+      do i = 1, n
+        do c = 1, 3
+          if (t%column(c, i) == 0) cycle
+          associate (x => t%columns(:, t%column(c, i)), place => self%s%places(t%place(i)))
+            if (bo%modal) then
+              x = place%psi(c, :)
+            else
+              x(place%dof(c)) = 1.0_wp
+              call band_solve(bo%mff, x)
+            end if
+          end associate
+        end do
+      end do
+      do i = 1, n
+        t%ep(:, 1, i) = pick(self, t%place(i), bo%pmat(:, 1))
+        t%ep(:, 2, i) = pick(self, t%place(i), bo%pmat(:, 2))
+        do j = 1, n
+          t%compliance(:, :, i, j) = 0.0_wp
+          do c = 1, 3
+            if (t%column(c, j) > 0) t%compliance(:, c, i, j) = pick(self, t%place(i), t%columns(:, t%column(c, j)))
+          end do
+        end do
+      end do
+    end associate
+  end subroutine attach_body
+
+  !> E_k x: what a place sees of a vector of elastic coordinates.
+  pure function pick(self, k, x) result(u)
+    type(mechanism_model), intent(in) :: self
+    integer, intent(in) :: k              !! place
+    real(wp), intent(in) :: x(:)          !! (nf)
+    real(wp) :: u(3)
+    integer :: c
+    u = 0.0_wp
+    associate (place => self%s%places(k))
+      if (allocated(place%psi)) then
+        do c = 1, size(x)
+          u = u + place%psi(:, c)*x(c)
+        end do
+      else
+        do c = 1, 3
+          if (place%dof(c) > 0) u(c) = x(place%dof(c))
+        end do
+      end if
+    end associate
+  end function pick
+end module mechanism

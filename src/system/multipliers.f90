@@ -1,0 +1,206 @@
+!> The system for the multipliers, S lambda = r with S = Phi_q M^-1 Phi_q^T: its block graph is the joint graph, so it is
+!> kept banded in a good ordering (theory.md, sections 6 and 7). Where rows are redundant or a position is singular, the
+!> factor of S + eps 1 and a few corrections give the minimum-norm multipliers without a rank decision.
+module multipliers
+  use kinds, only: wp
+  use ordering, only: reverse_cuthill_mckee
+  implicit none (type, external)
+  private
+  public :: multiplier_system
+
+  real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot below which S is treated as singular [-]
+  real(wp), parameter :: shift = 1.0e-9_wp        !! eps of theory.md, section 6, relative to the mean diagonal [-]
+  integer, parameter :: most_passes = 8           !! corrections of the regularised solve
+
+  !> Banded S, its factor and the ordering.
+  type :: multiplier_system
+    integer :: n = 0
+    integer :: kd = 0                          !! half band width
+    integer, allocatable :: position(:)        !! (n) reordered place of each row
+    real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
+    real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
+    real(wp), allocatable :: f(:, :)           !! (0:kd, n) L below the diagonal, 1/D on it
+    logical :: singular = .false.              !! the factor is that of S + eps 1
+    real(wp), allocatable :: x(:), r(:), best(:)   !! (n) work
+  contains
+    procedure :: set_up
+    procedure :: clear
+    procedure :: factor
+    procedure :: solve
+    procedure :: weak_rows
+  end type multiplier_system
+
+contains
+
+  !> Orders the rows from the pairs that meet in a body, and allocates.
+  subroutine set_up(self, n, rows, cols)
+    class(multiplier_system), intent(inout) :: self
+    integer, intent(in) :: n                  !! constraint rows
+    integer, intent(in) :: rows(:), cols(:)   !! pairs of rows that share a moving body
+    integer, allocatable :: order(:), starts(:)
+    integer :: k
+    self%n = n
+    call reverse_cuthill_mckee(n, rows, cols, order, starts)
+    allocate (self%position(n), self%scale(n), self%x(n), self%r(n), self%best(n))
+    self%position(order) = [(k, k=1, n)]
+    self%scale = 1.0_wp
+    self%kd = 0
+    do k = 1, size(rows)
+      self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
+    end do
+    allocate (self%s(0:self%kd, n), self%f(0:self%kd, n), source=0.0_wp)
+  end subroutine set_up
+
+  !> Forgets S before it is summed anew.
+  subroutine clear(self)
+    class(multiplier_system), intent(inout) :: self
+    self%s = 0.0_wp
+  end subroutine clear
+
+  !> Factors S; falls back to S + eps 1 where a pivot is weak.
+  subroutine factor(self)
+    class(multiplier_system), intent(inout) :: self
+    logical :: good
+    self%singular = .false.
+    if (self%n == 0) return
+    self%f = self%s
+    call factor_band(self%n, self%kd, self%f, self%s, weak_pivot, good)
+    if (good) return
+    self%singular = .true.
+    self%f = self%s
+    self%f(0, :) = self%f(0, :) + max(shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
+    call factor_band(self%n, self%kd, self%f, self%s, -huge(1.0_wp), good)
+  end subroutine factor
+
+  !> L D L^T of a band matrix in place; good is false at the first pivot below tol times its diagonal entry.
+  pure subroutine factor_band(n, kd, f, diagonal, tol, good)
+    integer, intent(in) :: n, kd
+    real(wp), intent(inout) :: f(0:kd, n)
+    real(wp), intent(in) :: diagonal(0:kd, n)
+    real(wp), intent(in) :: tol               !! [-]; negative: never give up
+    logical, intent(out) :: good
+    real(wp) :: d, l
+    integer :: i, j, k
+    good = .true.
+    do j = 1, n
+      d = f(0, j)
+      if (.not. d > tol*diagonal(0, j)) then
+        good = .false.
+        return
+      end if
+      if (d <= 0.0_wp) d = max(diagonal(0, j), tiny(1.0_wp))     ! rounding below the shift
+      f(0, j) = 1.0_wp/d
+      do i = 1, min(kd, n - j)
+        l = f(i, j)*f(0, j)
+        do k = i, min(kd, n - j)
+          f(k - i, j + i) = f(k - i, j + i) - l*f(k, j)
+        end do
+      end do
+      do i = 1, min(kd, n - j)
+        f(i, j) = f(i, j)*f(0, j)
+      end do
+    end do
+  end subroutine factor_band
+
+  !> Solves S lambda = r in place (minimum norm where S is singular).
+  subroutine solve(self, lambda)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: lambda(:)      !! (n) right-hand side, then multipliers, in the constraints' own order
+    integer :: k
+    if (self%n == 0) return
+    do k = 1, self%n
+      self%x(self%position(k)) = lambda(k)*self%scale(k)
+    end do
+    if (self%singular) then
+      call correct(self)
+    else
+      call substitute(self%n, self%kd, self%f, self%x)
+    end if
+    do k = 1, self%n
+      lambda(k) = self%x(self%position(k))*self%scale(k)
+    end do
+  end subroutine solve
+
+  !> x <- x + (S + eps)^-1 (r - S x) from 0 until the residual stops falling.
+  subroutine correct(self)
+    class(multiplier_system), intent(inout) :: self
+    real(wp) :: size_now, size_before
+    integer :: pass
+    associate (b => self%r, x => self%best)
+      b = self%x
+      x = 0.0_wp
+      size_before = huge(1.0_wp)
+      do pass = 1, most_passes
+        size_now = maxval(abs(self%x))
+        if (size_now >= 0.5_wp*size_before) exit
+        size_before = size_now
+        call substitute(self%n, self%kd, self%f, self%x)
+        x = x + self%x
+        self%x = b
+        call subtract_product(self%n, self%kd, self%s, x, self%x)
+      end do
+      self%x = x
+    end associate
+  end subroutine correct
+
+  !> r <- r - S x.
+  pure subroutine subtract_product(n, kd, s, x, r)
+    integer, intent(in) :: n, kd
+    real(wp), intent(in) :: s(0:kd, n), x(n)
+    real(wp), intent(inout) :: r(n)
+    integer :: i, j
+    do j = 1, n
+      r(j) = r(j) - s(0, j)*x(j)
+      do i = 1, min(kd, n - j)
+        r(j + i) = r(j + i) - s(i, j)*x(j)
+        r(j) = r(j) - s(i, j)*x(j + i)
+      end do
+    end do
+  end subroutine subtract_product
+
+  !> Forward and backward substitution.
+  pure subroutine substitute(n, kd, f, x)
+    integer, intent(in) :: n, kd
+    real(wp), intent(in) :: f(0:kd, n)
+    real(wp), intent(inout) :: x(n)
+    integer :: i, j
+    do j = 1, n
+      do i = 1, min(kd, n - j)
+        x(j + i) = x(j + i) - f(i, j)*x(j)
+      end do
+    end do
+    do j = n, 1, -1
+      x(j) = x(j)*f(0, j)
+      do i = 1, min(kd, n - j)
+        x(j) = x(j) - f(i, j)*x(j + i)
+      end do
+    end do
+  end subroutine substitute
+
+  !> Rows that depend on earlier ones, by elimination of the present S: a pivot below tol of its diagonal entry.
+  subroutine weak_rows(self, tol, dependent)
+    class(multiplier_system), intent(in) :: self
+    real(wp), intent(in) :: tol               !! [-]
+    logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
+    real(wp), allocatable :: f(:, :)
+    logical, allocatable :: weak(:)
+    real(wp) :: d, l
+    integer :: i, j, k
+    allocate (f(0:self%kd, self%n), source=self%s)
+    allocate (weak(self%n))
+    do j = 1, self%n
+      d = f(0, j)
+      weak(j) = .not. d > tol*self%s(0, j)
+      if (weak(j)) cycle                      ! the row adds nothing: skip it
+      do i = 1, min(self%kd, self%n - j)
+        l = f(i, j)/d
+        do k = i, min(self%kd, self%n - j)
+          f(k - i, j + i) = f(k - i, j + i) - l*f(k, j)
+        end do
+      end do
+    end do
+    do k = 1, self%n
+      dependent(k) = weak(self%position(k))
+    end do
+  end subroutine weak_rows
+end module multipliers

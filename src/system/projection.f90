@@ -1,0 +1,118 @@
+!> Projection of a state onto Phi = 0 and then Phi' = 0, mass-orthogonally (theory.md, section 6), with the factors of the
+!> last evaluation: a correction is of the size of the step's own error, so slightly old factors only cost a pass.
+module projection
+  use kinds, only: wp
+  use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: project, violations, worst_constraint
+
+  integer, parameter :: most_passes = 30             !! corrections before giving up
+  real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
+  real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest place [-]
+  real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
+
+contains
+
+  !> Projects positions, then velocities. ok is false where Phi = 0 cannot be met near the state.
+  subroutine project(self, t, q, v, z, zd, ok)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: t                !! [s]
+    real(wp), intent(inout) :: q(:), v(:)    !! (nq)
+    real(wp), intent(in) :: z(:), zd(:)      !! (nz)
+    logical, intent(out) :: ok
+    ok = .true.
+    if (self%s%rows == 0) return
+    call project_positions(self, t, q, v, z, zd, ok)
+    if (ok) call project_velocities(self, q, v)
+  end subroutine project
+
+  !> Newton corrections of the positions; new factors where old ones converge slowly.
+  subroutine project_positions(self, t, q, v, z, zd, ok)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(inout) :: q(:)
+    real(wp), intent(in) :: v(:), z(:), zd(:)
+    logical, intent(out) :: ok
+    real(wp) :: worst, before, goal
+    integer :: pass
+    goal = position_goal*(self%s%size + maxval(abs(self%p%r)))
+    before = huge(1.0_wp)
+    do pass = 1, most_passes
+      call set_frames(self, q)
+      call place_kinematics(self, q, v)
+      call constraint_values(self, t)
+      worst = maxval(abs(self%rows%phi))
+      if (.not. worst > goal) exit
+      if (worst > 0.5_wp*before .and. worst <= accepted*self%s%size) exit
+      if (pass > 1 .and. worst > 0.1_wp*before) then
+        if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
+        call evaluate(self, t, q, v, z, zd)
+      end if
+      before = worst
+      self%lambda = self%rows%phi
+      call self%schur%solve(self%lambda)
+      call apply_multipliers(self, self%lambda, self%a)
+      q = q + self%a
+    end do
+    ok = worst <= accepted*self%s%size
+  end subroutine project_positions
+
+  !> Corrections of the velocities at fixed positions.
+  subroutine project_velocities(self, q, v)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(inout) :: v(:)
+    real(wp) :: worst, before, goal
+    integer :: pass
+    before = huge(1.0_wp)
+    goal = rate_goal*(maxval(abs(self%p%v)) + self%s%size*maxval(abs(self%p%rate)))
+    do pass = 1, 6
+      call row_rates(self, self%lambda)
+      worst = maxval(abs(self%lambda))
+      if (.not. worst > goal .or. worst > 0.5_wp*before) exit
+      before = worst
+      call self%schur%solve(self%lambda)
+      call apply_multipliers(self, self%lambda, self%a)
+      v = v + self%a
+      call place_kinematics(self, q, v)
+    end do
+  end subroutine project_velocities
+
+  !> Largest violations of positions and velocities at a state (angle rows count times the scene's size) [m], [m/s].
+  subroutine violations(self, t, q, v, position, velocity)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(out) :: position, velocity
+    position = 0.0_wp
+    velocity = 0.0_wp
+    if (self%s%rows == 0) return
+    call set_frames(self, q)
+    call place_kinematics(self, q, v)
+    call constraint_values(self, t)
+    call row_rates(self, self%schur%r)
+    position = maxval(abs(self%rows%phi))
+    velocity = maxval(abs(self%schur%r))
+  end subroutine violations
+
+  !> Name of the constraint with the largest |Phi| at the last state looked at.
+  function worst_constraint(self) result(name)
+    type(mechanism_model), intent(in) :: self
+    character(:), allocatable :: name
+    real(wp) :: worst, here
+    integer :: k
+    worst = -1.0_wp
+    name = ''
+    do k = 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        here = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
+        if (here > worst) then
+          worst = here
+          name = trim(c%name)
+        end if
+      end associate
+    end do
+  end function worst_constraint
+end module projection

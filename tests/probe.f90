@@ -1,0 +1,172 @@
+!> The solver's inside for the tests: coordinates, accelerations, multipliers, energies at states given on standard input.
+!> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z').
+program probe
+  use kinds, only: wp
+  use deck_reader, only: read_deck
+  use energy, only: energies
+  use errors, only: failure, fault_list
+  use scene_run, only: run_state, prepare_run
+  use dynamics, only: row_rates
+  use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, iostat_end
+  implicit none (type, external)
+  type(run_state) :: run
+  type(fault_list) :: faults
+  type(failure) :: fail
+  character(512) :: word, path
+  call get_command_argument(1, word)
+  call get_command_argument(2, path)
+  call read_deck(trim(path), run%d, faults)
+  if (faults%count == 0) call prepare_run(run, faults, fail)
+  if (faults%count > 0) then
+    call faults%print(error_unit)
+    error stop 2, quiet=.true.
+  end if
+  if (fail%happened()) then
+    write (error_unit, '(a)') fail%message
+    error stop 2, quiet=.true.
+  end if
+  if (word == 'layout') then
+    call layout()
+  else
+    call evaluate_all()
+  end if
+
+contains
+
+  !> Sizes, offsets and meanings of the unknowns.
+  subroutine layout()
+    integer :: b, r, k, e, c, i
+    associate (s => run%sys%m%s)
+      write (*, '(a, i0)') 'coordinates ', s%nq, 'dissipative ', s%nz, 'rows ', s%rows
+      do b = 1, size(s%bodies)
+        write (*, '(3a, i0, a, i0)') 'body ', trim(s%bodies(b)%name), ' ', s%qo(b) + 1, ' ', s%bodies(b)%nf
+      end do
+      do b = 1, size(s%bodies)
+        associate (bo => s%bodies(b))
+          do r = 1, size(bo%runs)
+            do k = 1, size(bo%runs(r)%alpha)
+              if (bo%modal) then
+                do i = 1, bo%nf
+                  write (*, '(3a, 3(1x, i0))') 'z mode ', trim(bo%name), ' ', i, r, k
+                end do
+              else
+                do e = bo%runs(r)%first, bo%runs(r)%last
+                  do c = 4 - bo%nd, 3
+                    write (*, '(2a, 3(1x, i0))') 'z element ', trim(bo%name), e, c, k
+                  end do
+                end do
+              end if
+            end do
+          end do
+        end associate
+      end do
+      do i = 1, size(s%springs)
+        do k = 1, size(s%springs(i)%alpha)
+          write (*, '(2a, 1x, i0)') 'z spring ', trim(s%springs(i)%name), k
+        end do
+      end do
+      do i = 1, size(s%constraints)
+        do k = 1, s%constraints(i)%item%rows
+          write (*, '(a, i0, 2a)') 'row ', s%constraints(i)%item%first + k - 1, ' ', trim(s%constraints(i)%item%name)
+        end do
+      end do
+      call show('initial', run%y(1:s%nq))
+      call show('initial', run%y(s%nq + 1:2*s%nq))
+    end associate
+  end subroutine layout
+
+  !> Evaluates every state of the input.
+  subroutine evaluate_all()
+    real(wp), allocatable :: y(:), dy(:), rate(:)
+    real(wp) :: t, kinetic, potential
+    integer :: status, nq, nz
+    nq = run%sys%m%s%nq
+    nz = run%sys%m%s%nz
+    allocate (y(run%sys%n), dy(run%sys%n), rate(run%sys%m%s%rows), source=0.0_wp)
+    do
+      read (input_unit, *, iostat=status) t, y(1:2*nq + 2*nz)
+      if (status /= 0) exit
+      call run%sys%derivative(t, y, .false., dy)
+      associate (m => run%sys%m)
+        call row_rates(m, rate)
+        call show('acceleration', m%a)
+        call show('zdd', m%zdd)
+        call show('multipliers', m%lambda)
+        call show('phi', m%rows%phi)
+        call show('phidot', rate)
+        call gamma(m%s%rows)
+        call jacobian()
+        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), kinetic, potential)
+        call show('energy', [kinetic, potential])
+        call show('power', [m%dissipated_power, m%input_power])
+        write (*, '(a)') 'end'
+      end associate
+    end do
+  end subroutine evaluate_all
+
+  !> gamma of Phi_q a = gamma.
+  subroutine gamma(n)
+    integer, intent(in) :: n
+    real(wp) :: g(n)
+    integer :: k, i
+    associate (m => run%sys%m, r => run%sys%m%rows)
+      do k = 1, size(m%s%constraints)
+        associate (c => m%s%constraints(k)%item)
+          do i = c%first, c%first + c%rows - 1
+            g(i) = -(r%extra(i) + dot_product(r%na(:, i), m%p%bias(:, c%ia)) + dot_product(r%nb(:, i), m%p%bias(:, c%ib)))
+          end do
+        end associate
+      end do
+    end associate
+    call show('gamma', g)
+  end subroutine gamma
+
+  !> Phi_q row by row.
+  subroutine jacobian()
+    real(wp), allocatable :: j(:, :)
+    integer :: k, i
+    allocate (j(run%sys%m%s%nq, run%sys%m%s%rows), source=0.0_wp)
+    associate (m => run%sys%m, r => run%sys%m%rows)
+      do k = 1, size(m%s%constraints)
+        associate (c => m%s%constraints(k)%item)
+          do i = c%first, c%first + c%rows - 1
+            call place_gradient(c%ia, r%na(:, i), r%sa(i), j(:, i))
+            call place_gradient(c%ib, r%nb(:, i), r%sb(i), j(:, i))
+          end do
+        end associate
+      end do
+    end associate
+    call show('jacobian', reshape(j, [size(j)]))
+  end subroutine jacobian
+
+  !> Adds a unit wrench on a place as generalised forces.
+  subroutine place_gradient(p, n, s, j)
+    integer, intent(in) :: p
+    real(wp), intent(in) :: n(2), s
+    real(wp), intent(inout) :: j(:)
+    real(wp) :: w(3)
+    integer :: b, i, k
+    associate (m => run%sys%m, place => run%sys%m%s%places(p))
+      b = place%body
+      if (b == 0) return
+      i = m%s%qo(b)
+      w = [m%c(b)*n(1) + m%sn(b)*n(2), -m%sn(b)*n(1) + m%c(b)*n(2), s]
+      j(i + 1:i + 2) = j(i + 1:i + 2) + n
+      j(i + 3) = j(i + 3) + s + m%p%rho(1, p)*w(2) - m%p%rho(2, p)*w(1)
+      if (allocated(place%psi)) then
+        j(i + 4:i + 3 + m%s%bodies(b)%nf) = j(i + 4:i + 3 + m%s%bodies(b)%nf) + matmul(w, place%psi)
+      else
+        do k = 1, 3
+          if (place%dof(k) > 0) j(i + 3 + place%dof(k)) = j(i + 3 + place%dof(k)) + w(k)
+        end do
+      end if
+    end associate
+  end subroutine place_gradient
+
+  !> A named line of numbers.
+  subroutine show(name, x)
+    character(*), intent(in) :: name
+    real(wp), intent(in) :: x(:)
+    write (*, '(a, *(1x, es24.16e3))') name, x
+  end subroutine show
+end program probe
