@@ -38,7 +38,7 @@ contains
     r%at = deck%at()
     r%present = .true.
     call get_word(deck, 'spacing', r%spacing, [character(6) :: 'log', 'linear'])
-    if (r%spacing == 'log') then
+    if (r%spacing == 'log' .and. (deck%is_set('spacing') .or. .not. deck%is_given('spacing'))) then
       call get(deck, 'from', r%from, required, above=0.0_wp)
     else
       call get(deck, 'from', r%from, required, least=0.0_wp)

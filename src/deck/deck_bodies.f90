@@ -3,7 +3,7 @@ module deck_bodies
   use kinds, only: wp
   use text, only: to_text, lower
   use deck_input, only: deck_source, required
-  use deck_get, only: get, get_pair
+  use deck_get, only: get, get_pair, counted
   use deck_lists, only: get_list
   use deck_words, only: get_name, get_choice, get_word, get_words, get_references
   use deck_kinds, only: in_material, in_section
@@ -15,6 +15,9 @@ module deck_bodies
 
   character(*), parameter :: elastic = 'beam frame'   !! kinds with nodes and elements
   integer, parameter :: most_elements = 1000000       !! far beyond what double precision resolves in one beam
+
+  character(*), parameter :: massless = 'a massless crank is a &joint of type ''distance'' with a &force of type '// &
+    '''torque_about'', a massless slider a &joint of type ''slider'''
 
 contains
 
@@ -54,10 +57,7 @@ contains
   subroutine read_rigid(deck, b)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
-    call get(deck, 'mass', b%mass, required, least=0.0_wp, kinds='rigid')
-    if (deck%is_set('mass') .and. b%mass <= 0.0_wp) call deck%complain('mass', 'mass=0: a body without mass has no '// &
-      'motion of its own, expected mass > 0; a massless crank is a &joint of type ''distance'' driven by a &force of '// &
-      'type ''torque_about'', a massless slider a &joint of type ''slider''')
+    call get(deck, 'mass', b%mass, required, above=0.0_wp, kinds='rigid', hint=massless)
     call get(deck, 'inertia', b%inertia, required, least=0.0_wp, kinds='rigid')
     call get_pair(deck, 'com', b%com, kinds='rigid')
   end subroutine read_rigid
@@ -72,9 +72,9 @@ contains
     call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
     call read_frame(deck, b)
     if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
-    call read_properties(deck, b, 'section', in_section, b%element_section, .true.)
     call read_properties(deck, b, 'material', in_material, b%element_material, &
       .not. deck%is_given('element_material'))
+    call read_properties(deck, b, 'section', in_section, b%element_section, .true.)
     call read_element_material(deck, b)
   end subroutine read_elements
 
@@ -89,10 +89,10 @@ contains
     if (.not. deck%is_choice('frame')) return
     if (deck%is_set('element_nodes')) then
       b%elements = size(pairs)/2
-      if (mod(size(pairs), 2) == 1) call deck%complain('element_nodes', 'element_nodes has '//to_text(size(pairs))// &
-        ' values, expected pairs: the two nodes of each element')
+      if (mod(size(pairs), 2) == 1) call deck%complain('element_nodes', 'element_nodes has '// &
+        counted(size(pairs))//', expected pairs: the two nodes of each element')
     end if
-    call check_frame(deck, b)
+    call check_frame(deck, b, mod(size(pairs), 2) == 0)
   end subroutine read_frame
 
   !> Materials or sections of the elements: one name for all or, for a frame, one per element.
@@ -113,7 +113,7 @@ contains
     else if (size(found) == b%elements .and. deck%is_choice('frame')) then
       numbers = found
     else if (deck%is_choice('frame')) then
-      call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 or one for each of the '// &
+      call deck%complain(name, name//' has '//counted(size(found))//', expected 1 or one for each of the '// &
         to_text(b%elements)//' elements')
     else if (deck%is_choice('beam')) then
       call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 for a beam')
@@ -130,8 +130,8 @@ contains
     if (size(found) == b%elements) then
       b%element_material = found
     else
-      call deck%complain('element_material', 'element_material has '//to_text(size(found))// &
-        ' values, expected one for each of the '//to_text(b%elements)//' elements')
+      call deck%complain('element_material', 'element_material has '//counted(size(found))// &
+        ', expected one for each of the '//to_text(b%elements)//' elements')
     end if
   end subroutine read_element_material
 

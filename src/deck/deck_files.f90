@@ -56,6 +56,8 @@ contains
     if (deck%parts%groups(number)%readable) then
       call deck%open(number)
       call get(deck, 'file', name, required)
+      if (deck%is_set('file') .and. len(name) == 0) call deck%complain('file', 'file='''' is empty, expected the '// &
+        'name of a deck file')
       call deck%close()
     end if
     if (len(name) == 0) then

@@ -15,9 +15,10 @@ module deck_geometry
 contains
 
   !> Nodes and elements of a frame; `nodes` stays 0 where they are faulty.
-  subroutine check_frame(deck, b)
+  subroutine check_frame(deck, b, paired)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
+    logical, intent(in) :: paired        !! whether element_nodes holds pairs
     integer :: before
     before = deck%faults%count
     call same_length(deck, 'node_x', size(b%node_x), 'node_y', size(b%node_y))
@@ -28,7 +29,7 @@ contains
       return
     end if
     b%nodes = size(b%node_x)
-    if (.not. deck%is_set('element_nodes')) return
+    if (.not. (deck%is_set('element_nodes') .and. paired)) return
     call check_elements(deck, b)
     if (deck%faults%count == before) call check_connected(deck, b)
   end subroutine check_frame
@@ -113,6 +114,9 @@ contains
     before = deck%faults%count
     if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
       'both given, expected one or the other')
+    if (.not. deck%is_given('reference_node')) call deck%miss('reference_node', 'as many nodes as reference_dof has values')
+    if (.not. deck%is_given('reference_dof')) call deck%miss('reference_dof', '''u'', ''v'' or ''r'' for every '// &
+      'reference_node')
     call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
     where (b%reference_node == -1) b%reference_node = b%nodes
     do k = 1, size(b%reference_node)
@@ -139,7 +143,7 @@ contains
     real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
     real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
     real(wp) :: extent                     ! largest distance of a node from node 1 [m]
-    character(:), allocatable :: name
+    character(:), allocatable :: name, what
     integer :: k
     call node_places(b, x, y)
     extent = maxval(hypot(x - x(1), y - y(1)))
@@ -162,8 +166,10 @@ contains
     call free_motion(normal, motion)
     name = 'reference'
     if (b%reference == 'explicit') name = 'reference_dof'
-    call deck%complain(name, 'the removed coordinates leave a '//motion_text(motion, x(1), y(1), extent)// &
-      ' of the body free, expected coordinates that stop all three rigid motions')
+    what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves a '
+    if (b%reference == 'explicit') what = 'the coordinates of reference_node and reference_dof leave a '
+    call deck%complain(name, what//motion_text(motion, x(1), y(1), extent)//' of the body free, expected coordinates '// &
+      'that stop all three rigid motions')
   end subroutine check_rank
 
   !> Adds the row of one removed coordinate: u = tx - ω y, v = ty + ω x, r = ω for the motion (tx, ty, ω).

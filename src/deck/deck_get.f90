@@ -8,7 +8,7 @@ module deck_get
   use deck_syntax, only: value_token, bare_value, string_value, null_value, bad_value
   implicit none (type, external)
   private
-  public :: get, get_pair, get_token, real_of, range_text, in_range
+  public :: get, get_pair, get_token, real_of, range_text, in_range, counted
 
   !> Reads one value into a variable, which keeps its default where the group does not give it.
   interface get
@@ -18,7 +18,7 @@ module deck_get
 contains
 
   !> A real number.
-  subroutine get_real(deck, name, x, need, above, least, most, below, kinds)
+  subroutine get_real(deck, name, x, need, above, least, most, below, kinds, hint)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name              !! variable
     real(wp), intent(inout) :: x                  !! receives the value [as the variable]
@@ -28,20 +28,24 @@ contains
     real(wp), intent(in), optional :: most        !! the value must not be greater
     real(wp), intent(in), optional :: below       !! the value must be smaller
     character(*), intent(in), optional :: kinds   !! kinds it applies to
+    character(*), intent(in), optional :: hint    !! what to do instead of the value 0, out of range
+    character(:), allocatable :: range
     real(wp) :: value
     integer :: place
     logical :: absent, good
     call deck%look_up(name, need, kinds, place, absent)
     if (absent) call deck%miss(name, range_text(name, above, least, most, below), kinds)
     if (place == 0) return
-    call single_value(deck, name, place, good)
+    call single_value(deck, name, place, good, '; decimals take a point')
     if (good) call real_of(deck, name, deck%token(place, 1), value, good)
     if (.not. good) return
     if (in_range(value, above, least, most, below)) then
       x = value
       call deck%settle(place)
     else
-      call out_of_range(deck, name, place, range_text(name, above, least, most, below))
+      range = range_text(name, above, least, most, below)
+      if (present(hint) .and. abs(value) <= 0.0_wp) range = range//'; '//hint
+      call out_of_range(deck, name, place, range)
     end if
   end subroutine get_real
 
@@ -158,13 +162,21 @@ contains
   end subroutine get_text
 
   !> Checks that an assignment has one value.
-  subroutine single_value(deck, name, place, good)
+  subroutine single_value(deck, name, place, good, hint)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name    !! variable
-    integer, intent(in) :: place        !! number of the assignment in the group
+    character(*), intent(in) :: name              !! variable
+    integer, intent(in) :: place                  !! number of the assignment in the group
     logical, intent(out) :: good
+    character(*), intent(in), optional :: hint    !! added where two whole numbers stand, as in 1,5
+    character(:), allocatable :: expected
+    integer :: k
     good = deck%values(place) == 1
-    if (.not. good) call deck%complain(name, name//' has '//counted(deck%values(place))//', expected 1')
+    if (good) return
+    expected = 'expected 1'
+    if (present(hint) .and. deck%tokens(place) == 2) then
+      if (all([(verify(deck%written(deck%token(place, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected//hint
+    end if
+    call deck%complain(name, name//' has '//counted(deck%values(place))//', '//expected)
   end subroutine single_value
 
   !> Checks that a value is a word without quotes.
@@ -249,7 +261,7 @@ contains
     if (present(below)) yes = yes .and. x < below
   end function in_range
 
-  !> A range in words: `density > 0`, `spectral_radius from 0 to 0.99`.
+  !> A range in words: `density > 0`, `0 < tolerance < 1`, `spectral_radius from 0 to 0.99`; no other combinations.
   pure function range_text(name, above, least, most, below) result(t)
     character(*), intent(in) :: name           !! variable
     real(wp), intent(in), optional :: above    !! the value must be greater
@@ -260,9 +272,8 @@ contains
     t = name
     if (present(above)) t = t//' > '//to_text(above)
     if (present(least)) t = t//' >= '//to_text(least)
-    if ((present(above) .or. present(least)) .and. (present(most) .or. present(below))) t = t//' and'
-    if (present(most)) t = t//' <= '//to_text(most)
-    if (present(below)) t = t//' < '//to_text(below)
+    if (present(above) .and. present(below)) t = to_text(above)//' < '//name//' < '//to_text(below)
+    if (present(least) .and. present(most)) t = name//' from '//to_text(least)//' to '//to_text(most)
     if (t == name) t = name//'=number'
   end function range_text
 
@@ -272,9 +283,9 @@ contains
     integer, intent(in), optional :: least     !! the value must not be smaller
     integer, intent(in), optional :: most      !! the value must not be greater
     character(:), allocatable :: t
-    t = 'a whole number '//name
-    if (present(least)) t = t//' >= '//to_text(least)
-    if (present(least) .and. present(most)) t = t//' and'
-    if (present(most)) t = t//' <= '//to_text(most)
+    t = name
+    if (present(least)) t = name//' >= '//to_text(least)
+    if (present(least) .and. present(most)) t = name//' from '//to_text(least)//' to '//to_text(most)
+    t = t//' (a whole number)'
   end function whole_range
 end module deck_get

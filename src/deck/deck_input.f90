@@ -132,8 +132,8 @@ contains
     associate (a => self%parts%assignments(self%head + k), known => self%known(1:self%known_count))
       name = lower(raw(self, a%first, a%last))
       if (len(name) == 0) then
-        if (a%values > 0) call add_fault(self, a%line, 'value '//self%written(self%parts%values(a%first_value))// &
-          ' without a variable, expected name=value')
+        if (a%values > 0 .and. .not. a%equals) call add_fault(self, a%line, 'value '// &
+          self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
         return
       end if
       near = 0
@@ -162,20 +162,23 @@ contains
   subroutine report_elsewhere(self, k)
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: k   !! which assignment of the group
-    character(:), allocatable :: name
-    associate (a => self%parts%assignments(self%head + k), s => trim(self%selector))
+    character(:), allocatable :: name, which, message
+    integer :: line
+    associate (a => self%parts%assignments(self%head + k))
       name = lower(raw(self, a%first, a%last))
-      if (self%choice == '') then
-        call add_fault(self, a%line, name//' applies to '//kinds_text(s, self%marks(k)%applies)//' only, no '//s// &
-          ' is given')
-      else
-        call add_fault(self, a%line, name//' does not apply to '//s//'='//quoted(trim(self%choice))// &
-          ', it applies to '//kinds_text(s, self%marks(k)%applies))
-      end if
+      line = a%line
     end associate
+    which = kinds_text(trim(self%selector), self%marks(k)%applies)
+    if (self%choice == '') then
+      message = name//' applies to '//which//' only, no '//trim(self%selector)//' is given'
+    else
+      message = name//' does not apply to '//trim(self%selector)//'='//quoted(trim(self%choice))// &
+        ', it applies to '//which
+    end if
+    call add_fault(self, line, message)
   end subroutine report_elsewhere
 
-  !> Kinds as a user writes them: `kind='beam' and kind='frame'`.
+  !> Kinds as a user writes them: `kind='beam' and 'frame'`.
   pure function kinds_text(selector, kinds) result(t)
     character(*), intent(in) :: selector   !! `kind`, `type`, ...
     character(*), intent(in) :: kinds      !! values, blanks between them
@@ -188,9 +191,10 @@ contains
       blank = index(rest, ' ')
       if (len(t) > 0 .and. len_trim(rest(blank:)) > 0) t = t//', '
       if (len(t) > 0 .and. len_trim(rest(blank:)) == 0) t = t//' and '
-      t = t//selector//'='//quoted(rest(1:blank - 1))
+      t = t//quoted(rest(1:blank - 1))
       rest = rest(blank + 1:)
     end do
+    t = selector//'='//t
   end function kinds_text
 
   !> Where the open group stands.
@@ -302,7 +306,7 @@ contains
     end do
   end subroutine find_assignment
 
-  !> Reports an assignment without equals sign or without values.
+  !> Reports an assignment without equals sign or without values; one with a reported value is unusable.
   subroutine check_form(self, name, place)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name
@@ -313,6 +317,8 @@ contains
         place = 0
       else if (a%values == 0) then
         call add_fault(self, a%line, name//' has no value, expected '//name//'=value')
+        place = 0
+      else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
         place = 0
       end if
     end associate

@@ -23,6 +23,9 @@ module deck_kinds
   logical, parameter, public :: is_named(group_kinds) = [.false., .false., .true., .true., .true., .true., &
     .false., .true., .true., .true., .true., .true., .false., .false., .false., .false.]
 
+  !> What a name may consist of, in lower case.
+  character(*), parameter, public :: name_characters = 'abcdefghijklmnopqrstuvwxyz0123456789_-'
+
 contains
 
   !> Number of the group with this name, 0 if there is none.

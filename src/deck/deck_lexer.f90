@@ -4,14 +4,14 @@
 module deck_lexer
   use text, only: lower, to_text, word_hash, printable
   use errors, only: fault_list
-  use deck_kinds, only: group_number
+  use deck_kinds, only: group_number, name_characters
   use deck_syntax, only: syntax, group, assignment, value_token, bare_value, string_value, null_value, bad_value
   implicit none (type, external)
   private
   public :: split_groups, group_subject
 
   character(*), parameter :: lf = achar(10), tab = achar(9), single = '''', double = '"'
-  character(*), parameter :: word_end = ' ,=/!&'//single//double//tab//lf   !! characters that end a word
+  character(*), parameter :: word_end = ' ,;=/!&'//single//double//tab//lf   !! characters that end a word
   character(*), parameter :: digits = '0123456789'
   integer, parameter :: most_repeats = 10000000   !! a larger repeat count is a slip of the pen
   integer, parameter :: shown = 40                !! characters of a faulty text shown in a message
@@ -25,6 +25,7 @@ module deck_lexer
     integer :: line = 1              !! its line
     integer :: slash_line = 0        !! line of the last closing slash
     logical :: open = .false.        !! an assignment takes values
+    logical :: semicolon = .false.   !! a semicolon of the group was reported
     logical :: expecting = .false.   !! a value is due: after `=` and after a comma
   contains
     procedure :: at_end
@@ -79,6 +80,7 @@ contains
     s%position = new%last + 1
     s%open = .false.
     s%expecting = .false.
+    s%semicolon = .false.
     call list%add_group(new)
     if (len(word) == 0) then
       list%groups(list%group_count)%readable = .false.
@@ -118,9 +120,14 @@ contains
         '= without the name of a variable before it, expected name=value')
       s%position = s%position + 1
       list%groups(list%group_count)%whole = .false.
-      call list%add_assignment(assignment(first=s%position, last=s%position - 1, line=s%line, equals=.false.))
+      call list%add_assignment(assignment(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
       s%open = .true.
       s%expecting = .true.
+    case (';')
+      if (.not. s%semicolon) call faults%add(s%path, s%line, group_subject(list, list%group_count), &
+        '; does not separate anything, expected a blank, a comma or a new line')
+      s%semicolon = .true.
+      s%position = s%position + 1
     case (single, double)
       call read_string(s, 1, list, faults)
     case default
@@ -141,8 +148,9 @@ contains
     i = first
     do
       if (s%text(i:i) == lf) then
-        call faults%add(s%path, s%line, group_subject(list, list%group_count), &
-          'a quote is not closed on its line: '//quote//printable(s%text(first:i - 1), shown))
+        if (list%groups(list%group_count)%readable) call faults%add(s%path, s%line, &
+          group_subject(list, list%group_count), 'a quote is not closed on its line: '// &
+          quote//printable(s%text(first:i - 1), shown))
         list%groups(list%group_count)%readable = .false.
         s%position = i
         return
@@ -170,7 +178,8 @@ contains
     first = s%position
     line = s%line
     s%position = first + len(word)
-    equals = equals_ahead(s)
+    equals = .false.
+    if (is_letter(word(1:1))) equals = equals_ahead(s)
     if (equals .or. begins_assignment(s, list, word)) then
       new = assignment(first=first, last=first + len(word) - 1, line=line, equals=equals)
       new%hash = word_hash(lower(word))
@@ -240,10 +249,8 @@ contains
     type(syntax), intent(in) :: list
     character(*), intent(in) :: word
     logical :: yes
-    integer :: letter
-    letter = iachar(lower(word(1:1)))
     yes = .false.
-    if (letter < 97 .or. letter > 122) return
+    if (.not. is_letter(word(1:1))) return
     if (.not. s%open) then
       yes = .true.
       return
@@ -254,6 +261,13 @@ contains
       yes = list%assignments(list%assignment_count)%values > 0 .and. .not. s%expecting
     end select
   end function begins_assignment
+
+  !> Whether a character is an ASCII letter.
+  pure function is_letter(c) result(yes)
+    character(1), intent(in) :: c
+    logical :: yes
+    yes = lge(lower(c), 'a') .and. lle(lower(c), 'z')
+  end function is_letter
 
   !> Whether the next character that is not blank or comment is an equals sign; if so the scanner moves behind it.
   function equals_ahead(s) result(yes)
@@ -280,7 +294,7 @@ contains
     integer :: last, bracket, closing
     last = s%position + scan(s%text(s%position:), word_end) - 2
     bracket = index(s%text(s%position:last), '(')
-    if (bracket > 0 .and. index(s%text(s%position:last), ')') == 0) then
+    if (bracket > 0 .and. is_letter(s%text(s%position:s%position)) .and. index(s%text(s%position:last), ')') == 0) then
       closing = scan(s%text(last + 1:), ')'//lf//'='//single//double)
       if (s%text(last + closing:last + closing) == ')') last = last + closing
     end if
@@ -323,8 +337,8 @@ contains
     type(fault_list), intent(inout) :: faults
     integer :: last
     last = s%position + index(s%text(s%position:), lf) - 2
-    call faults%add(s%path, s%line, '', 'text between groups: '//printable(trim(s%text(s%position:last)), shown)// &
-      ', expected a group such as &body or a comment after !')
+    call faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
+      ''', expected a group such as &body or a comment after !')
     if (s%line == s%slash_line) list%groups(list%group_count)%whole = .false.   ! its slash came too early
     do while (.not. s%at_end())
       if (s%next() == '&' .and. scan(s%text(s%position - 1:s%position - 1), ' '//tab//lf//'/') > 0) exit
@@ -351,7 +365,9 @@ contains
           if (list%assignments(k)%hash /= hash) cycle
           if (list%assignments(k)%values < 1) exit
           associate (v => list%values(list%assignments(k)%first_value))
-            if (v%form == string_value) subject = subject//'/'//printable(body(v%first:v%last), shown)
+            if (v%form == string_value .and. v%last >= v%first .and. &
+              verify(lower(body(v%first:v%last)), name_characters) == 0) subject = subject//'/'// &
+              printable(body(v%first:v%last), shown)
           end associate
           exit
         end do

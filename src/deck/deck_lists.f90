@@ -3,8 +3,9 @@ module deck_lists
   use kinds, only: wp
   use text, only: to_text
   use deck_input, only: deck_source
-  use deck_get, only: get_token, real_of, in_range, range_text
+  use deck_get, only: get_token, real_of, in_range, range_text, counted
   use deck_numbers, only: read_integer
+  use deck_syntax, only: value_token
   implicit none (type, external)
   private
   public :: get_list, same_length
@@ -26,6 +27,7 @@ contains
     character(*), intent(in), optional :: kinds         !! kinds it applies to
     real(wp), allocatable :: values(:)
     real(wp) :: value
+    type(value_token) :: token
     integer :: place, k, n
     logical :: absent, good
     allocate (x(0))
@@ -35,7 +37,7 @@ contains
     allocate (values(deck%values(place)))
     n = 0
     do k = 1, deck%tokens(place)
-      associate (token => deck%token(place, k))
+      token = deck%token(place, k)
         call real_of(deck, name, token, value, good)
         if (.not. good) return
         if (.not. in_range(value, above)) then
@@ -45,7 +47,6 @@ contains
         end if
         values(n + 1:n + token%repeats) = value
         n = n + token%repeats
-      end associate
     end do
     call move_alloc(values, x)
     call deck%settle(place)
@@ -60,6 +61,7 @@ contains
     character(*), intent(in), optional :: kinds         !! kinds it applies to
     character(:), allocatable :: problem
     integer, allocatable :: values(:)
+    type(value_token) :: token
     integer :: place, k, n, value
     logical :: absent, good
     allocate (x(0))
@@ -69,7 +71,7 @@ contains
     allocate (values(deck%values(place)))
     n = 0
     do k = 1, deck%tokens(place)
-      associate (token => deck%token(place, k))
+      token = deck%token(place, k)
         call get_token(deck, name, token, 'a whole number', good)
         if (.not. good) return
         call read_integer(deck%word(token), value, problem)
@@ -79,32 +81,20 @@ contains
         end if
         values(n + 1:n + token%repeats) = value
         n = n + token%repeats
-      end associate
     end do
     call move_alloc(values, x)
     call deck%settle(place)
   end subroutine get_integers
 
-  !> Checks that two lists that belong together have equal lengths; silent where one of them was already reported.
+  !> Checks that two lists that belong together have equal lengths; silent where one of them is missing or faulty.
   subroutine same_length(deck, name, length, other, other_length)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name           !! the first list
     integer, intent(in) :: length              !! its length
     character(*), intent(in) :: other          !! the other list
     integer, intent(in) :: other_length        !! its length
-    if (.not. deck%is_given(name) .and. .not. deck%is_given(other)) return
-    if (deck%is_given(name) .and. .not. deck%is_set(name)) return
-    if (deck%is_given(other) .and. .not. deck%is_set(other)) return
-    if (length == other_length) return
-    if (.not. deck%is_given(name)) then
-      call deck%complain(other, name//' is missing, expected as many values as '//other//' has ('// &
-        to_text(other_length)//')')
-    else if (.not. deck%is_given(other)) then
-      call deck%complain(name, other//' is missing, expected as many values as '//name//' has ('// &
-        to_text(length)//')')
-    else
-      call deck%complain(other, other//' has '//to_text(other_length)//' values and '//name//' '//to_text(length)// &
-        ', expected equal numbers')
-    end if
+    if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. length == other_length) return
+    call deck%complain(other, other//' has '//counted(other_length)//' and '//name//' '//to_text(length)// &
+      ', expected equal numbers')
   end subroutine same_length
 end module deck_lists

@@ -28,7 +28,7 @@ contains
     logical :: known, frame, wants_node
     node = 0
     call get_reference(deck, 'body'//suffix, in_body, place%body, need, body_kinds)
-    call get(deck, 'node'//suffix, node, least=-1, kinds=node_kinds)
+    call get(deck, 'node'//suffix, node, kinds=node_kinds)
     call get_pair(deck, 'point'//suffix, place%point, kinds=point_kinds)
     known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
     if (.not. (known .and. deck%choice_is_known())) return
@@ -75,14 +75,14 @@ contains
     character(:), allocatable :: expected
     associate (b => d%bodies(place%body))
       expected = '1 to '//to_text(b%nodes)//' or -1 (the last)'
-      if (frame) expected = expected//' or 0 (the frame)'
+      if (frame) expected = '1 to '//to_text(b%nodes)//', -1 (the last) or 0 (the frame)'
       if (deck%is_set('point'//suffix)) then
         call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, place%body)// &
           ', which has nodes, expected node'//suffix//' '//expected)
       else if (deck%is_set('node'//suffix)) then
         place%node = node
         if (node == -1) place%node = b%nodes
-        if (node > b%nodes .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
+        if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
           '='//to_text(node)//' is out of range for '//body_text(d, place%body)//', expected '//expected)
       else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
         call deck%miss('node'//suffix, 'a node of '//body_text(d, place%body)//', '//expected)
@@ -120,15 +120,21 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     type(place_record), intent(in) :: a, b   !! the two places
-    logical :: fixed
+    character(:), allocatable :: place
     if (a%body /= b%body .or. .not. deck%is_set('body_a')) return
     if (deck%is_given('body_b') .and. .not. deck%is_set('body_b')) return
-    fixed = a%body == 0
-    if (.not. fixed) then
+    if (a%body == 0) then
+      place = 'on '//body_text(d, 0)
+    else
       if (.not. deck%body_known(a%body)) return
-      fixed = d%bodies(a%body)%kind == 'rigid' .or. (a%node == b%node .and. deck%is_clean())
+      place = 'on '//body_text(d, a%body)
+      if (d%bodies(a%body)%kind /= 'rigid') then
+        if (a%node /= b%node .or. .not. deck%is_clean()) return
+        place = 'node '//to_text(a%node)//' of '//body_text(d, a%body)
+        if (a%node == 0) place = 'the frame of '//body_text(d, a%body)
+      end if
     end if
-    if (fixed) call deck%complain('body_b', 'both places are on '//body_text(d, a%body)// &
-      ' and cannot move relative to each other, expected two bodies')
+    call deck%complain('body_b', 'both places are '//place//' and cannot move relative to each other, expected two '// &
+      'bodies')
   end subroutine forbid_rigid_pair
 end module deck_place

@@ -1,9 +1,10 @@
 !> Readers of &scene, &material and &section.
 module deck_properties
   use kinds, only: wp, pi
+  use text, only: to_text, joined
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
-  use deck_lists, only: get_list, same_length
+  use deck_lists, only: get_list
   use deck_words, only: get_name, get_choice
   use deck_records, only: scene_record, material_record, section_record
   implicit none (type, external)
@@ -47,13 +48,28 @@ contains
     real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
     real(wp), allocatable, intent(out) :: zeta(:)    !! [-]
     real(wp), allocatable, intent(out) :: omega(:)   !! [rad/s]
+    character(9), parameter :: names(3) = [character(9) :: 'ghm_alpha', 'ghm_zeta', 'ghm_omega']
     call get_list(deck, 'ghm_alpha', alpha, above=0.0_wp)
     call get_list(deck, 'ghm_zeta', zeta, above=0.0_wp)
     call get_list(deck, 'ghm_omega', omega, above=0.0_wp)
-    call same_length(deck, 'ghm_alpha', size(alpha), 'ghm_zeta', size(zeta))
-    call same_length(deck, 'ghm_alpha', size(alpha), 'ghm_omega', size(omega))
-    if (.not. deck%is_given('ghm_alpha')) call same_length(deck, 'ghm_zeta', size(zeta), 'ghm_omega', size(omega))
+    call check_complete(deck, names)
+    if (.not. (deck%is_set('ghm_alpha') .and. deck%is_set('ghm_zeta') .and. deck%is_set('ghm_omega'))) return
+    if (size(zeta) /= size(alpha) .or. size(omega) /= size(alpha)) call deck%complain('ghm_alpha', &
+      'ghm_alpha, ghm_zeta and ghm_omega have '//to_text(size(alpha))//', '//to_text(size(zeta))//' and '// &
+      to_text(size(omega))//' values, expected equal numbers')
   end subroutine read_ghm
+
+  !> Variables that belong together are given all or none.
+  subroutine check_complete(deck, names)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: names(:)   !! the variables
+    logical :: given(size(names))
+    integer :: k
+    given = [(deck%is_given(trim(names(k))), k=1, size(names))]
+    do k = 1, size(names)
+      if (any(given) .and. .not. given(k)) call deck%miss(trim(names(k)), joined(names, ', ')//' of equal length')
+    end do
+  end subroutine check_complete
 
   !> &section: area and second moment, or a shape with its sizes.
   subroutine read_section(deck, s)

@@ -3,16 +3,14 @@ module deck_words
   use text, only: lower, to_text, nearest_word, joined, printable
   use deck_input, only: deck_source, quoted, required
   use deck_get, only: get
-  use deck_kinds, only: group_names, in_body, in_force, in_drive
+  use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
   use deck_names, only: doubtful
   use deck_records, only: name_length
-  use deck_syntax, only: string_value, bare_value, null_value
+  use deck_syntax, only: value_token, string_value, bare_value, null_value
   implicit none (type, external)
   private
   public :: get_word, get_choice, get_name, get_reference, get_references, get_words, get_input, &
     valid_name
-
-  character(*), parameter :: name_characters = 'abcdefghijklmnopqrstuvwxyz0123456789_-'
 
 contains
 
@@ -63,7 +61,7 @@ contains
     character(*), intent(in), optional :: kinds           !! kinds it applies to
     character(name_length), allocatable :: values(:)
     integer :: k, place
-    call text_list(deck, name, values, place, .false., kinds)
+    call text_list(deck, name, values, place, word_list(words), .false., kinds)
     allocate (found(0))
     do k = 1, size(values)
       if (any(words == lower(values(k)))) cycle
@@ -145,7 +143,7 @@ contains
     character(name_length), allocatable :: values(:)
     integer :: k, place
     logical :: good, all_good
-    call text_list(deck, name, values, place, need, kinds)
+    call text_list(deck, name, values, place, 'the name of a &'//trim(group_names(kind)), need, kinds)
     allocate (numbers(size(values)))
     all_good = .true.
     do k = 1, size(values)
@@ -162,25 +160,27 @@ contains
   end subroutine get_references
 
   !> A list of names or words in quotes.
-  subroutine text_list(deck, name, values, place, need, kinds)
+  subroutine text_list(deck, name, values, place, expected, need, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name                                  !! variable
     character(name_length), allocatable, intent(out) :: values(:)     !! the texts, size 0 if faulty
     integer, intent(out) :: place                                     !! number of the assignment in the group
+    character(*), intent(in) :: expected                              !! what is expected if it is missing
     logical, intent(in) :: need                                       !! whether it is required
     character(*), intent(in), optional :: kinds                       !! kinds it applies to
     character(name_length), allocatable :: list(:)
+    type(value_token) :: token
     character(:), allocatable :: problem
     integer :: k, n
     logical :: absent
     allocate (values(0))
     call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, 'a name in quotes', kinds)
+    if (absent) call deck%miss(name, expected, kinds)
     if (place == 0) return
     allocate (list(deck%values(place)))
     n = 0
     do k = 1, deck%tokens(place)
-      associate (token => deck%token(place, k))
+      token = deck%token(place, k)
         problem = ''
         if (token%form == bare_value) problem = 'is not in quotes, expected '//quoted(deck%written(token))
         if (token%form == string_value) call valid_name(deck%word(token), problem)
@@ -189,7 +189,6 @@ contains
         if (len(problem) > 0 .or. (token%form /= string_value)) return
         list(n + 1:n + token%repeats) = deck%word(token)
         n = n + token%repeats
-      end associate
     end do
     call move_alloc(list, values)
     call deck%settle(place)
@@ -202,8 +201,12 @@ contains
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     character(:), allocatable :: value, best, expected
-    integer :: as_force, as_drive
-    call get(deck, name, value, required)
+    integer :: as_force, as_drive, place
+    logical :: absent
+    call deck%look_up(name, required, place=place, absent=absent)
+    if (absent) call deck%miss(name, 'the name of a &force or &drive')
+    if (place == 0) return
+    call get(deck, name, value)
     if (.not. deck%is_set(name)) return
     as_force = deck%names(in_force)%find(value)
     as_drive = deck%names(in_drive)%find(value)
@@ -266,10 +269,12 @@ contains
     call deck%complain(name, name//'='//quoted(printable(value, 40))//' is not known, '//expected)
   end subroutine wrong_word
 
-  !> Words in quotes with `or` between them.
+  !> Two words or more in quotes: 'u', 'v' or 'r'.
   pure function word_list(words) result(t)
     character(*), intent(in) :: words(:)
     character(:), allocatable :: t
-    t = ''''//joined(words, ''' or ''')//''''
+    integer :: n
+    n = size(words)
+    t = quoted(joined(words(1:n - 1), ''', '''))//' or '//quoted(trim(words(n)))
   end function word_list
 end module deck_words

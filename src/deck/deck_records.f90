@@ -1,0 +1,246 @@
+!> What a deck says, as plain records: names resolved to indices, defaults filled in, every number checked for
+!> its own range. No mechanics here. SI units, angles in radians. `ground` is body 0.
+module deck_records
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: name_length = 32   !! longest name a deck may use
+
+  !> Where a record's group starts, for messages.
+  type, public :: origin
+    character(:), allocatable :: file
+    integer :: line = 0
+  end type origin
+
+  !> &scene
+  type, public :: scene_record
+    type(origin) :: at
+    character(:), allocatable :: title
+    real(wp) :: gravity(2) = 0.0_wp          !! [m/s2]
+  end type scene_record
+
+  !> &material
+  type, public :: material_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    real(wp) :: density = 0.0_wp             !! [kg/m3]
+    real(wp) :: young = 0.0_wp               !! static modulus E_R [Pa]
+    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: elastic
+    real(wp), allocatable :: ghm_zeta(:)     !! [-]
+    real(wp), allocatable :: ghm_omega(:)    !! [rad/s], ghm_frequency_scale already applied
+    real(wp) :: rayleigh_mass = 0.0_wp       !! [1/s]
+    real(wp) :: rayleigh_stiffness = 0.0_wp  !! [s]
+  end type material_record
+
+  !> &section
+  type, public :: section_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    real(wp) :: area = 0.0_wp                !! [m2]
+    real(wp) :: inertia = 0.0_wp             !! second moment [m4]
+    real(wp) :: fibre = 0.0_wp               !! distance of the outer fibre from the axis [m], 0: section without a shape
+  end type section_record
+
+  !> &body
+  type, public :: body_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(8) :: kind = ''                !! 'rigid', 'beam', 'frame'
+    real(wp) :: position(2) = 0.0_wp         !! frame origin [m]
+    real(wp) :: angle = 0.0_wp               !! [rad]
+    real(wp) :: velocity(2) = 0.0_wp         !! [m/s]
+    real(wp) :: angular_velocity = 0.0_wp    !! [rad/s]
+    logical :: velocity_stated = .false.
+    logical :: angular_velocity_stated = .false.
+    real(wp) :: mass = 0.0_wp                !! rigid: [kg]
+    real(wp) :: inertia = 0.0_wp             !! rigid: about the mass centre [kg m2]
+    real(wp) :: com(2) = 0.0_wp              !! rigid: mass centre in body axes [m]
+    real(wp) :: length = 0.0_wp              !! beam: [m]
+    integer :: elements = 0                  !! beam and frame: number of elements
+    integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
+    real(wp), allocatable :: node_x(:)       !! frame: [m]
+    real(wp), allocatable :: node_y(:)       !! frame: [m]
+    integer, allocatable :: element_nodes(:, :)   !! frame: (2, elements)
+    integer, allocatable :: element_material(:)   !! index of the material of each element
+    integer, allocatable :: element_section(:)    !! index of the section of each element
+    logical :: flexible = .true.
+    logical :: viscoelastic = .true.
+    logical :: axial = .true.
+    logical :: stiffening = .false.
+    character(8) :: reference = 'pinned'     !! 'pinned', 'clamped', 'free', 'explicit' (reference_node/_dof given)
+    integer, allocatable :: reference_node(:)       !! node numbers, positive (-1 already resolved)
+    character(1), allocatable :: reference_dof(:)   !! 'u', 'v', 'r'
+    integer :: modes = 0                     !! 0: nodal coordinates
+  end type body_record
+
+  !> A place on a body: a node of a beam or frame, or a point of a rigid body or of the ground.
+  type, public :: place_record
+    integer :: body = 0                      !! 0: ground
+    integer :: node = 0                      !! positive (-1 already resolved); 0: a point, or the body's frame itself
+    real(wp) :: point(2) = 0.0_wp            !! in body axes [m]; 0 where a node is named
+  end type place_record
+
+  !> &lump
+  type, public :: lump_record
+    type(origin) :: at
+    type(place_record) :: place
+    real(wp) :: mass = 0.0_wp                !! [kg]
+    real(wp) :: inertia = 0.0_wp             !! [kg m2]
+  end type lump_record
+
+  !> &joint
+  type, public :: joint_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(10) :: type = ''               !! 'revolute', 'weld', 'slider', 'prismatic', 'distance'
+    type(place_record) :: a, b
+    real(wp) :: direction = 0.0_wp           !! slider, prismatic [rad]
+    logical :: has_length = .false.          !! distance: false: as assembled
+    real(wp) :: length = 0.0_wp              !! distance [m]
+  end type joint_record
+
+  !> &drive
+  type, public :: drive_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(10) :: type = ''               !! 'rotation', 'position'
+    type(place_record) :: a, b               !! rotation: node 0 is the body's frame
+    real(wp) :: direction = 0.0_wp           !! position [rad], from the section of place b like a slider's
+    integer :: history = 0                   !! index, always given
+    logical :: rate = .false.
+  end type drive_record
+
+  !> &history
+  type, public :: history_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(10) :: kind = ''               !! 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse'
+    real(wp), allocatable :: coefficients(:) !! polynomial: c0, c1, ... [unit/s^k]
+    real(wp) :: offset = 0.0_wp              !! sine
+    real(wp) :: amplitude = 0.0_wp           !! sine
+    real(wp) :: frequency = 0.0_wp           !! sine [Hz]
+    real(wp) :: phase = 0.0_wp               !! sine [rad]
+    real(wp) :: start_value = 0.0_wp         !! ramp, cycloid
+    real(wp) :: end_value = 0.0_wp           !! ramp, cycloid
+    real(wp) :: start = 0.0_wp               !! ramp, cycloid, pulse [s]
+    real(wp) :: finish = 0.0_wp              !! ramp, cycloid, pulse [s], later than start
+    real(wp), allocatable :: time(:)         !! table [s], strictly increasing
+    real(wp), allocatable :: values(:)       !! table
+    real(wp) :: value = 0.0_wp               !! pulse
+  end type history_record
+
+  !> &force
+  type, public :: force_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(12) :: type = ''               !! 'force', 'torque', 'torque_about'
+    type(place_record) :: place              !! torque with node 0: on the body's frame
+    real(wp) :: fx = 0.0_wp                  !! [N]
+    real(wp) :: fy = 0.0_wp                  !! [N]
+    character(8) :: axes = 'global'          !! 'global', 'body', 'section'
+    real(wp) :: moment = 0.0_wp              !! [N m]
+    real(wp) :: centre(2) = 0.0_wp           !! torque_about: global [m]
+    integer :: history = 0                   !! index; 0: the factor 1
+    character(10) :: stage = 'all'           !! 'all', 'static', 'transient'
+  end type force_record
+
+  !> &spring
+  type, public :: spring_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(10) :: type = ''               !! 'linear', 'torsional'
+    type(place_record) :: a, b               !! torsional: node 0 is the body's frame
+    real(wp) :: stiffness = 0.0_wp           !! [N/m] or [N m/rad]
+    real(wp) :: damping = 0.0_wp             !! [N s/m] or [N m s/rad]
+    logical :: has_free = .false.            !! false: free length or angle as assembled
+    real(wp) :: free = 0.0_wp                !! free_length [m] or free_angle [rad]
+    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: elastic
+    real(wp), allocatable :: ghm_zeta(:)     !! [-]
+    real(wp), allocatable :: ghm_omega(:)    !! [rad/s]
+  end type spring_record
+
+  !> &sensor
+  type, public :: sensor_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+    character(20) :: quantity = ''           !! a word of deck.md: 'position', ..., 'spring'
+    type(place_record) :: place              !! body and place, where the quantity has one (frame angles: node 0)
+    integer :: joint = 0                     !! reaction: index of the joint, or
+    integer :: drive = 0                     !! reaction: index of the drive
+    integer :: spring = 0                    !! spring: index
+    integer :: element = 0                   !! internal: element number of place%body
+    integer :: index = 0                     !! coordinate: number of the elastic coordinate of place%body, >= 1 (upper
+                                             !! bound is checked where the body's coordinates are known)
+  end type sensor_record
+
+  !> &static
+  type, public :: static_record
+    type(origin) :: at
+    logical :: present = .false.
+    integer :: load_steps = 10
+    real(wp) :: tolerance = 1.0e-10_wp       !! [-]
+  end type static_record
+
+  !> &modal
+  type, public :: modal_record
+    type(origin) :: at
+    logical :: present = .false.
+    integer :: modes = 10
+  end type modal_record
+
+  !> &frequency_response
+  type, public :: response_record
+    type(origin) :: at
+    logical :: present = .false.
+    real(wp) :: from = 0.0_wp                !! [Hz]
+    real(wp) :: to = 0.0_wp                  !! [Hz]
+    integer :: points = 0
+    character(8) :: spacing = 'log'          !! 'log', 'linear'
+    integer :: force = 0                     !! index of the input force, or
+    integer :: drive = 0                     !! index of the input drive
+  end type response_record
+
+  !> &transient
+  type, public :: transient_record
+    type(origin) :: at
+    logical :: present = .false.
+    real(wp) :: t_end = 0.0_wp               !! [s]
+    character(20) :: method = ''             !! 'rk4', 'dopri5', 'generalized_alpha'
+    logical :: adaptive = .false.            !! tolerance given rather than step
+    real(wp) :: step = 0.0_wp                !! fixed step as written [s]
+    real(wp) :: tolerance = 0.0_wp           !! adaptive [-]
+    real(wp) :: first_step = 0.0_wp          !! adaptive [s], 0: chosen by the method
+    real(wp) :: max_step = 0.0_wp            !! adaptive [s], 0: none
+    real(wp) :: output_step = 0.0_wp         !! [s], default already filled in
+    character(12) :: stabilization = 'projection'   !! 'projection', 'baumgarte', 'none'
+    real(wp) :: baumgarte_alpha = 0.0_wp     !! [1/s], default already filled in
+    real(wp) :: baumgarte_beta = 0.0_wp      !! [1/s], default already filled in
+    real(wp) :: spectral_radius = 0.9_wp     !! [-]
+    logical :: accept_unstable = .false.
+    real(wp) :: checkpoint_interval = 0.0_wp !! [s of simulated time]
+    real(wp) :: motion_step = 0.0_wp         !! [s]
+  end type transient_record
+
+  !> A whole deck.
+  type, public :: deck
+    character(:), allocatable :: path        !! as the user named it
+    character(:), allocatable :: name        !! file name without folder and `.nml`
+    character(:), allocatable :: text        !! the deck's text and that of its included files, for the summary
+    type(scene_record) :: scene
+    type(material_record), allocatable :: materials(:)
+    type(section_record), allocatable :: sections(:)
+    type(body_record), allocatable :: bodies(:)
+    type(lump_record), allocatable :: lumps(:)
+    type(joint_record), allocatable :: joints(:)
+    type(drive_record), allocatable :: drives(:)
+    type(history_record), allocatable :: histories(:)
+    type(force_record), allocatable :: forces(:)
+    type(spring_record), allocatable :: springs(:)
+    type(sensor_record), allocatable :: sensors(:)
+    type(static_record) :: static
+    type(modal_record) :: modal
+    type(response_record) :: response
+    type(transient_record) :: transient
+  end type deck
+end module deck_records
