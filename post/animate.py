@@ -17,8 +17,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from histories import HistoryError, read
-from matplotlib.animation import FuncAnimation, PillowWriter
 from mechanism import Mechanism, add_deck, from_motion
+from PIL import Image
 from plot import COLOURS, LOOK
 
 DARK = "#333333"
@@ -47,6 +47,8 @@ class Picture:
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
+        lines = [*self.rails, *self.links, *self.springs, *self.bodies, *self.nodes, self.blocks, self.pins]
+        self.moving = [*sorted(lines, key=lambda line: line.zorder), self.stamp]
 
     def show(self, row: int) -> None:
         """Move everything to one row of the motion."""
@@ -79,16 +81,26 @@ def _height(scene: Mechanism, width: float) -> float:
     return float(np.clip(width * size[1] / size[0], 0.3 * width, 1.5 * width))
 
 
-def animation(scene: Mechanism, frames: int, seconds: float) -> FuncAnimation:
-    """Return an animation of at most that many frames that lasts that long [s]."""
+def film(scene: Mechanism, frames: int) -> list[Image.Image]:
+    """Return at most that many frames, evenly spread over time; what does not move is drawn once."""
     rows = np.unique(np.linspace(0, len(scene.time) - 1, min(frames, len(scene.time))).round().astype(int))
-    with plt.rc_context(LOOK | {"axes.grid": False}):
+    with plt.rc_context(LOOK | {"axes.grid": False, "figure.dpi": 80}):
         figure, axis = plt.subplots(figsize=(6.4, max(2.0, _height(scene, 6.4))), layout="constrained")
         axis.set(xlabel="x [m]", ylabel="y [m]")
         picture = Picture(axis, scene)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
-    return FuncAnimation(figure, picture.show, frames=list(rows), interval=1000.0 * seconds / len(rows), init_func=lambda: None)
+        for artist in picture.moving:
+            artist.set_animated(True)
+        canvas = figure.canvas
+        canvas.draw()
+        still = canvas.copy_from_bbox(figure.bbox)
+        images = []
+        for row in rows:
+            canvas.restore_region(still)
+            picture.show(row)
+            for artist in picture.moving:
+                axis.draw_artist(artist)
+            images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB").quantize(64))
+    return images
 
 
 def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
@@ -119,7 +131,8 @@ def write(scene: Mechanism, stem: Path, frames: int = 100, seconds: float = 5.0,
     paths = [stem.with_name(stem.name + ".gif"), stem.with_name(stem.name + ".png")]
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
-        animation(scene, frames, seconds).save(paths[0], writer=PillowWriter(fps=max(1, round(frames / seconds))), dpi=80)
+        images = film(scene, frames)
+        images[0].save(paths[0], save_all=True, append_images=images[1:], duration=round(1000.0 * seconds / len(images)), loop=0)
         sheet(scene, pictures, title).savefig(paths[1], dpi=110)
     except OSError as fault:
         raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None

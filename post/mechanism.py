@@ -134,7 +134,7 @@ def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
     for name in (column[: -len(".angle")] for column in motion.names if column.endswith(".angle")):
         frame = np.column_stack([motion[f"{name}.{part}"] for part in ("x", "y", "angle")])
         ids = [m["node"] for m in map(NODE.fullmatch, motion.names) if m and m["body"] == name]
-        nodes = np.array([[motion[f"{name}.{k}.x"], motion[f"{name}.{k}.y"]] for k in ids]).reshape(len(ids), 2, -1)
+        nodes = np.array([[motion[f"{name}.{k}.x"], motion[f"{name}.{k}.y"]] for k in ids]).reshape(len(ids), 2, len(frame))
         gap = nodes.transpose(2, 0, 1) - frame[:, None, :2] if ids else np.zeros((len(frame), 0, 2))
         c, s = np.cos(frame[:, 2])[:, None], np.sin(frame[:, 2])[:, None]
         local = np.stack([c * gap[..., 0] + s * gap[..., 1], c * gap[..., 1] - s * gap[..., 0]], axis=-1)

@@ -40,8 +40,8 @@ LOOK = {
 
 
 def pretty_unit(unit: str) -> str:
-    """Return a unit as text shows it: rad/s^2 and rad/s2 as rad/s², N*m as N·m."""
-    for plain, nice in (("^2", "²"), ("s2", "s²"), ("^3", "³"), ("^4", "⁴"), ("*", "·")):
+    """Return a unit as text shows it: rad/s2 as rad/s², Nm as N m."""
+    for plain, nice in (("^2", "²"), ("s2", "s²"), ("Nm", "N m"), ("*", " ")):
         unit = unit.replace(plain, nice)
     return unit
 

@@ -1,0 +1,109 @@
+"""Fixtures of all tests: the solver, a runner of decks, and the folders of the project.
+
+The environment variables BIELA and PROBE name the programs under test (bin/biela and bin/probe): `make test` and
+`make test-debug` set them. A helper that a test module needs besides the fixtures is imported: `from conftest import Run`.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from histories import History, read
+
+ROOT = Path(__file__).resolve().parent.parent
+REFERENCE = ROOT / "tests" / "reference"
+TIMEOUT = 300.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one call of the solver left behind.
+
+    Attributes:
+        folder: the results folder that the deck's name (or --output) gives; it need not exist
+        status: exit status
+        stdout: what was printed
+        stderr: warnings and errors
+    """
+
+    folder: Path
+    status: int
+    stdout: str
+    stderr: str
+
+    @property
+    def history(self) -> History:
+        """The sensors."""
+        return read(self.folder, "history")
+
+    @property
+    def energy(self) -> History:
+        """Energies, their residual, and the violations."""
+        return read(self.folder, "energy")
+
+    @property
+    def motion(self) -> History:
+        """Body frames and nodes."""
+        return read(self.folder, "motion")
+
+    @property
+    def summary(self) -> str:
+        """The text of summary.txt."""
+        return (self.folder / "summary.txt").read_text(encoding="utf-8")
+
+
+def program(variable: str, default: str) -> Path:
+    """Return the path of a program under test; the test run ends where it has not been built."""
+    path = (ROOT / os.environ.get(variable, default)).resolve()
+    if not os.access(path, os.X_OK):
+        pytest.exit(f"{path} is missing: `make test` builds it", returncode=3)
+    return path
+
+
+@pytest.fixture(scope="session")
+def biela() -> Path:
+    """Return the path of the solver."""
+    return program("BIELA", "bin/biela")
+
+
+@pytest.fixture(scope="session")
+def probe() -> Path:
+    """Return the path of the program that shows the solver's inside."""
+    return program("PROBE", "bin/probe")
+
+
+@pytest.fixture
+def run_deck(biela: Path, tmp_path: Path):
+    """Return a function that runs the solver on a deck, in a folder of the test's own.
+
+    run_deck(deck, *options, expect=0, name='scene', environment=None) takes a deck's path or its text (which is written to
+    NAME.nml), asserts the exit status (expect=None: any), and returns a `Run`.
+    """
+
+    def run(deck: Path | str, *options: str, expect: int | None = 0, name: str = "scene", environment: dict | None = None) -> Run:
+        path = deck
+        if isinstance(deck, str):
+            path = tmp_path / f"{name}.nml"
+            path.write_text(deck, encoding="utf-8")
+        done = subprocess.run(
+            [str(biela), *options, str(path)],
+            cwd=tmp_path,
+            env={**os.environ, **(environment or {})},
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=False,
+        )
+        if expect is not None:
+            told = f"{path} ended with status {done.returncode}, not {expect}\n{done.stdout}{done.stderr}"
+            assert done.returncode == expect, told
+        folder = tmp_path / "results" / path.stem
+        if "--output" in options:
+            folder = tmp_path / options[options.index("--output") + 1]
+        return Run(folder, done.returncode, done.stdout, done.stderr)
+
+    return run

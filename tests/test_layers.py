@@ -1,0 +1,82 @@
+"""The folders of src depend only downward; the `use` lines say whether they do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+# What each folder may use, besides itself. The deck and the model do not see each other; integrators know no mechanics.
+MAY_USE = {
+    "base": set(),
+    "deck": {"base"},
+    "model": {"base"},
+    "build": {"base", "deck", "model"},
+    "system": {"base", "deck", "model", "build"},
+    "integrate": {"base"},
+    "output": {"base", "deck", "model", "build", "system", "integrate"},
+    "analysis": {"base", "deck", "model", "build", "system", "integrate", "output"},
+    ".": {"base", "deck", "model", "build", "system", "integrate", "output", "analysis"},
+}
+MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
+USE = re.compile(r"^\s*use\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)
+
+
+def sources(src: Path) -> dict[Path, str]:
+    """Return the text of every source file."""
+    return {path: path.read_text(encoding="utf-8") for path in sorted(src.rglob("*.f90"))}
+
+
+def faults(src: Path) -> list[str]:
+    """Return one line for each `use` that the order of the folders does not allow, and for each unknown folder or module."""
+    texts = sources(src)
+    home = {name.lower(): path for path, text in texts.items() for name in MODULE.findall(text)}
+    found = []
+    for path, text in texts.items():
+        folder = path.relative_to(src).parent.as_posix()
+        if folder not in MAY_USE:
+            found.append(f"{path.name}: folder {folder} has no place in the order")
+            continue
+        for intrinsic, name in USE.findall(text):
+            if intrinsic:
+                continue
+            if name.lower() not in home:
+                found.append(f"{path.name} uses {name}, which no file defines")
+                continue
+            below = home[name.lower()].relative_to(src).parent.as_posix()
+            if below != folder and below not in MAY_USE[folder]:
+                found.append(f"{path.name} ({folder}) uses {name} ({below})")
+    return found
+
+
+def test_use_lines_point_downward():
+    assert sources(ROOT / "src"), "no sources found"
+    assert faults(ROOT / "src") == []
+
+
+def test_each_module_is_named_as_its_file():
+    for path, text in sources(ROOT / "src").items():
+        names = [name.lower() for name in MODULE.findall(text)]
+        assert names in ([path.stem], [] if path.name == "main.f90" else None), f"{path} defines {names}"
+
+
+@pytest.mark.parametrize(
+    ("folder", "line", "told"),
+    [
+        ("base", "use joint, only: pin", "x.f90 (base) uses joint (model)"),
+        ("deck", "  use :: joint", "x.f90 (deck) uses joint (model)"),
+        ("model", "use nowhere, only: y", "x.f90 uses nowhere, which no file defines"),
+        ("integrate", "use joint", "x.f90 (integrate) uses joint (model)"),
+        ("other", "use joint", "x.f90: folder other has no place in the order"),
+        ("build", "use joint", None),
+        ("build", "use, intrinsic :: iso_fortran_env, only: int64", None),
+    ],
+)
+def test_an_upward_use_is_found(tmp_path, folder, line, told):
+    (tmp_path / "model").mkdir()
+    (tmp_path / "model" / "joint.f90").write_text("module joint\nend module joint\n")
+    (tmp_path / folder).mkdir(exist_ok=True)
+    (tmp_path / folder / "x.f90").write_text(f"module x\n{line}\nend module x\n")
+    assert faults(tmp_path) == ([told] if told else [])

@@ -1,0 +1,195 @@
+"""The pictures: files that are there and not blank, panels and places that are the right ones, faults in one line."""
+
+from __future__ import annotations
+
+import animate
+import mechanism
+import numpy as np
+import plot
+import pytest
+from histories import HistoryError, read
+from PIL import Image
+
+TIME = np.linspace(0.0, 0.01, 21)
+DECK = """
+&include file='part.nml' /
+&body name='Rod' kind='beam' length=2.0 elements=2 material='m' section='s' position=1.0,0.0 /
+&body name='plate' kind='rigid' mass=1.0 inertia=1.0 /
+&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=1.0 /
+&joint name='guide' type='slider' body_a='rod' node_a=-1 direction=0.0 /
+&joint name='pin' type='revolute' body_a='plate' point_a=0.5,0.0 body_b='rod' node_b=2 /
+&spring name='coil' type='linear' body_a='plate' point_a=0.0,0.5 point_b=0.0,3.0 stiffness=1.0 /
+"""
+
+
+def written(path, columns, rows):
+    path.write_text("# columns: " + " ".join(columns) + "\n" + "\n".join(" ".join(f"{v:.17g}" for v in row) for row in rows) + "\n")
+    return path
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Return the folders of two runs: an angle and its rate, a small length beside a large one."""
+    columns = ["t[s]", "q.q[rad]", "q.qd[rad/s]", "large[m]", "near[m]", "small[m]"]
+    for name, damping in (("elastic", 0.0), ("viscoelastic", 300.0)):
+        wave = np.exp(-damping * TIME) * np.sin(2000.0 * TIME)
+        folder = tmp_path / "results" / name
+        folder.mkdir(parents=True)
+        written(folder / "history.txt", columns, np.column_stack([TIME, wave, 2000.0 * wave, TIME, 0.5 * TIME, 1.0e-3 * TIME]))
+    return [tmp_path / "results" / name for name in ("elastic", "viscoelastic")]
+
+
+@pytest.fixture
+def motion(tmp_path):
+    """Return a motion file (a beam that bends while it turns, a plate beside it) and its deck, split over two files."""
+    names = ["t[s]", *(f"Rod.{c}" for c in ("x[m]", "y[m]", "angle[rad]")), *(f"Rod.{k}.{c}[m]" for k in (1, 2, 3) for c in "xy")]
+    names += [f"plate.{c}" for c in ("x[m]", "y[m]", "angle[rad]")]
+    rows = []
+    for t in TIME:
+        angle = 50.0 * t
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        nodes = [1.0, 0.0] + np.array([[0.0, 0.0], [1.0, 5.0 * t], [2.0, 0.0]]) @ turn.T
+        rows.append([t, 1.0, 0.0, angle, *nodes.ravel(), 0.0, 2.0, 0.0])
+    (tmp_path / "part.nml").write_text("&lump body='plate' point=-0.5,-0.5 mass=1.0 / ! in a file of its own\n")
+    (tmp_path / "deck.nml").write_text(DECK)
+    return written(tmp_path / "motion.txt", names, rows), tmp_path / "deck.nml"
+
+
+def colours_in(path):
+    """Return how many pixels of a picture are clearly blue, and clearly red."""
+    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return int(((blue > red + 80) & (blue > green + 80)).sum()), int(((red > blue + 80) & (red > green + 80)).sum())
+
+
+def test_two_runs_lie_over_each_other_blue_and_red(runs, tmp_path):
+    assert plot.main([*map(str, runs), "--columns", "q.*", "--output", str(tmp_path / "out" / "both")]) == 0
+    blue, red = colours_in(tmp_path / "out" / "both.png")
+    assert blue > 500
+    assert red > 500
+    assert (tmp_path / "out" / "both.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_axes_say_what_they_show(runs):
+    histories = [read(run) for run in runs]
+    figure = plot.draw(histories, ["undamped", "damped"], ["q.q", "q.qd", "large", "near", "small"])
+    assert [axis.get_ylabel() for axis in figure.axes] == ["q.q [rad]", "q.qd [rad/s]", "[m]", "small [m]"]
+    assert figure.axes[-1].get_xlabel() == "t [s]"
+    words = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
+    assert words == ["undamped: large", "undamped: near", "damped: large", "damped: near"]
+    np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), histories[1]["q.q"])
+    plot.plt.close(figure)
+
+
+def test_a_column_against_another(runs):
+    history = read(runs[0])
+    figure = plot.draw([history], ["run"], ["q.qd"], against="q.q")
+    np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), history["q.q"])
+    assert figure.axes[0].get_xlabel() == "q.q [rad]"
+    plot.plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--columns", "nothing"], "no column matches 'nothing'"),
+        (["--against", "nothing"], "no column 'nothing'"),
+        (["--labels", "a", "b"], "2 labels for 1 runs: one each expected"),
+        (["--file", "energy"], "energy.txt: no such file"),
+        (["--output", "/dev/null/stem"], "/dev/null/stem: cannot be written"),
+    ],
+)
+def test_plot_refuses_in_one_line(runs, capsys, options, told):
+    assert plot.main([str(runs[0]), *options]) == 2
+    message = capsys.readouterr().err
+    assert told in message
+    assert message.startswith("plot: ")
+    assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize(("unit", "shown"), [("rad/s2", "rad/s²"), ("Nm", "N m"), ("m/s", "m/s"), ("m^2", "m²"), ("", "")])
+def test_units_as_text_shows_them(unit, shown):
+    assert plot.pretty_unit(unit) == shown
+
+
+def test_places_of_the_mechanism(motion):
+    path, deck = motion
+    scene = mechanism.from_motion(read(path))
+    mechanism.add_deck(scene, deck)
+    assert list(scene.bodies) == ["rod", "plate"]
+    (a, b) = scene.links[0]
+    np.testing.assert_allclose([scene.at(a, 9), scene.at(b, 9)], [[1.0, 0.0], [0.0, 0.0]], atol=1.0e-15)
+    end, base, direction = scene.sliders[0]
+    np.testing.assert_allclose(scene.at(end, 20), [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
+    assert (base.body, direction) == (None, 0.0)
+    np.testing.assert_allclose([scene.at(place, 0) for place in scene.springs[0]], [[0.0, 2.5], [0.0, 3.0]])
+    corners = set(map(tuple, scene.outline(scene.bodies["plate"], 0).round(12)))
+    assert corners == {(-0.5, 1.5), (0.5, 2.0), (0.0, 2.5)}
+
+
+@pytest.mark.parametrize("factor", [1.0, 10.0])
+def test_deflections_are_exaggerated_in_the_bodys_axes(motion, factor):
+    scene = mechanism.from_motion(read(motion[0]), factor)
+    rod = scene.bodies["rod"]
+    np.testing.assert_allclose(scene.nodes(rod, 20), [[0.0, 0.0], [1.0, factor * 0.05], [2.0, 0.0]], atol=1.0e-14)
+    line = scene.outline(rod, 20)
+    gaps = np.linalg.norm(line[:, None] - rod.to_global(20, scene.nodes(rod, 20))[None], axis=-1)
+    np.testing.assert_allclose(gaps.min(axis=0), 0.0, atol=1.0e-14)
+
+
+def test_separate_elements_of_a_frame_are_drawn_apart(motion):
+    scene = mechanism.from_motion(read(motion[0]))
+    rod = scene.bodies["rod"]
+    rod.elements = [(0, 1), (1, 2)]
+    assert np.isnan(scene.outline(rod, 0)[[2, 5]]).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "outline"),
+    [
+        ([[0, 0]], [[0, 0]]),
+        ([[1, 1], [0, 0], [2, 2]], [[0, 0], [2, 2], [0, 0]]),
+        ([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0, 0]], [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]),
+    ],
+)
+def test_the_outline_of_points(points, outline):
+    found = mechanism.hull(np.array(points, dtype=float))
+    forward, back = found.tolist(), found[::-1].tolist()
+    assert np.array(outline, dtype=float).tolist() in (forward, back)
+
+
+def test_animation_and_sheet(motion, tmp_path):
+    path, deck = motion
+    stem = tmp_path / "film"
+    assert animate.main([str(path), "--deck", str(deck), "--frames", "5", "--pictures", "4", "--output", str(stem)]) == 0
+    with Image.open(stem.with_suffix(".gif")) as film:
+        assert film.n_frames == 5
+        first = np.asarray(film.convert("RGB")).astype(int)
+        film.seek(4)
+        assert np.abs(np.asarray(film.convert("RGB")).astype(int) - first).max() > 100
+    blue, red = colours_in(stem.with_suffix(".png"))
+    assert blue > 200
+    assert red > 20
+
+
+def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
+    path, _ = motion
+    (tmp_path / "bad.nml").write_text("&body name='other' /\n")
+    (tmp_path / "loop.nml").write_text("&include file='loop.nml' /\n")
+    cases = [
+        ([str(runs[0] / "history.txt")], "has no body frames"),
+        ([str(path), "--deck", str(tmp_path / "none.nml")], "cannot be read"),
+        ([str(path), "--deck", str(tmp_path / "bad.nml")], "its body 'other' is not in the motion file"),
+        ([str(path), "--deck", str(tmp_path / "loop.nml")], "include each other without end"),
+        ([str(path), "--frames", "1"], "at least 2 frames"),
+    ]
+    for words, told in cases:
+        assert animate.main(words) == 2
+        message = capsys.readouterr().err
+        assert told in message
+        assert message.count("\n") == 1
+
+
+def test_a_motion_without_bodies_is_refused(runs):
+    with pytest.raises(HistoryError, match=r"is it a motion\.txt"):
+        mechanism.from_motion(read(runs[0]))
