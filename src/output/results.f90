@@ -82,17 +82,17 @@ contains
   function motion_names(m) result(text)
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
+    character(:), allocatable :: name
     character(12) :: number
     integer :: b, k
     text = 't[s]'
     do b = 1, size(m%s%bodies)
-      associate (name => trim(m%s%bodies(b)%name))
-        text = text//' '//name//'.x[m] '//name//'.y[m] '//name//'.angle[rad]'
-        do k = 1, m%s%bodies(b)%nn
-          write (number, '(i0)') k
-          text = text//' '//name//'.'//trim(number)//'.x[m] '//name//'.'//trim(number)//'.y[m]'
-        end do
-      end associate
+      name = trim(m%s%bodies(b)%name)
+      text = text//' '//name//'.x[m] '//name//'.y[m] '//name//'.angle[rad]'
+      do k = 1, m%s%bodies(b)%nn
+        write (number, '(i0)') k
+        text = text//' '//name//'.'//trim(number)//'.x[m] '//name//'.'//trim(number)//'.y[m]'
+      end do
     end do
   end function motion_names
 
