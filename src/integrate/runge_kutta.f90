@@ -10,7 +10,7 @@ module runge_kutta
   type :: tableau
     integer :: stages = 0
     integer :: order = 0
-    real(wp), allocatable :: a(:, :)          !! (stages, stages), strictly lower [-]
+    real(wp), allocatable :: a(:, :)          !! (stages, stages): column i holds the weights of stage i, a(j, i) for j < i [-]
     real(wp), allocatable :: b(:)             !! (stages) weights [-]
     real(wp), allocatable :: c(:)             !! (stages) nodes [-]
   end type tableau
@@ -33,9 +33,9 @@ contains
     m%stages = 4
     m%order = 4
     allocate (m%a(4, 4), source=0.0_wp)
-    m%a(2, 1) = 0.5_wp
-    m%a(3, 2) = 0.5_wp
-    m%a(4, 3) = 1.0_wp
+    m%a(1, 2) = 0.5_wp
+    m%a(2, 3) = 0.5_wp
+    m%a(3, 4) = 1.0_wp
     m%b = [1.0_wp, 2.0_wp, 2.0_wp, 1.0_wp]/6.0_wp
     m%c = [0.0_wp, 0.5_wp, 0.5_wp, 1.0_wp]
   end function classical_rk4
@@ -58,7 +58,7 @@ contains
     real(wp), intent(inout) :: y(:)           !! (n)
     integer :: i
     do i = 2, self%method%stages
-      call combine(size(y), i - 1, self%method%stages, self%method%a(i, :), h, y, self%k, self%y)
+      call combine(size(y), i - 1, self%method%stages, self%method%a(:, i), h, y, self%k, self%y)
       call system%derivative(t + self%method%c(i)*h, self%y, self%method%c(i) >= 1.0_wp, self%k(:, i))
     end do
     call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
