@@ -113,8 +113,8 @@ contains
       do j = 1, len(b)
         row(j, 0) = min(row(j, 1) + 1, row(j - 1, 0) + 1, row(j - 1, 1) + merge(0, 1, a(i:i) == b(j:j)))
         if (i < 2 .or. j < 2) cycle
-        if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
-          row(j, 0) = min(row(j, 0), row(max(j - 2, 0), 2) + 1)
+        if (a(i:i) /= b(j - 1:j - 1) .or. a(i - 1:i - 1) /= b(j:j)) cycle
+        row(j, 0) = min(row(j, 0), row(max(j - 2, 0), 2) + 1)
       end do
     end do
     distance = row(len(b), 0)
@@ -146,7 +146,7 @@ contains
     end do
   end function nearest_word
 
-  !> A number in 0..2147483628 that equal words share, blanks at the end not counted.
+  !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
   pure function word_hash(word) result(hash)
     character(*), intent(in) :: word   !! lower case word
     integer :: hash
@@ -155,7 +155,7 @@ contains
     integer :: i
     h = 5381_long
     do i = 1, len_trim(word)
-      h = modulo(33_long*h + iachar(word(i:i)), 2147483629_long)
+      h = iand(33_long*h + iachar(word(i:i)), 2147483647_long)
     end do
     hash = int(h)
   end function word_hash

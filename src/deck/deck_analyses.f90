@@ -155,10 +155,11 @@ contains
     real(wp), intent(inout) :: value             !! [1/s]
     logical, intent(in) :: baumgarte             !! whether the terms are used
     type(transient_record), intent(in) :: t
+    logical :: known
     if (.not. baumgarte) then
-      if (deck%is_set(name) .and. .not. (deck%is_given('stabilization') .and. .not. deck%is_set('stabilization'))) &
-        call deck%complain(name, name//' does not apply to stabilization='//quoted(trim(t%stabilization))// &
-        ', it applies to stabilization=''baumgarte''')
+      known = deck%is_set('stabilization') .or. .not. deck%is_given('stabilization')
+      if (deck%is_set(name) .and. known) call deck%complain(name, name//' does not apply to stabilization='// &
+        quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
     else if (.not. deck%is_given(name)) then
       if (t%adaptive) call deck%miss(name, name//' >= 0 (adaptive steps have no default)')
       if (.not. t%adaptive .and. t%step > 0.0_wp) value = 0.1_wp/actual_step(t)

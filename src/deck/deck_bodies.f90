@@ -5,7 +5,7 @@ module deck_bodies
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair, counted
   use deck_lists, only: get_list
-  use deck_words, only: get_name, get_choice, get_word, get_words, get_references
+  use deck_words, only: get_name, get_choice, get_word, get_letters, get_references
   use deck_kinds, only: in_material, in_section
   use deck_geometry, only: check_frame, check_reference
   use deck_records, only: body_record
@@ -161,7 +161,7 @@ contains
     type(body_record), intent(inout) :: b
     call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
     call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
-    call get_words(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
+    call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
     if (deck%is_set('reference') .and. b%reference == 'free' .and. b%modes == 0 .and. &
       (deck%is_set('modes') .or. .not. deck%is_given('modes'))) call deck%complain('reference', 'reference=''free'' '// &
       'with nodal coordinates (modes=0): nothing would fix the body''s frame, expected modes > 0')

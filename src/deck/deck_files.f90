@@ -1,9 +1,9 @@
 !> The files of a deck: reads them, splits them into groups, follows &include, and keeps the groups in reading order.
 module deck_files
-  use text, only: read_file, to_text, lower
+  use text, only: read_file
   use deck_input, only: deck_source, quoted, required
   use deck_get, only: get
-  use deck_kinds, only: group_kinds, group_number, in_include
+  use deck_kinds, only: group_number, in_include
   use deck_lexer, only: split_groups
   use deck_paths, only: beside
   implicit none (type, external)

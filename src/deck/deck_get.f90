@@ -5,7 +5,7 @@ module deck_get
   use text, only: to_text
   use deck_input, only: deck_source, quoted
   use deck_numbers, only: read_real, read_integer, read_logical
-  use deck_syntax, only: value_token, bare_value, string_value, null_value, bad_value
+  use deck_syntax, only: value_token, bare_value, string_value, null_value
   implicit none (type, external)
   private
   public :: get, get_pair, get_token, real_of, range_text, in_range, counted

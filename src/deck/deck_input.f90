@@ -3,12 +3,10 @@
 !> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
   use text, only: lower, to_text, word_hash, nearest_word, printable, joined
-  use errors, only: fault_list
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
-  use deck_records, only: origin
-  use deck_syntax, only: syntax, value_token, bare_value, string_value, null_value, bad_value
-  use deck_lexer, only: group_subject
+  use deck_cursor, only: group_cursor, quoted
+  use deck_syntax, only: bad_value
   implicit none (type, external)
   private
   public :: quoted
@@ -31,18 +29,12 @@ module deck_input
     character(:), allocatable :: expected
   end type gap
 
-  !> A deck, its faults so far, its tables of names, and the group that is open.
-  type, public :: deck_source
-    type(syntax) :: parts
-    type(fault_list) :: faults
+  !> A deck with its tables of names; of the open group: which variables were asked for and what became of them.
+  type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
-    integer, private :: current = 0            ! the open group
     integer, private :: faults_before = 0      ! faults when it was opened
-    integer, private :: line = 0               ! its line
-    integer, private :: head = 0               ! number of assignments before its first
     type(mark), allocatable, private :: marks(:)
-    integer, private :: count = 0              ! its assignments
     character(longest), allocatable, private :: known(:)
     logical, allocatable, private :: known_here(:)
     integer, private :: known_count = 0
@@ -54,9 +46,6 @@ module deck_input
   contains
     procedure :: open => open_group
     procedure :: close => close_group
-    procedure :: at => group_origin
-    procedure :: group_word
-    procedure :: place_of
     procedure :: look_up
     procedure :: settle
     procedure :: unsettle
@@ -67,14 +56,8 @@ module deck_input
     procedure :: is_given
     procedure :: is_set
     procedure :: is_clean
-    procedure :: peek
     procedure :: complain
     procedure :: miss
-    procedure :: word
-    procedure :: token
-    procedure :: tokens
-    procedure :: values
-    procedure :: written
   end type deck_source
 
 contains
@@ -130,24 +113,24 @@ contains
     character(:), allocatable :: name
     integer :: near, i
     associate (a => self%parts%assignments(self%head + k), known => self%known(1:self%known_count))
-      name = lower(raw(self, a%first, a%last))
+      name = lower(self%raw(a%first, a%last))
       if (len(name) == 0) then
-        if (a%values > 0 .and. .not. a%equals) call add_fault(self, a%line, 'value '// &
+        if (a%values > 0 .and. .not. a%equals) call self%add_fault(a%line, 'value '// &
           self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
         return
       end if
       near = 0
       if (index(name, '(') > 1) then
-        call add_fault(self, a%line, 'subscript in '//printable(name, 40)//', expected the whole list, '// &
+        call self%add_fault(a%line, 'subscript in '//printable(name, 40)//', expected the whole list, '// &
           name(1:index(name, '(') - 1)//'=value,value,...')
         near = findloc(known == name(1:index(name, '(') - 1), .true., 1)
       else
         near = nearest_word(name, known)
         if (near > 0) then
-          call add_fault(self, a%line, 'unknown variable '//printable(name, 40)//', did you mean '// &
+          call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', did you mean '// &
             trim(known(near))//'?')
         else
-          call add_fault(self, a%line, 'unknown variable '//printable(name, 40)//', expected one of '// &
+          call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', expected one of '// &
             joined(pack(known, self%known_here(1:self%known_count)), ', '))
         end if
       end if
@@ -165,7 +148,7 @@ contains
     character(:), allocatable :: name, which, message
     integer :: line
     associate (a => self%parts%assignments(self%head + k))
-      name = lower(raw(self, a%first, a%last))
+      name = lower(self%raw(a%first, a%last))
       line = a%line
     end associate
     which = kinds_text(trim(self%selector), self%marks(k)%applies)
@@ -175,7 +158,7 @@ contains
       message = name//' does not apply to '//trim(self%selector)//'='//quoted(trim(self%choice))// &
         ', it applies to '//which
     end if
-    call add_fault(self, line, message)
+    call self%add_fault(line, message)
   end subroutine report_elsewhere
 
   !> Kinds as a user writes them: `kind='beam' and 'frame'`.
@@ -196,36 +179,6 @@ contains
     end do
     t = selector//'='//t
   end function kinds_text
-
-  !> Where the open group stands.
-  function group_origin(self) result(at)
-    class(deck_source), intent(in) :: self
-    type(origin) :: at
-    at%file = self%parts%sources(self%parts%groups(self%current)%file)%path
-    at%line = self%line
-  end function group_origin
-
-  !> The word after `&` of a group, in lower case.
-  pure function group_word(self, number) result(word)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: number   !! which group of the deck
-    character(:), allocatable :: word
-    associate (g => self%parts%groups(number))
-      word = self%parts%sources(g%file)%text(g%first:g%last)
-    end associate
-    word = lower(word)
-  end function group_word
-
-  !> Where another group stands, in words: `line 7`, `line 7 of lib.nml`.
-  pure function place_of(self, number) result(t)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: number   !! which group of the deck
-    character(:), allocatable :: t
-    associate (g => self%parts%groups(number))
-      t = 'line '//to_text(g%line)
-      if (g%file /= self%parts%groups(self%current)%file) t = t//' of '//self%parts%sources(g%file)%path
-    end associate
-  end function place_of
 
   !> Declares a variable and finds its assignment. `place` is 0 where there is nothing to read: not given, given in an
   !> unusable way (then reported), or given although it does not apply. `absent`: it is required, applies and is not given.
@@ -294,12 +247,12 @@ contains
     do k = 1, self%count
       associate (a => self%parts%assignments(self%head + k))
         if (a%hash /= hash) cycle
-        if (lower(raw(self, a%first, a%last)) /= name) cycle
+        if (lower(self%raw(a%first, a%last)) /= name) cycle
         if (place == 0) then
           place = k
         else if (self%marks(k)%state == unknown) then
           self%marks(k)%state = taken
-          call add_fault(self, a%line, name//' is set twice, first in line '// &
+          call self%add_fault(a%line, name//' is set twice, first in line '// &
             to_text(self%parts%assignments(self%head + place)%line)//', expected one value')
         end if
       end associate
@@ -313,10 +266,10 @@ contains
     integer, intent(inout) :: place   !! becomes 0 if it is unusable
     associate (a => self%parts%assignments(self%head + place))
       if (.not. a%equals) then
-        call add_fault(self, a%line, 'no = after '//name//', expected '//name//'=value')
+        call self%add_fault(a%line, 'no = after '//name//', expected '//name//'=value')
         place = 0
       else if (a%values == 0) then
-        call add_fault(self, a%line, name//' has no value, expected '//name//'=value')
+        call self%add_fault(a%line, name//' has no value, expected '//name//'=value')
         place = 0
       else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
         place = 0
@@ -351,7 +304,7 @@ contains
     if (.not. known .or. self%is_given(name)) return
     do k = 1, self%count                 ! `knd='beam'` is one fault, not ten
       associate (a => self%parts%assignments(self%head + k))
-        if (nearest_word(lower(raw(self, a%first, a%last)), [name]) > 0) self%choice_known = .false.
+        if (nearest_word(lower(self%raw(a%first, a%last)), [name]) > 0) self%choice_known = .false.
       end associate
     end do
   end subroutine choose
@@ -384,7 +337,7 @@ contains
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
     logical :: yes
-    yes = position(self, name) > 0
+    yes = self%position(name) > 0
   end function is_given
 
   !> Whether the group gives a variable, it applies, and its value was read and is good.
@@ -393,7 +346,7 @@ contains
     character(*), intent(in) :: name
     logical :: yes
     integer :: k
-    k = position(self, name)
+    k = self%position(name)
     yes = k > 0
     if (yes) yes = self%marks(k)%state == usable
   end function is_set
@@ -405,38 +358,6 @@ contains
     yes = self%faults%count == self%faults_before
   end function is_clean
 
-  !> Number of the first assignment of a variable, 0: not given.
-  pure function position(self, name) result(place)
-    class(deck_source), intent(in) :: self
-    character(*), intent(in) :: name
-    integer :: place
-    integer :: hash
-    hash = word_hash(name)
-    do place = 1, self%count
-      associate (a => self%parts%assignments(self%head + place))
-        if (a%hash /= hash) cycle
-        if (lower(raw(self, a%first, a%last)) == name) return
-      end associate
-    end do
-    place = 0
-  end function position
-
-  !> Text of a variable as it stands there, without declaring or checking it; empty where there is none.
-  function peek(self, name) result(value)
-    class(deck_source), intent(in) :: self
-    character(*), intent(in) :: name
-    character(:), allocatable :: value
-    type(value_token) :: only
-    integer :: place
-    value = ''
-    place = position(self, name)
-    if (place == 0) return
-    if (self%tokens(place) /= 1) return
-    if (self%values(place) /= 1) return
-    only = self%token(place, 1)
-    if (only%form == string_value) value = self%word(only)
-  end function peek
-
   !> Reports a fault of the group, at the line of a variable where that is given.
   subroutine complain(self, name, message)
     class(deck_source), intent(inout) :: self
@@ -444,11 +365,11 @@ contains
     character(*), intent(in) :: message   !! what is wrong, what was expected
     integer :: place
     place = 0
-    if (len(name) > 0) place = position(self, name)
+    if (len(name) > 0) place = self%position(name)
     if (place > 0) then
-      call add_fault(self, self%parts%assignments(self%head + place)%line, message)
+      call self%add_fault(self%parts%assignments(self%head + place)%line, message)
     else
-      call add_fault(self, self%line, message)
+      call self%add_fault(self%line, message)
     end if
   end subroutine complain
 
@@ -465,89 +386,4 @@ contains
       quoted(trim(self%choice))
   end subroutine miss
 
-  !> One value of an assignment as written, without its quotes, doubled quotes made single.
-  pure function word(self, token) result(t)
-    class(deck_source), intent(in) :: self
-    type(value_token), intent(in) :: token
-    character(:), allocatable :: t
-    character(1) :: quote
-    integer :: i, n
-    t = raw(self, token%first, token%last)
-    if (token%form /= string_value) return
-    quote = raw(self, token%first - 1, token%first - 1)
-    n = 0
-    i = 1
-    do while (i <= len(t))
-      n = n + 1
-      t(n:n) = t(i:i)
-      i = i + merge(2, 1, t(i:i) == quote)
-    end do
-    t = t(1:n)
-  end function word
-
-  !> The k-th value token of an assignment.
-  pure function token(self, place, k) result(v)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
-    integer, intent(in) :: k        !! which value, repeat counts not expanded
-    type(value_token) :: v
-    v = self%parts%values(self%parts%assignments(self%head + place)%first_value + k - 1)
-  end function token
-
-  !> Number of value tokens of an assignment, repeat counts not expanded.
-  pure function tokens(self, place) result(n)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
-    integer :: n
-    n = self%parts%assignments(self%head + place)%values
-  end function tokens
-
-  !> Number of values of an assignment, repeat counts expanded.
-  pure function values(self, place) result(n)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
-    integer :: n
-    associate (a => self%parts%assignments(self%head + place))
-      n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
-    end associate
-  end function values
-
-  !> One value as it stands in the deck, for messages.
-  pure function written(self, token) result(t)
-    class(deck_source), intent(in) :: self
-    type(value_token), intent(in) :: token
-    character(:), allocatable :: t
-    select case (token%form)
-    case (string_value)
-      t = quoted(printable(self%word(token), 40))
-    case (null_value)
-      t = 'nothing'
-    case default
-      t = printable(raw(self, token%first, token%last), 40)
-    end select
-  end function written
-
-  !> Text in quotes.
-  pure function quoted(t) result(q)
-    character(*), intent(in) :: t
-    character(:), allocatable :: q
-    q = ''''//t//''''
-  end function quoted
-
-  !> Characters of the file that the open group stands in.
-  pure function raw(self, first, last) result(t)
-    class(deck_source), intent(in) :: self
-    integer, intent(in) :: first, last
-    character(:), allocatable :: t
-    t = self%parts%sources(self%parts%groups(self%current)%file)%text(first:last)
-  end function raw
-
-  !> Appends a fault of the open group.
-  subroutine add_fault(self, line, message)
-    class(deck_source), intent(inout) :: self
-    integer, intent(in) :: line
-    character(*), intent(in) :: message
-    call self%faults%add(self%parts%sources(self%parts%groups(self%current)%file)%path, line, &
-      group_subject(self%parts, self%current), message)
-  end subroutine add_fault
 end module deck_input

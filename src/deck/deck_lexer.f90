@@ -4,35 +4,17 @@
 module deck_lexer
   use text, only: lower, to_text, word_hash, printable
   use errors, only: fault_list
-  use deck_kinds, only: group_number, name_characters
-  use deck_syntax, only: syntax, group, assignment, value_token, bare_value, string_value, null_value, bad_value
+  use deck_kinds, only: group_number
+  use deck_numbers, only: read_integer
+  use deck_syntax, only: syntax, group, setting, value_token, bare_value, string_value, null_value, bad_value, &
+    group_subject, shown
+  use deck_scanner, only: scanner, is_letter, lf, tab, single, double
   implicit none (type, external)
   private
-  public :: split_groups, group_subject
+  public :: split_groups
 
-  character(*), parameter :: lf = achar(10), tab = achar(9), single = '''', double = '"'
-  character(*), parameter :: word_end = ' ,;=/!&'//single//double//tab//lf   !! characters that end a word
   character(*), parameter :: digits = '0123456789'
   integer, parameter :: most_repeats = 10000000   !! a larger repeat count is a slip of the pen
-  integer, parameter :: shown = 40                !! characters of a faulty text shown in a message
-
-  !> A position in the text of one file.
-  type :: scanner
-    character(:), allocatable :: text
-    character(:), allocatable :: path
-    integer :: file = 0              !! number of the file
-    integer :: position = 1          !! next character
-    integer :: line = 1              !! its line
-    integer :: slash_line = 0        !! line of the last closing slash
-    logical :: open = .false.        !! an assignment takes values
-    logical :: semicolon = .false.   !! a semicolon of the group was reported
-    logical :: expecting = .false.   !! a value is due: after `=` and after a comma
-  contains
-    procedure :: at_end
-    procedure :: next
-    procedure :: skip_blanks
-    procedure :: skip_line
-  end type scanner
 
 contains
 
@@ -55,7 +37,7 @@ contains
         cycle
       end if
       if (s%next() == '$') s%position = s%position + 1
-      word = word_ahead(s)
+      word = s%word_ahead()
       if (group_number(word) > 0) then
         call faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
         call read_group(s, list, faults)
@@ -72,7 +54,7 @@ contains
     type(fault_list), intent(inout) :: faults
     type(group) :: new
     character(:), allocatable :: word
-    word = word_ahead(s)
+    word = s%word_ahead()
     new%file = s%file
     new%line = s%line
     new%first = s%position
@@ -120,7 +102,7 @@ contains
         '= without the name of a variable before it, expected name=value')
       s%position = s%position + 1
       list%groups(list%group_count)%whole = .false.
-      call list%add_assignment(assignment(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
+      call list%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
       s%open = .true.
       s%expecting = .true.
     case (';')
@@ -171,17 +153,17 @@ contains
     type(syntax), intent(inout) :: list
     type(fault_list), intent(inout) :: faults
     character(:), allocatable :: word
-    type(assignment) :: new
+    type(setting) :: new
     integer :: first, line
     logical :: equals
-    word = word_ahead(s)
+    word = s%word_ahead()
     first = s%position
     line = s%line
     s%position = first + len(word)
     equals = .false.
-    if (is_letter(word(1:1))) equals = equals_ahead(s)
+    if (is_letter(word(1:1))) equals = s%take_equals()
     if (equals .or. begins_assignment(s, list, word)) then
-      new = assignment(first=first, last=first + len(word) - 1, line=line, equals=equals)
+      new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
       new%hash = word_hash(lower(word))
       call list%add_assignment(new)
       s%open = .true.
@@ -200,34 +182,38 @@ contains
     type(syntax), intent(inout) :: list
     type(fault_list), intent(inout) :: faults
     type(value_token) :: new
-    integer :: star, status
+    integer :: star
     new = value_token(form=bare_value, first=first, last=first + len(word) - 1, line=line)
     star = verify(word, digits)
     if (star > 1) then
       if (word(star:star) == '*') then
-        read (word(1:star - 1), *, iostat=status) new%repeats
-        if (star > 9) status = 1
-        if (status == 0) then
-          if (new%repeats < 1 .or. new%repeats > most_repeats) status = 1
-        end if
-        if (status /= 0) then
+        new%first = first + star
+        call read_repeats(word(1:star - 1), new%repeats)
+        if (new%repeats == 0) then
           call faults%add(s%path, line, group_subject(list, list%group_count), 'repeat count '// &
-            printable(word(1:star - 1), shown)//'* is out of range, expected 1 to '//to_text(most_repeats))
+            printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
           new%form = bad_value
           new%repeats = 1
-        end if
-        new%first = first + star
-        if (star == len(word)) then
-          if (scan(s%next(), single//double) > 0 .and. status == 0) then
+        else if (star == len(word)) then
+          new%form = null_value
+          if (scan(s%next(), single//double) > 0) then
             call read_string(s, new%repeats, list, faults)
             return
           end if
-          if (status == 0) new%form = null_value
         end if
       end if
     end if
     call take_value(s, list, new)
   end subroutine read_bare
+
+  !> A repeat count, 0 if it is out of range.
+  pure subroutine read_repeats(word, repeats)
+    character(*), intent(in) :: word     !! digits
+    integer, intent(inout) :: repeats
+    character(:), allocatable :: problem
+    call read_integer(word, repeats, problem)
+    if (len(problem) > 0 .or. repeats > most_repeats) repeats = 0
+  end subroutine read_repeats
 
   !> Appends a value to the open assignment; a value before any variable starts one without a name.
   subroutine take_value(s, list, new)
@@ -235,7 +221,7 @@ contains
     type(syntax), intent(inout) :: list
     type(value_token), intent(in) :: new
     if (.not. s%open) then
-      call list%add_assignment(assignment(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
+      call list%add_assignment(setting(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
       s%open = .true.
     end if
     call list%add_value(new)
@@ -262,45 +248,6 @@ contains
     end select
   end function begins_assignment
 
-  !> Whether a character is an ASCII letter.
-  pure function is_letter(c) result(yes)
-    character(1), intent(in) :: c
-    logical :: yes
-    yes = lge(lower(c), 'a') .and. lle(lower(c), 'z')
-  end function is_letter
-
-  !> Whether the next character that is not blank or comment is an equals sign; if so the scanner moves behind it.
-  function equals_ahead(s) result(yes)
-    type(scanner), intent(inout) :: s
-    logical :: yes
-    integer :: position, line
-    position = s%position
-    line = s%line
-    call s%skip_blanks()
-    yes = .false.
-    if (.not. s%at_end()) yes = s%next() == '='
-    if (yes) then
-      s%position = s%position + 1
-    else
-      s%position = position
-      s%line = line
-    end if
-  end function equals_ahead
-
-  !> The word at the scanner's position, with a subscript in brackets if it has one; may be empty.
-  pure function word_ahead(s) result(word)
-    type(scanner), intent(in) :: s
-    character(:), allocatable :: word
-    integer :: last, bracket, closing
-    last = s%position + scan(s%text(s%position:), word_end) - 2
-    bracket = index(s%text(s%position:last), '(')
-    if (bracket > 0 .and. is_letter(s%text(s%position:s%position)) .and. index(s%text(s%position:last), ')') == 0) then
-      closing = scan(s%text(last + 1:), ')'//lf//'='//single//double)
-      if (s%text(last + closing:last + closing) == ')') last = last + closing
-    end if
-    word = s%text(s%position:last)
-  end function word_ahead
-
   !> Reports a group without its closing slash.
   subroutine missing_slash(s, list, before, faults)
     type(scanner), intent(in) :: s
@@ -320,7 +267,7 @@ contains
     type(fault_list), intent(inout) :: faults
     character(:), allocatable :: word
     s%position = s%position + 1
-    word = word_ahead(s)
+    word = s%word_ahead()
     if (lower(word) == 'end') then
       s%position = s%position + len(word)
       s%slash_line = s%line
@@ -350,66 +297,4 @@ contains
       end if
     end do
   end subroutine skip_stray
-
-  !> `group/name` of a group, for messages; only `group` if its name cannot be read.
-  function group_subject(list, number) result(subject)
-    type(syntax), intent(in) :: list
-    integer, intent(in) :: number   !! which group
-    character(:), allocatable :: subject
-    integer :: k, hash
-    associate (g => list%groups(number))
-      associate (body => list%sources(g%file)%text)
-        subject = printable(lower(body(g%first:g%last)), shown)
-        hash = word_hash('name')
-        do k = g%first_assignment, g%first_assignment + g%assignments - 1
-          if (list%assignments(k)%hash /= hash) cycle
-          if (list%assignments(k)%values < 1) exit
-          associate (v => list%values(list%assignments(k)%first_value))
-            if (v%form == string_value .and. v%last >= v%first .and. &
-              verify(lower(body(v%first:v%last)), name_characters) == 0) subject = subject//'/'// &
-              printable(body(v%first:v%last), shown)
-          end associate
-          exit
-        end do
-      end associate
-    end associate
-  end function group_subject
-
-  !> Whether all characters have been read.
-  pure function at_end(self) result(yes)
-    class(scanner), intent(in) :: self
-    logical :: yes
-    yes = self%position > len(self%text)
-  end function at_end
-
-  !> The next character.
-  pure function next(self) result(c)
-    class(scanner), intent(in) :: self
-    character(1) :: c
-    c = self%text(self%position:self%position)
-  end function next
-
-  !> Moves over blanks, line ends and comments.
-  pure subroutine skip_blanks(self)
-    class(scanner), intent(inout) :: self
-    do while (.not. self%at_end())
-      select case (self%next())
-      case (' ', tab)
-        self%position = self%position + 1
-      case (lf)
-        self%position = self%position + 1
-        self%line = self%line + 1
-      case ('!')
-        call self%skip_line()
-      case default
-        exit
-      end select
-    end do
-  end subroutine skip_blanks
-
-  !> Moves to the end of the line, before its line feed.
-  pure subroutine skip_line(self)
-    class(scanner), intent(inout) :: self
-    self%position = self%position + index(self%text(self%position:), lf) - 1
-  end subroutine skip_line
 end module deck_lexer

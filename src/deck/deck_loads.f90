@@ -34,8 +34,9 @@ contains
     call get(deck, 'finish', h%finish, required, kinds='ramp cycloid pulse')
     call get_list(deck, 'time', h%time, required, kinds='table')
     call get_list(deck, 'value', h%values, required, kinds='table')
-    if (deck%choice_is_known() .and. .not. deck%is_choice('table')) &
+    if (deck%choice_is_known() .and. .not. deck%is_choice('table')) then
       call get(deck, 'value', h%value, required, kinds='pulse')
+    end if
     if (deck%is_set('start') .and. deck%is_set('finish') .and. h%finish <= h%start) call deck%complain('finish', &
       'finish='//to_text(h%finish)//' is not later than start='//to_text(h%start)//', expected finish > start')
     call check_table(deck, h)
@@ -71,8 +72,9 @@ contains
     call forbid_ground(deck, 'body', f%place%body, 'does not move, no load acts on it')
     call get(deck, 'fx', f%fx, kinds='force')
     call get(deck, 'fy', f%fy, kinds='force')
-    if (deck%is_choice('force') .and. .not. (deck%is_given('fx') .or. deck%is_given('fy'))) &
+    if (deck%is_choice('force') .and. .not. (deck%is_given('fx') .or. deck%is_given('fy'))) then
       call deck%miss('fx', 'fx, fy or both', kinds='force')
+    end if
     call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')
     call get(deck, 'moment', f%moment, required, kinds='torque torque_about')
     call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')

@@ -4,8 +4,7 @@ module deck_reader
   use text, only: nearest_word, joined
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
-    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response, &
-    in_transient
+    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response
   use deck_input, only: deck_source, quoted
   use deck_files, only: read_source, group_list
   use deck_names, only: doubtful
@@ -209,7 +208,7 @@ contains
       call read_modal(source, d%modal)
     case (in_response)
       call read_response(source, d%response)
-    case (in_transient)
+    case default
       call read_transient(source, d%transient)
     end select
   end subroutine read_group

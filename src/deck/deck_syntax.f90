@@ -1,8 +1,13 @@
 !> The parts of a deck as written, before anyone asks what they mean: values, assignments and groups, each with its
 !> place in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
 module deck_syntax
+  use text, only: lower, word_hash, printable
+  use deck_kinds, only: name_characters
   implicit none (type, external)
   private
+  public :: group_subject
+
+  integer, parameter, public :: shown = 40          !! characters of a faulty text shown in a message
 
   integer, parameter, public :: bare_value = 1      !! a number, a logical, or a word without quotes
   integer, parameter, public :: string_value = 2    !! text in quotes
@@ -19,7 +24,7 @@ module deck_syntax
   end type value_token
 
   !> `name = values`
-  type, public :: assignment
+  type, public :: setting
     integer :: first = 0           !! first character of the name in the file's text
     integer :: last = 0            !! last character of the name
     integer :: hash = 0            !! word_hash of the name in lower case
@@ -27,7 +32,7 @@ module deck_syntax
     integer :: first_value = 1     !! position of its first value
     integer :: values = 0          !! number of values, repeat counts not expanded
     logical :: equals = .true.     !! .false.: the equals sign is missing
-  end type assignment
+  end type setting
 
   !> `&name assignments /`
   type, public :: group
@@ -54,7 +59,7 @@ module deck_syntax
     integer :: source_count = 0
     type(group), allocatable :: groups(:)
     integer :: group_count = 0
-    type(assignment), allocatable :: assignments(:)
+    type(setting), allocatable :: assignments(:)
     integer :: assignment_count = 0
     type(value_token), allocatable :: values(:)
     integer :: value_count = 0
@@ -105,8 +110,8 @@ contains
   !> Appends an assignment to the last group; values that are appended after it belong to it.
   subroutine add_assignment(self, new)
     class(syntax), intent(inout) :: self
-    type(assignment), intent(in) :: new   !! its own count of values is 0
-    type(assignment), allocatable :: larger(:)
+    type(setting), intent(in) :: new   !! its own count of values is 0
+    type(setting), allocatable :: larger(:)
     if (.not. allocated(self%assignments)) allocate (self%assignments(256))
     if (self%assignment_count == size(self%assignments)) then
       allocate (larger(2*self%assignment_count))
@@ -138,4 +143,28 @@ contains
       a%values = a%values + 1
     end associate
   end subroutine add_value
+
+  !> `group/name` of a group, for messages; only `group` if its name cannot be read.
+  function group_subject(list, number) result(subject)
+    type(syntax), intent(in) :: list
+    integer, intent(in) :: number   !! which group
+    character(:), allocatable :: subject
+    integer :: k, hash
+    associate (g => list%groups(number))
+      associate (body => list%sources(g%file)%text)
+        subject = printable(lower(body(g%first:g%last)), shown)
+        hash = word_hash('name')
+        do k = g%first_assignment, g%first_assignment + g%assignments - 1
+          if (list%assignments(k)%hash /= hash) cycle
+          if (list%assignments(k)%values < 1) exit
+          associate (v => list%values(list%assignments(k)%first_value))
+            if (v%form == string_value .and. v%last >= v%first .and. &
+              verify(lower(body(v%first:v%last)), name_characters) == 0) subject = subject//'/'// &
+              printable(body(v%first:v%last), shown)
+          end associate
+          exit
+        end do
+      end associate
+    end associate
+  end function group_subject
 end module deck_syntax

@@ -9,7 +9,7 @@ module deck_words
   use deck_syntax, only: value_token, string_value, bare_value, null_value
   implicit none (type, external)
   private
-  public :: get_word, get_choice, get_name, get_reference, get_references, get_words, get_input, &
+  public :: get_word, get_choice, get_name, get_reference, get_references, get_letters, get_input, &
     valid_name
 
 contains
@@ -18,6 +18,7 @@ contains
   subroutine get_word(deck, name, word, words, need, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name              !! variable
+    ! allow(C072): the words of records differ in length
     character(*), intent(inout) :: word           !! receives the word in lower case
     character(*), intent(in) :: words(:)          !! the words that may be
     logical, intent(in), optional :: need         !! whether it is required
@@ -42,6 +43,7 @@ contains
   subroutine get_choice(deck, name, word, words, need)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name         !! variable
+    ! allow(C072): the words of records differ in length
     character(*), intent(inout) :: word      !! receives the word; blank: none
     character(*), intent(in) :: words(:)     !! the words that may be
     logical, intent(in), optional :: need    !! whether it is required
@@ -52,11 +54,11 @@ contains
     call deck%choose(name, trim(word), known)
   end subroutine get_choice
 
-  !> A list of words, each one of a list of known ones.
-  subroutine get_words(deck, name, found, words, kinds)
+  !> A list of letters, each one of a list of known ones.
+  subroutine get_letters(deck, name, found, words, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name                      !! variable
-    character(*), allocatable, intent(out) :: found(:)    !! the words in lower case, size 0 if faulty
+    character(1), allocatable, intent(out) :: found(:)    !! the letters in lower case, size 0 if faulty
     character(*), intent(in) :: words(:)                  !! the words that may be
     character(*), intent(in), optional :: kinds           !! kinds it applies to
     character(name_length), allocatable :: values(:)
@@ -72,9 +74,9 @@ contains
     deallocate (found)
     allocate (found(size(values)))
     do k = 1, size(values)
-      found(k) = lower(values(k))
+      found(k) = lower(values(k)(1:1))
     end do
-  end subroutine get_words
+  end subroutine get_letters
 
   !> The group's own name.
   subroutine get_name(deck, name)

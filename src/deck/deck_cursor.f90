@@ -1,0 +1,183 @@
+!> A deck as text, with one of its groups open: the names and values of the group as they are written, and its faults.
+module deck_cursor
+  use text, only: lower, to_text, word_hash, printable
+  use errors, only: fault_list
+  use deck_records, only: origin
+  use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject
+  implicit none (type, external)
+  private
+  public :: quoted
+
+  !> A deck, its faults so far, and the group that is open.
+  type, public :: group_cursor
+    type(syntax) :: parts
+    type(fault_list) :: faults
+    integer :: current = 0     !! the open group
+    integer :: line = 0        !! its line
+    integer :: head = 0        !! number of assignments before its first
+    integer :: count = 0       !! its assignments
+  contains
+    procedure :: at => group_origin
+    procedure :: group_word
+    procedure :: place_of
+    procedure :: position
+    procedure :: peek
+    procedure :: word
+    procedure :: token
+    procedure :: tokens
+    procedure :: values
+    procedure :: written
+    procedure :: raw
+    procedure :: add_fault
+  end type group_cursor
+
+contains
+
+  !> Where the open group stands.
+  function group_origin(self) result(at)
+    class(group_cursor), intent(in) :: self
+    type(origin) :: at
+    at%file = self%parts%sources(self%parts%groups(self%current)%file)%path
+    at%line = self%line
+  end function group_origin
+
+  !> The word after `&` of a group, in lower case.
+  pure function group_word(self, number) result(word)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    character(:), allocatable :: word
+    associate (g => self%parts%groups(number))
+      word = self%parts%sources(g%file)%text(g%first:g%last)
+    end associate
+    word = lower(word)
+  end function group_word
+
+  !> Where another group stands, in words: `line 7`, `line 7 of lib.nml`.
+  pure function place_of(self, number) result(t)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    character(:), allocatable :: t
+    associate (g => self%parts%groups(number))
+      t = 'line '//to_text(g%line)
+      if (g%file /= self%parts%groups(self%current)%file) t = t//' of '//self%parts%sources(g%file)%path
+    end associate
+  end function place_of
+
+  !> Number of the first assignment of a variable, 0: not given.
+  pure function position(self, name) result(place)
+    class(group_cursor), intent(in) :: self
+    character(*), intent(in) :: name
+    integer :: place
+    integer :: hash
+    hash = word_hash(name)
+    do place = 1, self%count
+      associate (a => self%parts%assignments(self%head + place))
+        if (a%hash /= hash) cycle
+        if (lower(self%raw(a%first, a%last)) == name) return
+      end associate
+    end do
+    place = 0
+  end function position
+
+  !> Text of a variable as it stands there, without declaring or checking it; empty where there is none.
+  function peek(self, name) result(value)
+    class(group_cursor), intent(in) :: self
+    character(*), intent(in) :: name
+    character(:), allocatable :: value
+    type(value_token) :: only
+    integer :: place
+    value = ''
+    place = self%position(name)
+    if (place == 0) return
+    if (self%tokens(place) /= 1) return
+    if (self%values(place) /= 1) return
+    only = self%token(place, 1)
+    if (only%form == string_value) value = self%word(only)
+  end function peek
+
+  !> One value of an assignment as written, without its quotes, doubled quotes made single.
+  pure function word(self, token) result(t)
+    class(group_cursor), intent(in) :: self
+    type(value_token), intent(in) :: token
+    character(:), allocatable :: t
+    character(1) :: quote
+    integer :: i, n
+    t = self%raw(token%first, token%last)
+    if (token%form /= string_value) return
+    quote = self%raw(token%first - 1, token%first - 1)
+    n = 0
+    i = 1
+    do while (i <= len(t))
+      n = n + 1
+      t(n:n) = t(i:i)
+      i = i + merge(2, 1, t(i:i) == quote)
+    end do
+    t = t(1:n)
+  end function word
+
+  !> The k-th value token of an assignment.
+  pure function token(self, place, k) result(v)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer, intent(in) :: k        !! which value, repeat counts not expanded
+    type(value_token) :: v
+    v = self%parts%values(self%parts%assignments(self%head + place)%first_value + k - 1)
+  end function token
+
+  !> Number of value tokens of an assignment, repeat counts not expanded.
+  pure function tokens(self, place) result(n)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer :: n
+    n = self%parts%assignments(self%head + place)%values
+  end function tokens
+
+  !> Number of values of an assignment, repeat counts expanded.
+  pure function values(self, place) result(n)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: place    !! number of the assignment in the group
+    integer :: n
+    associate (a => self%parts%assignments(self%head + place))
+      n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
+    end associate
+  end function values
+
+  !> One value as it stands in the deck, for messages.
+  pure function written(self, token) result(t)
+    class(group_cursor), intent(in) :: self
+    type(value_token), intent(in) :: token
+    character(:), allocatable :: t
+    select case (token%form)
+    case (string_value)
+      t = quoted(printable(self%word(token), 40))
+    case (null_value)
+      t = 'nothing'
+    case default
+      t = printable(self%raw(token%first, token%last), 40)
+    end select
+  end function written
+
+  !> Text in quotes.
+  pure function quoted(t) result(q)
+    character(*), intent(in) :: t
+    character(:), allocatable :: q
+    q = ''''//t//''''
+  end function quoted
+
+  !> Characters of the file that the open group stands in.
+  pure function raw(self, first, last) result(t)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: first, last
+    character(:), allocatable :: t
+    t = self%parts%sources(self%parts%groups(self%current)%file)%text(first:last)
+  end function raw
+
+  !> Appends a fault of the open group.
+  subroutine add_fault(self, line, message)
+    class(group_cursor), intent(inout) :: self
+    integer, intent(in) :: line
+    character(*), intent(in) :: message
+    call self%faults%add(self%parts%sources(self%parts%groups(self%current)%file)%path, line, &
+      group_subject(self%parts, self%current), message)
+  end subroutine add_fault
+end module deck_cursor
