@@ -78,7 +78,7 @@ def _height(scene: Mechanism, width: float) -> float:
     """Return the height that suits a picture of that width [inch]."""
     low, high = scene.extent()
     size = high - low + 0.16 * max(high - low)
-    return float(np.clip(width * size[1] / size[0], 0.3 * width, 1.5 * width))
+    return float(np.clip(width * size[1] / size[0], 0.2 * width, 1.5 * width))
 
 
 def film(scene: Mechanism, frames: int) -> list[Image.Image]:
@@ -109,7 +109,7 @@ def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
     columns = min(3, pictures)
     lines = -(-pictures // columns)
     with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
-        size = (3.4 * columns, lines * max(1.5, _height(scene, 3.4)) + 0.5)
+        size = (3.4 * columns, lines * (_height(scene, 3.2) + 0.15) + 0.7)
         figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
         for axis, row in zip(axes.flat, rows):
             Picture(axis, scene).show(row)

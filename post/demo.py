@@ -122,8 +122,8 @@ def main(words: list[str] | None = None) -> int:
             print("\n".join(attenuation(pair)) + "\n")
             drawn += pictures(pair)
         print("\n".join(mesh()) + "\n")
-        drawn += motion(PAIRS[0].elastic)
-        print("Pictures: " + ", ".join(map(str, drawn)))
+        drawn += motion(PAIRS[1].elastic)
+        print(f"Pictures in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
     except HistoryError as fault:
         print(f"demo: {fault}", file=sys.stderr)
         return 1

@@ -1,0 +1,58 @@
+"""`make demo`: it runs the shipped pairs, draws them, and prints figures that are those of the results."""
+
+from __future__ import annotations
+
+import re
+
+import demo
+import numpy as np
+import pytest
+from conftest import ROOT
+from histories import read
+from PIL import Image
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Work in an empty folder that sees the project's decks."""
+    (tmp_path / "input").symlink_to(ROOT / "input")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_demonstration(biela, place, capfd):
+    assert demo.main(["--biela", str(biela)]) == 0
+    told, warned = capfd.readouterr()
+    assert warned == ""
+    figures = re.findall(r"acceleration of qf4 \[rad/s²\] +peak +(\S+) +(\S+) +(\S+)", told)
+    assert len(figures) == len(demo.PAIRS)
+    for pair, row in zip(demo.PAIRS, figures):
+        before, after = (np.abs(read(place / "results" / name)["qf4.qdd"]).max() for name in (pair.elastic, pair.viscoelastic))
+        assert [float(word) for word in row] == pytest.approx([before, after, after / before], rel=2.0e-3)
+        assert after < before
+    dissipated = read(place / "results" / demo.PAIRS[0].viscoelastic, "energy")["dissipated"]
+    assert dissipated[-1] > 0.0
+    assert f"energy dissipated by the rod: {dissipated[-1]:.4g} J" in told
+    percent = re.search(r"rotation of the middle node \(qf4\) is off by (\d+) % of its range", told)
+    assert 60 <= int(percent.group(1)) <= 80
+    drawn = re.search(r"Pictures in results/demo/: (.*)", told).group(1).split(", ")
+    assert len(drawn) == 2 * len(demo.PAIRS) + 2
+    for name in drawn:
+        path = place / "results" / "demo" / name
+        assert path.stat().st_size > 5000
+        if path.suffix == ".png":
+            assert len(Image.open(path).convert("RGB").getcolors(1 << 24)) > 50
+
+
+def test_the_elastic_twin_dissipates_nothing(biela, place):
+    pair = demo.PAIRS[0]
+    demo.run(biela, [pair.elastic])
+    assert not read(place / "results" / pair.elastic, "energy")["dissipated"].any()
+
+
+def test_a_missing_solver_or_deck_is_one_line(biela, place, capfd):
+    assert demo.main(["--biela", "nowhere/biela"]) == 1
+    assert "nowhere/biela: cannot be started" in capfd.readouterr().err
+    (place / "input").unlink()
+    assert demo.main(["--biela", str(biela)]) == 1
+    assert capfd.readouterr().err.splitlines()[-1].endswith("ended with status 2")
