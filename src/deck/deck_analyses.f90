@@ -162,7 +162,7 @@ contains
         quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
     else if (.not. deck%is_given(name)) then
       if (t%adaptive) call deck%miss(name, name//' >= 0 (adaptive steps have no default)')
-      if (.not. t%adaptive .and. t%step > 0.0_wp) value = 0.1_wp/actual_step(t)
+      if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t)
     end if
   end subroutine rate
 

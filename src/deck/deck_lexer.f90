@@ -288,7 +288,7 @@ contains
       ''', expected a group such as &body or a comment after !')
     if (s%line == s%slash_line) list%groups(list%group_count)%whole = .false.   ! its slash came too early
     do while (.not. s%at_end())
-      if (s%next() == '&' .and. scan(s%text(s%position - 1:s%position - 1), ' '//tab//lf//'/') > 0) exit
+      if (s%next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
       if (s%next() == '!') then
         call s%skip_line()
       else

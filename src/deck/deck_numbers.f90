@@ -23,7 +23,7 @@ contains
     call analyse(word, number, zero, decade)
     if (.not. number) then
       problem = 'is not a number, expected one such as 1.5e-3'
-      if (is_word(word, 'nan') .or. is_word(word, 'inf')) problem = 'is not finite, expected a finite number'
+      if (is_endless(word)) problem = 'is not finite, expected a finite number'
     else if (.not. zero .and. abs(decade) >= decades .and. decade /= -decades) then
       problem = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
     else if (zero) then
@@ -81,16 +81,15 @@ contains
     decade = decade + exponent
   end subroutine add_exponent
 
-  !> Whether a word is `start` after an optional sign, or begins so and goes on with letters or brackets.
-  pure function is_word(word, start) result(yes)
+  !> Whether a word means a number that is not finite: nan, nan(...), inf, infinity, with a sign or without.
+  pure function is_endless(word) result(yes)
     character(*), intent(in) :: word    !! word of the deck
-    character(*), intent(in) :: start   !! lower case
     logical :: yes
-    integer :: first
-    first = 1
-    if (scan(word(1:min(1, len(word))), '+-') == 1) first = 2
-    yes = index(lower(word(first:)), start) == 1
-  end function is_word
+    character(:), allocatable :: core
+    core = lower(word)
+    if (scan(core(1:min(1, len(core))), '+-') == 1) core = core(2:)
+    yes = core == 'nan' .or. index(core, 'nan(') == 1 .or. core == 'inf' .or. core == 'infinity'
+  end function is_endless
 
   !> A whole number. `problem` is empty if it is one.
   pure subroutine read_integer(word, n, problem)
