@@ -8,7 +8,7 @@ module posix
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: signal_interrupt = 2, signal_terminate = 15
-  integer(c_int), volatile, save :: received = 0    !! the last signal caught
+  integer(c_int), volatile :: received = 0    !! the last signal caught
 
   interface
     function c_mkdir(path, mode) bind(c, name='mkdir') result(status)

@@ -62,7 +62,7 @@ contains
       call rise(self, t, h)
     case (kind_table)
       call spline(self, t, h)
-    case (kind_pulse)
+    case default   ! kind_pulse
       if (reached(t, self%start, left) .and. .not. reached(t, self%finish, left)) h(0) = self%v1
     end select
   end subroutine history_evaluate
@@ -179,7 +179,7 @@ contains
       f = self%v0*(t - self%start) + (self%v1 - self%v0)*(width*f + max(t - self%finish, 0.0_wp))
     case (kind_table)
       f = table_area(self, t)
-    case (kind_pulse)
+    case default   ! kind_pulse
       f = self%v1*(min(max(t, self%start), self%finish) - self%start)
     end select
   end function antiderivative

@@ -74,7 +74,7 @@ contains
       force = scale*force
     case (load_torque)
       moment = scale*self%moment
-    case (load_about)
+    case default   ! load_about
       arm = p%r(:, self%place) - self%centre
       force = scale*self%moment*turn(arm)/max(dot_product(arm, arm), tiny(1.0_wp))
     end select
