@@ -1,5 +1,6 @@
 !> The solver's inside for the tests: coordinates, accelerations, multipliers, energies at states given on standard input.
-!> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z').
+!> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z') | probe linear DECK < states: the same
+!> and the matrices of the linearisation.
 program probe
   use kinds, only: wp
   use deck_reader, only: read_deck
@@ -7,6 +8,8 @@ program probe
   use errors, only: failure, fault_list
   use scene_run, only: run_state, prepare_run
   use dynamics, only: row_rates
+  use linearisation, only: linear_mechanism, linearise
+  use triplets, only: triplet_matrix
   use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, iostat_end
   implicit none (type, external)
   type(run_state) :: run
@@ -99,10 +102,41 @@ contains
         call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), kinetic, potential)
         call show('energy', [kinetic, potential])
         call show('power', [m%dissipated_power, m%input_power])
-        write (*, '(a)') 'end'
       end associate
+      if (word == 'linear') call matrices(y)
+      write (*, '(a)') 'end'
     end do
   end subroutine evaluate_all
+
+  !> Dense matrices of the linearisation, column by column.
+  subroutine matrices(y)
+    real(wp), intent(in) :: y(:)
+    type(linear_mechanism) :: lin
+    real(wp), allocatable :: dy(:)
+    integer :: nq, r
+    nq = run%sys%m%s%nq
+    allocate (dy(size(y)))
+    call run%sys%derivative(run%sys%m%t, y, .false., dy)
+    call linearise(run%sys%m, y(1:nq), y(nq + 1:2*nq), lin)
+    call matrix('mass', lin%mass, nq)
+    call matrix('damping', lin%damping, nq)
+    call matrix('stiffness', lin%stiffness, nq)
+    call matrix('rows', lin%jacobian, lin%rows)
+    do r = 1, size(lin%runs)
+      call show('run', [lin%runs(r)%alpha, lin%runs(r)%zeta, lin%runs(r)%omega])
+      call matrix('run_stiffness', lin%runs(r)%stiffness, nq)
+    end do
+  end subroutine matrices
+
+  !> One dense matrix.
+  subroutine matrix(name, a, rows)
+    character(*), intent(in) :: name
+    type(triplet_matrix), intent(in) :: a
+    integer, intent(in) :: rows
+    real(wp), allocatable :: d(:, :)
+    d = a%dense(rows, run%sys%m%s%nq)
+    call show(name, reshape(d, [size(d)]))
+  end subroutine matrix
 
   !> gamma of Phi_q a = gamma.
   subroutine gamma(n)

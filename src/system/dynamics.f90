@@ -23,6 +23,7 @@ contains
     real(wp), intent(in) :: z(:), zd(:)     !! (nz) dissipative coordinates and rates
     integer :: b
     self%evaluations = self%evaluations + 1
+    self%t = t
     call set_frames(self, q)
     call place_kinematics(self, q, v)
     self%dissipated_power = 0.0_wp

@@ -55,6 +55,7 @@ module mechanism
     real(wp), allocatable :: spring_force(:)    !! (springs) force or moment
     real(wp) :: dissipated_power = 0.0_wp       !! [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
+    real(wp) :: t = 0.0_wp                      !! time of the last evaluation [s]
     integer :: stage = 2                        !! stage_static or stage_transient of `load`
     logical :: left = .false.                   !! jumps of histories at t are not yet felt
     logical :: frozen = .false.                 !! assembly: elastic coordinates do not move

@@ -1,0 +1,84 @@
+!> Sparse matrices as growing lists of entries; entries at the same place add up.
+module triplets
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+
+  !> A sparse matrix.
+  type, public :: triplet_matrix
+    integer :: count = 0                    !! entries
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)      !! units of the matrix
+  contains
+    procedure :: add => add_entry
+    procedure :: add_block
+    procedure :: dense => to_dense
+    procedure :: times => matrix_times
+  end type triplet_matrix
+
+contains
+
+  !> Adds one entry; zeros and entries outside (index 0) are skipped.
+  pure subroutine add_entry(self, i, j, x)
+    class(triplet_matrix), intent(inout) :: self
+    integer, intent(in) :: i, j
+    real(wp), intent(in) :: x
+    integer, allocatable :: ints(:)
+    real(wp), allocatable :: reals(:)
+    integer :: n
+    if (i <= 0 .or. j <= 0 .or. abs(x) <= 0.0_wp) return
+    if (.not. allocated(self%rows)) allocate (self%rows(64), self%cols(64), self%values(64))
+    n = size(self%rows)
+    if (self%count == n) then
+      allocate (ints(2*n))
+      ints(1:n) = self%rows
+      call move_alloc(ints, self%rows)
+      allocate (ints(2*n))
+      ints(1:n) = self%cols
+      call move_alloc(ints, self%cols)
+      allocate (reals(2*n))
+      reals(1:n) = self%values
+      call move_alloc(reals, self%values)
+    end if
+    self%count = self%count + 1
+    self%rows(self%count) = i
+    self%cols(self%count) = j
+    self%values(self%count) = x
+  end subroutine add_entry
+
+  !> Adds a dense block at the given rows and columns.
+  pure subroutine add_block(self, rows, cols, block)
+    class(triplet_matrix), intent(inout) :: self
+    integer, intent(in) :: rows(:), cols(:)   !! where, 0: skipped
+    real(wp), intent(in) :: block(:, :)
+    integer :: i, j
+    do j = 1, size(cols)
+      do i = 1, size(rows)
+        call self%add(rows(i), cols(j), block(i, j))
+      end do
+    end do
+  end subroutine add_block
+
+  !> The matrix as a dense array (small systems and tests).
+  pure function to_dense(self, m, n) result(a)
+    class(triplet_matrix), intent(in) :: self
+    integer, intent(in) :: m, n               !! shape
+    real(wp), allocatable :: a(:, :)
+    integer :: k
+    allocate (a(m, n), source=0.0_wp)
+    do k = 1, self%count
+      a(self%rows(k), self%cols(k)) = a(self%rows(k), self%cols(k)) + self%values(k)
+    end do
+  end function to_dense
+
+  !> y = y + s A x.
+  pure subroutine matrix_times(self, s, x, y)
+    class(triplet_matrix), intent(in) :: self
+    real(wp), intent(in) :: s, x(:)
+    real(wp), intent(inout) :: y(:)
+    integer :: k
+    do k = 1, self%count
+      y(self%rows(k)) = y(self%rows(k)) + s*self%values(k)*x(self%cols(k))
+    end do
+  end subroutine matrix_times
+end module triplets

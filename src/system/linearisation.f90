@@ -1,0 +1,578 @@
+!> Linearisation of the constrained, GHM-augmented mechanism about an evaluated state. Unknowns of a body: eta = A^T dR (the
+!> frame's displacement in its own axes), dtheta, elastic coordinates. In these axes the matrices of steadily turning
+!> bodies are constant. With x all unknowns and z_rk in each run's deformation space:
+!>
+!>   M x'' + C x' + K x + sum_r sum_k alpha_rk K_r (x - z_rk) + Phi^T dlambda = input,   Phi x = 0
+!>   z_rk'' + 2 zeta omega z_rk' + omega^2 (z_rk - x) = 0
+!>
+!> K holds the stiffness at E_R, the geometric stiffness of stiffening, joints, springs and loads, and what the present
+!> velocities and accelerations add (centrifugal, Euler); C holds damping and gyroscopic terms. Derivatives of the inertia
+!> residuals of theory.md, sections 2 and 3, term by term.
+module linearisation
+  use kinds, only: wp
+  use beam_element, only: element_mass, element_gyroscopic, element_stiffness, deformation_matrix, element_rotation
+  use body, only: body_model
+  use constraint, only: place_stiffness
+  use load, only: load_force, load_about, axes_body, axes_section
+  use mechanism, only: mechanism_model
+  use place, only: turn
+  use triplets, only: triplet_matrix
+  implicit none (type, external)
+  private
+  public :: linear_mechanism, linear_run, linearise, place_jacobian
+
+  !> Stiffness that one set of GHM terms multiplies.
+  type :: linear_run
+    integer :: body = 0                      !! body, or
+    integer :: spring = 0                    !! spring
+    integer :: material = 0                  !! material (bodies)
+    real(wp), allocatable :: alpha(:)        !! [-]
+    real(wp), allocatable :: zeta(:)         !! [-]
+    real(wp), allocatable :: omega(:)        !! [rad/s]
+    type(triplet_matrix) :: stiffness        !! K_r at E_R
+  end type linear_run
+
+  !> The linear system.
+  type :: linear_mechanism
+    integer :: n = 0                         !! unknowns (as many as coordinates, same offsets)
+    integer :: rows = 0                      !! constraint rows
+    type(triplet_matrix) :: mass, damping, stiffness   !! n x n
+    type(triplet_matrix) :: jacobian         !! rows x n
+    type(linear_run), allocatable :: runs(:)
+  end type linear_mechanism
+
+contains
+
+  !> Linearises about the state of the last `evaluate` of m.
+  subroutine linearise(m, q, v, lin)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:), v(:)       !! (nq) the evaluated state
+    type(linear_mechanism), intent(out) :: lin
+    real(wp), allocatable :: wrench(:, :)
+    integer :: b
+    lin%n = m%s%nq
+    lin%rows = m%s%rows
+    call count_runs(m, lin)
+    allocate (wrench(3, size(m%s%places)), source=0.0_wp)
+    call place_terms(m, q, v, lin, wrench)
+    call constraint_rows_matrix(m, lin)
+    do b = 1, size(m%s%bodies)
+      call body_terms(m, b, q, v, lin)
+    end do
+    call turning_terms(m, wrench, lin)
+  end subroutine linearise
+
+  !> Runs of bodies, then of springs.
+  subroutine count_runs(m, lin)
+    type(mechanism_model), intent(in) :: m
+    type(linear_mechanism), intent(inout) :: lin
+    integer :: b, r, k, n
+    n = 0
+    do b = 1, size(m%s%bodies)
+      n = n + size(m%s%bodies(b)%runs)
+    end do
+    do k = 1, size(m%s%springs)
+      if (size(m%s%springs(k)%alpha) > 0) n = n + 1
+    end do
+    allocate (lin%runs(n))
+    n = 0
+    do b = 1, size(m%s%bodies)
+      do r = 1, size(m%s%bodies(b)%runs)
+        n = n + 1
+        associate (run => m%s%bodies(b)%runs(r))
+          lin%runs(n)%body = b
+          lin%runs(n)%material = run%material
+          lin%runs(n)%alpha = run%alpha
+          lin%runs(n)%zeta = run%zeta
+          lin%runs(n)%omega = run%omega
+        end associate
+      end do
+    end do
+    do k = 1, size(m%s%springs)
+      if (size(m%s%springs(k)%alpha) == 0) cycle
+      n = n + 1
+      lin%runs(n)%spring = k
+      lin%runs(n)%alpha = m%s%springs(k)%alpha
+      lin%runs(n)%zeta = m%s%springs(k)%zeta
+      lin%runs(n)%omega = m%s%springs(k)%omega
+    end do
+  end subroutine count_runs
+
+  !> Displacement of a place in its body's axes (and its section's angle) from the body's unknowns: 3 x n matrix.
+  subroutine place_jacobian(m, k, cols, jac)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                           !! place of the scene
+    integer, allocatable, intent(out) :: cols(:)       !! unknowns it depends on; none on the ground
+    real(wp), allocatable, intent(out) :: jac(:, :)    !! (3, size(cols)) [-] or [m]
+    integer :: b, i, c, n
+    b = m%s%places(k)%body
+    if (b == 0) then
+      allocate (cols(0), jac(3, 0))
+      return
+    end if
+    i = m%s%qo(b)
+    associate (place => m%s%places(k))
+      n = 3 + count(place%dof > 0)
+      if (allocated(place%psi)) n = 3 + size(place%psi, 2)
+      allocate (cols(n), source=0)
+      allocate (jac(3, n), source=0.0_wp)
+      cols(1:3) = [i + 1, i + 2, i + 3]
+      jac(1, 1) = 1.0_wp
+      jac(2, 2) = 1.0_wp
+      jac(1:2, 3) = turn(m%p%rho(:, k))
+      jac(3, 3) = 1.0_wp
+      if (allocated(place%psi)) then
+        cols(4:) = [(i + 3 + c, c=1, n - 3)]
+        jac(:, 4:) = place%psi
+      else
+        n = 3
+        do c = 1, 3
+          if (place%dof(c) == 0) cycle
+          n = n + 1
+          cols(n) = i + 3 + place%dof(c)
+          jac(c, n) = 1.0_wp
+        end do
+      end if
+    end associate
+  end subroutine place_jacobian
+
+  !> Rows of Phi_q.
+  subroutine constraint_rows_matrix(m, lin)
+    type(mechanism_model), intent(in) :: m
+    type(linear_mechanism), intent(inout) :: lin
+    integer, allocatable :: cols(:)
+    real(wp), allocatable :: jac(:, :)
+    real(wp) :: w(3), n(2)
+    integer :: k, i, side, place, j
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        do side = 1, 2
+          place = merge(c%ia, c%ib, side == 1)
+          call place_jacobian(m, place, cols, jac)
+          if (size(cols) == 0) cycle
+          do i = c%first, c%first + c%rows - 1
+            n = merge(m%rows%na(:, i), m%rows%nb(:, i), side == 1)
+            w = [to_body(m, place, n), merge(m%rows%sa(i), m%rows%sb(i), side == 1)]
+            do j = 1, size(cols)
+              call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
+            end do
+          end do
+        end do
+      end associate
+    end do
+  end subroutine constraint_rows_matrix
+
+  !> A global vector in the axes of a place's body.
+  pure function to_body(m, place, x) result(y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: place
+    real(wp), intent(in) :: x(2)
+    real(wp) :: y(2)
+    integer :: b
+    b = m%s%places(place)%body
+    y = x
+    if (b > 0) y = [m%c(b)*x(1) + m%sn(b)*x(2), m%c(b)*x(2) - m%sn(b)*x(1)]
+  end function to_body
+
+  !> Joints, springs and loads: place-level stiffness and damping, and the residual wrench on every place.
+  subroutine place_terms(m, q, v, lin, wrench)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:), v(:)
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp), intent(inout) :: wrench(:, :)    !! (3, places) residual force (body axes) and moment
+    type(place_stiffness) :: t
+    real(wp) :: d, dd, e(2), f
+    integer :: k, i, run
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        t%ia = c%ia
+        t%ib = c%ib
+        t%c = 0.0_wp
+        call c%geometric(m%p, m%lambda, t)
+        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        do i = c%first, c%first + c%rows - 1
+          call push(m, c%ia, m%rows%na(:, i)*m%lambda(i), m%rows%sa(i)*m%lambda(i), wrench)
+          call push(m, c%ib, m%rows%nb(:, i)*m%lambda(i), m%rows%sb(i)*m%lambda(i), wrench)
+        end do
+      end associate
+    end do
+    run = size(lin%runs) - count([(size(m%s%springs(k)%alpha) > 0, k=1, size(m%s%springs))])
+    do k = 1, size(m%s%springs)
+      associate (sp => m%s%springs(k))
+        f = m%spring_force(k)
+        call sp%tangent(m%p, sp%stiffness, sp%damping, f, t)
+        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call sp%deformation(m%p, d, dd, e)
+        if (sp%torsional) then
+          call push(m, sp%ia, [0.0_wp, 0.0_wp], f, wrench)
+          call push(m, sp%ib, [0.0_wp, 0.0_wp], -f, wrench)
+        else
+          call push(m, sp%ia, f*e, 0.0_wp, wrench)
+          call push(m, sp%ib, -f*e, 0.0_wp, wrench)
+        end if
+        if (size(sp%alpha) == 0) cycle
+        run = run + 1
+        call sp%tangent(m%p, sp%stiffness, 0.0_wp, 0.0_wp, t)
+        call add_pair(m, t, v, lin%runs(run)%stiffness, lin%damping, lin%runs(run)%stiffness)
+      end associate
+    end do
+    call load_terms(m, q, v, lin, wrench)
+  end subroutine place_terms
+
+  !> Adds a force (global) and a moment to a place's residual wrench.
+  pure subroutine push(m, place, force, moment, wrench)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: place
+    real(wp), intent(in) :: force(2), moment
+    real(wp), intent(inout) :: wrench(:, :)
+    wrench(1:2, place) = wrench(1:2, place) + to_body(m, place, force)
+    wrench(3, place) = wrench(3, place) + moment
+  end subroutine push
+
+  !> Loads: follower axes and torques about a centre change with the state; all loads turn with what carries them.
+  subroutine load_terms(m, q, v, lin, wrench)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:), v(:)
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp), intent(inout) :: wrench(:, :)
+    type(place_stiffness) :: t
+    real(wp) :: force(2), moment, angle, scale, d(2), n2, col(3)
+    integer, allocatable :: cols(:)
+    real(wp), allocatable :: jac(:, :)
+    integer :: k, b, j
+    do k = 1, size(m%s%loads)
+      associate (l => m%s%loads(k))
+        if (.not. l%acts(m%stage)) cycle
+        b = m%s%places(l%place)%body
+        if (b == 0) cycle
+        angle = q(m%s%qo(b) + 3)
+        scale = l%scale(m%t, m%left)*m%load_factor
+        call l%wrench(m%p, angle, scale, force, moment)
+        call push(m, l%place, -force, -moment, wrench)
+        t = place_stiffness(ia=l%place, ib=l%place)
+        if (l%kind == load_about) then
+          d = m%p%r(:, l%place) - l%centre
+          n2 = max(dot_product(d, d), tiny(1.0_wp))
+          t%k(1:2, 1) = -scale*l%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*d(1)/n2**2)
+          t%k(1:2, 2) = -scale*l%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*d(2)/n2**2)
+        else if (l%kind == load_force .and. l%axes == axes_section) then
+          t%k(1:2, 3) = -turn(force)
+        else if (l%kind == load_force .and. l%axes == axes_body) then
+          call place_jacobian(m, l%place, cols, jac)
+          col = [-turn(to_body(m, l%place, force)), 0.0_wp]
+          do j = 1, size(cols)
+            call lin%stiffness%add(cols(j), m%s%qo(b) + 3, dot_product(jac(:, j), col))
+          end do
+        end if
+        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+      end associate
+    end do
+  end subroutine load_terms
+
+  !> J^T k J of a pair of places, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
+  subroutine add_pair(m, t, v, stiffness, damping, rate_stiffness)
+    type(mechanism_model), intent(in) :: m
+    type(place_stiffness), intent(in) :: t
+    real(wp), intent(in) :: v(:)
+    type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
+    integer, allocatable :: ci(:), cj(:)
+    real(wp), allocatable :: ji(:, :), jj(:, :), rj(:, :)
+    real(wp) :: k(3, 3), c(3, 3)
+    integer :: side, other, pi, pj
+    do side = 0, 1
+      pi = merge(t%ia, t%ib, side == 0)
+      call place_jacobian(m, pi, ci, ji)
+      if (size(ci) == 0) cycle
+      do other = 0, 1
+        pj = merge(t%ia, t%ib, other == 0)
+        call place_jacobian(m, pj, cj, jj)
+        if (size(cj) == 0) cycle
+        k = in_body_axes(m, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        c = in_body_axes(m, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        if (any(abs(k) > 0.0_wp)) call stiffness%add_block(ci, cj, matmul(transpose(ji), matmul(k, jj)))
+        if (.not. any(abs(c) > 0.0_wp)) cycle
+        call damping%add_block(ci, cj, matmul(transpose(ji), matmul(c, jj)))
+        rj = rate_jacobian(m, pj, v, jj)
+        call rate_stiffness%add_block(ci, cj, matmul(transpose(ji), matmul(c, rj)))
+      end do
+    end do
+  end subroutine add_pair
+
+  !> How a place's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
+  function rate_jacobian(m, place, v, jac) result(r)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: place
+    real(wp), intent(in) :: v(:), jac(:, :)
+    real(wp) :: r(3, size(jac, 2)), thetad, u(2)
+    integer :: b, j, i
+    b = m%s%places(place)%body
+    i = m%s%qo(b)
+    thetad = v(i + 3)
+    do j = 1, size(jac, 2)
+      r(1:2, j) = thetad*turn(jac(1:2, j))
+      r(3, j) = 0.0_wp
+    end do
+    u = to_body(m, place, m%p%v(:, place) - v(i + 1:i + 2)) - thetad*turn(m%p%rho(:, place))
+    r(1:2, 3) = r(1:2, 3) + turn(u)
+  end function rate_jacobian
+
+  !> A 3 x 3 place block from global axes into those of the two places' bodies.
+  pure function in_body_axes(m, pi, pj, k) result(x)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: pi, pj
+    real(wp), intent(in) :: k(3, 3)
+    real(wp) :: x(3, 3)
+    integer :: j
+    do j = 1, 3
+      x(1:2, j) = to_body(m, pi, k(1:2, j))
+      x(3, j) = k(3, j)
+    end do
+    do j = 1, 3
+      x(j, 1:2) = to_body(m, pj, x(j, 1:2))
+    end do
+  end function in_body_axes
+
+  !> Residual wrenches on places turn with the body that carries them: theta-theta, theta-f and f-theta terms.
+  subroutine turning_terms(m, wrench, lin)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: wrench(:, :)
+    type(linear_mechanism), intent(inout) :: lin
+    integer, allocatable :: cols(:)
+    real(wp), allocatable :: jac(:, :)
+    real(wp) :: hf(2), x
+    integer :: k, j
+    do k = 1, size(m%s%places)
+      if (m%s%places(k)%body == 0) cycle
+      call place_jacobian(m, k, cols, jac)
+      call lin%stiffness%add(cols(3), cols(3), -dot_product(m%p%rho(:, k), wrench(1:2, k)))
+      hf = -turn(wrench(1:2, k))            ! H^T F
+      do j = 4, size(cols)
+        x = dot_product(hf, jac(1:2, j))
+        call lin%stiffness%add(cols(3), cols(j), x)
+        call lin%stiffness%add(cols(j), cols(3), x)
+      end do
+    end do
+  end subroutine turning_terms
+
+  !> Inertia and elasticity of one body.
+  subroutine body_terms(m, b, q, v, lin)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b
+    real(wp), intent(in) :: q(:), v(:)
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp) :: p(2), thetad, thetadd, acc(2), c(2), sv(2), sa(2), mtt, h(2, 2), one(2, 2)
+    real(wp), allocatable :: mq(:), mv(:), ma(:), zq(:), zv(:), za(:), sb(:, :), hs(:, :)
+    integer, allocatable :: f(:)
+    integer :: i, k, r(2), t
+    h = reshape([0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp], [2, 2])
+    one = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
+    i = m%s%qo(b)
+    r = [i + 1, i + 2]
+    t = i + 3
+    thetad = v(t)
+    thetadd = m%a(t)
+    associate (bo => m%s%bodies(b))
+      acc = m%a(r) - m%s%gravity
+      acc = [m%c(b)*acc(1) + m%sn(b)*acc(2), m%c(b)*acc(2) - m%sn(b)*acc(1)]
+      f = [(t + k, k=1, bo%nf)]
+      p = bo%i1
+      sv = 0.0_wp
+      sa = 0.0_wp
+      mtt = bo%i11
+      if (bo%flexible) then
+        sb = transpose(bo%sbar)
+        hs = matmul(h, sb)
+        p = p + matmul(sb, q(f))
+        sv = matmul(sb, v(f))
+        sa = matmul(sb, m%a(f))
+        call elastic_products(bo, q(f), mq, zq)
+        call elastic_products(bo, v(f), mv, zv)
+        call elastic_products(bo, m%a(f), ma, za)
+        mtt = mtt + 2*dot_product(bo%i1f, q(f)) + dot_product(q(f), mq)
+      end if
+      c = thetadd*turn(p) - thetad**2*p + 2*thetad*turn(sv) + sa
+      call lin%mass%add_block(r, r, bo%mass*one)
+      call lin%mass%add_block(r, [t], reshape(turn(p), [2, 1]))
+      call lin%mass%add_block([t], r, reshape(turn(p), [1, 2]))
+      call lin%mass%add(t, t, mtt)
+      call lin%damping%add_block(r, r, 2*thetad*bo%mass*h)
+      call lin%damping%add_block(r, [t], reshape(-2*thetad*p + 2*turn(sv), [2, 1]))
+      call lin%damping%add_block([t], r, reshape(2*thetad*p, [1, 2]))
+      call lin%stiffness%add_block(r, r, bo%mass*(thetadd*h - thetad**2*one))
+      call lin%stiffness%add_block(r, [t], reshape(turn(c), [2, 1]))
+      call lin%stiffness%add_block([t], r, reshape(thetadd*p - thetad**2*turn(p), [1, 2]))
+      call lin%stiffness%add(t, t, -dot_product(p, acc))
+      if (.not. bo%flexible) return
+      call lin%mass%add_block(r, f, sb)
+      call lin%mass%add_block(f, r, transpose(sb))
+      call lin%mass%add_block([t], f, reshape(bo%c0 - zq, [1, bo%nf]))
+      call lin%mass%add_block(f, [t], reshape(bo%c0 - zq, [bo%nf, 1]))
+      call lin%damping%add(t, t, 2*(dot_product(bo%i1f, v(f)) + dot_product(q(f), mv)))
+      call lin%damping%add_block(r, f, 2*thetad*hs)
+      call lin%damping%add_block(f, r, 2*thetad*matmul(transpose(sb), h))
+      call lin%damping%add_block([t], f, reshape(2*thetad*(bo%i1f + mq), [1, bo%nf]))
+      call lin%damping%add_block(f, [t], reshape(-2*thetad*(bo%i1f + mq) - 2*zv, [bo%nf, 1]))
+      call lin%stiffness%add_block(r, f, thetadd*hs - thetad**2*sb)
+      call lin%stiffness%add_block(f, r, matmul(transpose(sb), thetadd*h - thetad**2*one))
+      call lin%stiffness%add_block([t], f, reshape(matmul(acc, hs) + 2*thetadd*(bo%i1f + mq) + 2*thetad*mv + za, [1, bo%nf]))
+      call lin%stiffness%add_block(f, [t], reshape(-matmul(transpose(hs), acc), [bo%nf, 1]))
+      if (bo%modal) then
+        call modal_block(bo, b, f, thetad, thetadd, lin)
+      else
+        call nodal_block(bo, b, t, thetad, thetadd, q(f), lin)
+      end if
+    end associate
+  end subroutine body_terms
+
+  !> m x (translational part) and Z x of a body.
+  subroutine elastic_products(bo, x, mx, zx)
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: x(:)
+    real(wp), allocatable, intent(out) :: mx(:), zx(:)
+    real(wp) :: a(6), xx(0:size(x)), am(0:size(x)), az(0:size(x))
+    integer :: e, k, i, j
+    allocate (mx(size(x)), zx(size(x)))
+    if (bo%modal) then
+      mx = x - matmul(bo%jmodal, x)
+      zx = matmul(bo%zmodal, x)
+      return
+    end if
+    xx(0) = 0.0_wp
+    xx(1:) = x
+    am = 0.0_wp
+    az = 0.0_wp
+    do e = 1, bo%ne
+      a = matmul(element_mass(bo%elements(e)), xx(bo%edof(:, e)))
+      do k = 1, 6
+        am(bo%edof(k, e)) = am(bo%edof(k, e)) + a(k)
+      end do
+      a = matmul(element_gyroscopic(bo%elements(e)), xx(bo%edof(:, e)))
+      do k = 1, 6
+        az(bo%edof(k, e)) = az(bo%edof(k, e)) + a(k)
+      end do
+    end do
+    do k = 1, size(bo%lumps)
+      i = bo%dof(1, bo%lumps(k)%node)
+      j = bo%dof(2, bo%lumps(k)%node)
+      am(i) = am(i) + bo%lumps(k)%mass*xx(i)
+      am(j) = am(j) + bo%lumps(k)%mass*xx(j)
+      az(i) = az(i) + bo%lumps(k)%mass*xx(j)
+      az(j) = az(j) - bo%lumps(k)%mass*xx(i)
+    end do
+    mx = am(1:)
+    zx = az(1:)
+  end subroutine elastic_products
+
+  !> Elastic block of a modal body.
+  subroutine modal_block(bo, b, f, thetad, thetadd, lin)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: b, f(:)
+    real(wp), intent(in) :: thetad, thetadd
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp) :: one(bo%nf, bo%nf), k(bo%nf, bo%nf)
+    integer :: i, r
+    one = 0.0_wp
+    k = 0.0_wp
+    do i = 1, bo%nf
+      one(i, i) = 1.0_wp
+      k(i, i) = bo%omega2(i)
+    end do
+    call lin%mass%add_block(f, f, one)
+    call lin%damping%add_block(f, f, bo%cmodal - 2*thetad*bo%zmodal)
+    call lin%stiffness%add_block(f, f, k - thetad**2*(one - bo%jmodal) - thetadd*bo%zmodal)
+    r = 0
+    do i = 1, size(lin%runs)
+      if (lin%runs(i)%body /= b) cycle
+      r = r + 1
+      call lin%runs(i)%stiffness%add_block(f, f, bo%runs(r)%stiffness)
+    end do
+  end subroutine modal_block
+
+  !> Elastic block of a nodal body, element by element.
+  subroutine nodal_block(bo, b, t, thetad, thetadd, qf, lin)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: b, t
+    real(wp), intent(in) :: thetad, thetadd, qf(:)
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp) :: mass(6, 6), z(6, 6), k(6, 6), g(6, 6)
+    integer :: e, d(6), l, i, j, run, r
+    do e = 1, bo%ne
+      d = merge(t + bo%edof(:, e), 0, bo%edof(:, e) > 0)
+      mass = element_mass(bo%elements(e))
+      z = element_gyroscopic(bo%elements(e))
+      call tangent(bo, e, qf, k, g)
+      call lin%mass%add_block(d, d, mass)
+      call lin%damping%add_block(d, d, bo%elements(e)%ray_m*mass + bo%elements(e)%ray_k*element_stiffness(bo%elements(e)) &
+                                 - 2*thetad*z)
+      call lin%stiffness%add_block(d, d, k + g - thetad**2*mass - thetadd*z)
+      r = 0
+      do run = 1, size(lin%runs)
+        if (lin%runs(run)%body /= b) cycle
+        r = r + 1
+        if (e >= bo%runs(r)%first .and. e <= bo%runs(r)%last) call lin%runs(run)%stiffness%add_block(d, d, k)
+      end do
+    end do
+    do l = 1, size(bo%lumps)
+      d(1:3) = merge(t + bo%dof(:, bo%lumps(l)%node), 0, bo%dof(:, bo%lumps(l)%node) > 0)
+      i = d(1)
+      j = d(2)
+      associate (mu => bo%lumps(l)%mass)
+        call lin%mass%add(i, i, mu)
+        call lin%mass%add(j, j, mu)
+        call lin%mass%add(d(3), d(3), bo%lumps(l)%inertia)
+        call lin%damping%add(i, j, -2*thetad*mu)
+        call lin%damping%add(j, i, 2*thetad*mu)
+        call lin%stiffness%add(i, i, -thetad**2*mu)
+        call lin%stiffness%add(j, j, -thetad**2*mu)
+        call lin%stiffness%add(i, j, -thetadd*mu)
+        call lin%stiffness%add(j, i, thetadd*mu)
+      end associate
+    end do
+  end subroutine nodal_block
+
+  !> Tangent stiffness of an element: B^T D B at the present deformation (k) and the geometric part of stiffening (g).
+  subroutine tangent(bo, e, qf, k, g)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: e
+    real(wp), intent(in) :: qf(:)
+    real(wp), intent(out) :: k(6, 6), g(6, 6)
+    real(wp) :: bm(3, 6), psi(6), d(3, 3), a(6), p(3), n, l, x(0:size(qf)), db(3, 6), rot(6, 6)
+    if (.not. bo%stiffening) then
+      k = element_stiffness(bo%elements(e))
+      g = 0.0_wp
+      return
+    end if
+    x(0) = 0.0_wp
+    x(1:) = qf
+    l = bo%elements(e)%length
+    rot = element_rotation(bo%elements(e))
+    a = x(bo%edof(:, e))
+    bm = deformation_matrix(bo%elements(e))
+    psi = (rot(5, :) - rot(2, :))/l
+    p = [dot_product(psi, a), dot_product(bm(2, :), a), dot_product(bm(3, :), a)]
+    d = 0.0_wp
+    d(1, 1) = bo%elements(e)%ea_l
+    d(2, 2:3) = [4.0_wp, 2.0_wp]*bo%elements(e)%ei_l
+    d(3, 2:3) = [2.0_wp, 4.0_wp]*bo%elements(e)%ei_l
+    if (size(bo%runs) > 0) then
+      n = bo%elements(e)%ea_l*bo%ds(1, e)
+    else
+      n = bo%elements(e)%ea_l*bo%d(1, e)
+    end if
+    g = n*l*(outer(psi, psi) + (4*outer(bm(2, :), bm(2, :)) + 4*outer(bm(3, :), bm(3, :)) &
+                                - outer(bm(2, :), bm(3, :)) - outer(bm(3, :), bm(2, :)))/30)
+    bm(1, :) = bm(1, :) + l*(p(1)*psi + ((4*p(2) - p(3))*bm(2, :) + (4*p(3) - p(2))*bm(3, :))/30)
+    db = matmul(d, bm)
+    k = matmul(transpose(bm), db)
+  end subroutine tangent
+
+  !> Outer product.
+  pure function outer(a, b) result(m)
+    real(wp), intent(in) :: a(6), b(6)
+    real(wp) :: m(6, 6)
+    integer :: j
+    do j = 1, 6
+      m(:, j) = a*b(j)
+    end do
+  end function outer
+end module linearisation
