@@ -415,7 +415,7 @@ contains
       call lin%stiffness%add_block(r, f, thetadd*hs - thetad**2*sb)
       call lin%stiffness%add_block(f, r, matmul(transpose(sb), thetadd*h - thetad**2*one))
       call lin%stiffness%add_block([t], f, reshape(matmul(acc, hs) + 2*thetadd*(bo%i1f + mq) + 2*thetad*mv + za, [1, bo%nf]))
-      call lin%stiffness%add_block(f, [t], reshape(-matmul(transpose(hs), acc), [bo%nf, 1]))
+      call lin%stiffness%add_block(f, [t], reshape(matmul(transpose(hs), acc), [bo%nf, 1]))
       if (bo%modal) then
         call modal_block(bo, b, f, thetad, thetadd, lin)
       else
