@@ -91,6 +91,7 @@ virtual_environment() {
     python_works || fail "python3 is still no Python 3.9 or newer with the module venv"
   fi
   say "Python packages into .venv (once)"
+  .venv/bin/python -c '' 2>/dev/null || rm -rf .venv
   "$python" -m venv .venv || fail "$python -m venv .venv failed"
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --prefer-binary --requirement requirements.txt ||
     fail "the packages of requirements.txt could not be installed (is there a network?)"

@@ -157,6 +157,19 @@ def test_python_without_venv_is_installed_then_used(machine):
     assert any(line.endswith("--requirement requirements.txt") and " -m pip install " in line for line in asked)
 
 
+@pytest.mark.parametrize("broken", ["link", "folder"])
+def test_a_broken_environment_is_made_anew(machine, broken):
+    environment = machine.project / ".venv"
+    if broken == "link":
+        environment.symlink_to("nowhere")
+    else:
+        (environment / "bin").mkdir(parents=True)
+    making = '"-m venv .venv") [ -e .venv -o -L .venv ] && exit 1; mkdir -p .venv/bin; ln -s "$0" .venv/bin/python ;;'
+    machine.script("python3", f'case "$*" in {making} esac')
+    status, told, _ = machine.setup("python")
+    assert (status, told) == (0, "setup: Python packages into .venv (once)\n")
+
+
 @pytest.mark.parametrize("words", [[], ["everything"]])
 def test_usage(machine, words):
     status, told, _ = machine.setup(*words)
