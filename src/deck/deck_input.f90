@@ -153,7 +153,7 @@ contains
     end associate
     which = kinds_text(trim(self%selector), self%marks(k)%applies)
     if (self%choice == '') then
-      message = name//' applies to '//which//' only, no '//trim(self%selector)//' is given'
+      message = name//' applies to '//which//' only, expected '//trim(self%selector)//' to be given'
     else
       message = name//' does not apply to '//trim(self%selector)//'='//quoted(trim(self%choice))// &
         ', it applies to '//which

@@ -132,7 +132,7 @@ contains
       if (s%text(i:i) == lf) then
         if (list%groups(list%group_count)%readable) call faults%add(s%path, s%line, &
           group_subject(list, list%group_count), 'a quote is not closed on its line: '// &
-          quote//printable(s%text(first:i - 1), shown))
+          quote//printable(s%text(first:i - 1), shown)//', expected a closing '//quote)
         list%groups(list%group_count)%readable = .false.
         s%position = i
         return

@@ -1,0 +1,113 @@
+"""Faulty decks: every one must show its complete diagnosis, end with status 2 and write nothing.
+
+`faulty/NAME.nml` is a deck and `faulty/NAME.expected` all that standard error must show, line by line. To add a case write
+both. The folder `lib` holds files that the decks include.
+"""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+FAULTY = Path(__file__).resolve().parent / "faulty"
+DECKS = sorted(FAULTY.glob("*.nml"))
+SECONDS = 20.0
+WHAT_TO_DO = ("expected", "did you mean", "it applies to")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the faulty decks, where a results folder would be seen."""
+    copy = tmp_path_factory.mktemp("decks") / "faulty"
+    shutil.copytree(FAULTY, copy)
+    return copy
+
+
+def solve(biela: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+    """Run the solver in a folder, within a time limit."""
+    return subprocess.run([str(biela), *arguments], cwd=folder, capture_output=True, timeout=SECONDS, check=False)
+
+
+def files(folder: Path) -> set[Path]:
+    """Return everything below a folder."""
+    return set(folder.rglob("*"))
+
+
+def test_there_are_many():
+    assert len(DECKS) >= 100
+
+
+@pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
+@pytest.mark.parametrize("options", [("--check",), ()], ids=["check", "run"])
+def test_diagnosis(biela: Path, folder: Path, deck: Path, options: tuple[str, ...]):
+    before = files(folder)
+    done = solve(biela, folder, *options, deck.name)
+    expected = deck.with_suffix(".expected").read_text(encoding="utf-8")
+    assert done.stderr.decode("utf-8", errors="replace") == expected
+    assert done.stdout == b""
+    assert done.returncode == 2
+    assert files(folder) == before
+
+
+def test_every_line_says_what_was_expected():
+    for deck in DECKS:
+        for line in deck.with_suffix(".expected").read_text(encoding="utf-8").splitlines():
+            assert any(words in line for words in WHAT_TO_DO), f"{deck.name}: {line}"
+
+
+def test_no_deck_at_that_path(biela: Path, tmp_path: Path):
+    done = solve(biela, tmp_path, "--check", "nowhere.nml")
+    assert done.stderr.decode() == "nowhere.nml: cannot be read: no such file or directory, expected a deck file\n"
+    assert done.returncode == 2
+    assert files(tmp_path) == set()
+
+
+def test_path_is_shown_as_given(biela: Path, folder: Path):
+    done = solve(biela, folder.parent, "--check", "faulty/set_twice.nml")
+    assert done.stderr.decode() == "faulty/set_twice.nml:2: body/crank: mass is set twice, first in line 1, expected one value\n"
+
+
+def test_good_deck_after_a_faulty_one(biela: Path, folder: Path, tmp_path: Path):
+    good = tmp_path / "good.nml"
+    text = "&body name='disc' mass=1.0 inertia=1.0 /\n&joint name='pin' type='revolute' body_a='disc' /\n"
+    good.write_text(text, encoding="utf-8")
+    done = solve(biela, tmp_path, "--check", str(folder / "set_twice.nml"), "good.nml")
+    assert done.returncode == 2
+    assert b"disc" in done.stdout
+    assert done.stderr.count(b"\n") == 1
+
+
+def test_many_faults_are_all_shown_in_order_and_in_time(biela: Path, tmp_path: Path):
+    """4096 bodies, each with a fault, and 4096 joints, each with a misspelt body: linear time, sorted by line."""
+    count = 4096
+    bodies = "".join(f"&body name='b{k}' kind='rigid' mass=-1.0 inertia=1.0 /\n" for k in range(count))
+    joints = "".join(f"&joint name='j{k}' type='revolute' body_a='c{k}' /\n" for k in range(count))
+    (tmp_path / "many.nml").write_text(joints + bodies, encoding="utf-8")
+    lines = solve(biela, tmp_path, "--check", "many.nml").stderr.decode().splitlines()
+    assert len(lines) == 2 * count
+    assert [int(line.split(":")[1]) for line in lines] == list(range(1, 2 * count + 1))
+
+
+def seconds_to_read(biela: Path, folder: Path, count: int) -> float:
+    """Return the processor time [s] for reading a chain of `count` beams whose last line is faulty, the least of three."""
+    beam = "kind='beam' length=0.1 elements=2 material='m' section='s' reference='clamped'"
+    bodies = "".join(f"&body name='b{k}' {beam} position={0.1 * k:.1f},0.0 /\n" for k in range(count))
+    pair = "body_a='b{}' node_a=1 body_b='b{}' node_b=-1"
+    joints = "".join(f"&joint name='j{k}' type='revolute' {pair.format(k, k - 1)} /\n" for k in range(1, count))
+    other = "&material name='m' density=1.0 young=1.0e9 /\n&section name='s' area=1.0e-4 inertia=1.0e-9 /\n&scene gravity=1.0 /\n"
+    (folder / "chain.nml").write_text(joints + bodies + other, encoding="utf-8")
+    times = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        assert solve(biela, folder, "--check", "chain.nml").stderr.count(b"\n") == 1
+        times.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+    return min(times)
+
+
+def test_reading_takes_linear_time(biela: Path, tmp_path: Path):
+    """Eight times the bodies take about eight times the time; 64 times if some look-up were quadratic."""
+    assert seconds_to_read(biela, tmp_path, 8192) < 20.0 * seconds_to_read(biela, tmp_path, 1024)
