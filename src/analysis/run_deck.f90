@@ -5,9 +5,11 @@ module run_deck
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
   use posix, only: make_folder, lock_file, close_lock, replace_file
   use scene_run, only: run_state, prepare_run
+  use stability_region, only: method_names
+  use step_advice, only: stability_advice, advise, method_number
   use summary, only: model_lines, version, add_line
   use text_file, only: result_file
-  use transient, only: run_transient, transient_report
+  use transient, only: run_transient, transient_report, step_layout
   use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit, output_unit
   implicit none (type, external)
   private
@@ -30,6 +32,7 @@ contains
     type(run_state) :: run
     type(fault_list) :: faults
     type(failure) :: fail
+    type(stability_advice) :: advice
     character(:), allocatable :: text
     integer :: k
     status = status_bad_input
@@ -48,6 +51,10 @@ contains
       write (error_unit, '(a)') path//': warning: '//trim(run%assembly%warnings(k))
     end do
     text = model_lines(run%d, run%sys%m, run%assembly)
+    call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
+    call add_line(text, '')
+    text = text//advice%text
+    if (step_refused(run, advice, options%check)) return
     if (options%check) then
       write (output_unit, '(a)', advance='no') text
       status = status_ok
@@ -59,6 +66,30 @@ contains
     if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
     status = run_in_folder(run, text)
   end function run_one_deck
+
+  !> Whether a fixed explicit step lies above the safe bound and is not accepted; says so (a check only warns).
+  logical function step_refused(run, advice, check) result(refused)
+    type(run_state), intent(in) :: run
+    type(stability_advice), intent(in) :: advice
+    logical, intent(in) :: check
+    character(400) :: line
+    character(:), allocatable :: prefix
+    real(wp) :: h
+    integer :: k
+    refused = .false.
+    k = method_number(run%d%transient%method)
+    if (.not. run%d%transient%present .or. run%d%transient%adaptive .or. k == 0) return
+    h = run%d%transient%output_step/real(step_layout(run%d%transient%output_step, run%d%transient%step), wp)
+    if (h <= advice%safe%step(k)) return
+    refused = .not. (check .or. run%d%transient%accept_unstable)
+    prefix = 'warning: '
+    if (refused) prefix = ''
+    write (line, '(a, es10.3, 3a, es10.3, 3a, es10.3, a)') 'step = ', h, ' s is above the safe bound of ', &
+      trim(method_names(k)), ', ', advice%safe%step(k), ' s, set by ', trim(advice%safe%what(k)), &
+      '; expected at most ', 0.98_wp*advice%safe%step(k), ' s, or generalized_alpha, or accept_unstable=.true.'
+    write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//trim(line)
+    if (refused) write (error_unit, '(a)', advance='no') advice%text
+  end function step_refused
 
   !> Runs the analyses with the results folder locked.
   integer function run_in_folder(run, text) result(status)

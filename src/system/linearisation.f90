@@ -19,7 +19,7 @@ module linearisation
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linear_mechanism, linear_run, linearise, place_jacobian
+  public :: linear_mechanism, linear_run, linearise, place_jacobian, elastic_matrices
 
   !> Stiffness that one set of GHM terms multiplies.
   type :: linear_run
@@ -61,6 +61,28 @@ contains
     end do
     call turning_terms(m, wrench, lin)
   end subroutine linearise
+
+  !> Elastic matrices of the bodies alone, at rest in their present deformation: stiffness, damping, GHM runs (those of
+  !> springs stay empty).
+  subroutine elastic_matrices(m, q, lin)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)             !! (nq) positions
+    type(linear_mechanism), intent(out) :: lin
+    integer :: b, k
+    lin%n = m%s%nq
+    lin%rows = m%s%rows
+    call count_runs(m, lin)
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b), t => m%s%qo(b) + 3)
+        if (.not. bo%flexible) cycle
+        if (bo%modal) then
+          call modal_block(bo, b, [(t + k, k=1, bo%nf)], 0.0_wp, 0.0_wp, lin)
+        else
+          call nodal_block(bo, b, t, 0.0_wp, 0.0_wp, q(t + 1:t + bo%nf), lin)
+        end if
+      end associate
+    end do
+  end subroutine elastic_matrices
 
   !> Runs of bodies, then of springs.
   subroutine count_runs(m, lin)

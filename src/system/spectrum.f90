@@ -1,0 +1,410 @@
+!> The fast end of the mechanism's spectrum, by Lanczos iterations in the mass inner product with the structured solves of
+!> `dynamics`: joints released or held at the present configuration. The stiffness is the instantaneous one,
+!> E_R (1 + sum of alpha), of bodies and springs. Unknowns as in `linearisation`.
+module spectrum
+  use kinds, only: wp
+  use banded, only: band_solve
+  use dynamics, only: apply_multipliers
+  use lapack, only: dsyev
+  use linearisation, only: linear_mechanism, elastic_matrices
+  use mechanism, only: mechanism_model
+  use place, only: turn
+  use triplets, only: triplet_matrix
+  implicit none (type, external)
+  private
+  public :: fast_spectrum, fast_mode
+
+  integer, parameter :: most_vectors = 100     !! Lanczos vectors kept
+
+  !> One fast mode, mass-normalised, with its Rayleigh quotients.
+  type :: fast_mode
+    real(wp) :: stiffness = 0.0_wp             !! x^T K x at E_R, springs static [1/s2]
+    real(wp) :: damping = 0.0_wp               !! x^T C x [1/s]
+    real(wp), allocatable :: runs(:)           !! x^T K_r x of each GHM run [1/s2]
+    real(wp), allocatable :: x(:)              !! (n) the mode
+  end type fast_mode
+
+  !> Operators and work space; set up once, used again during a run without allocation.
+  type :: fast_spectrum
+    type(linear_mechanism) :: lin              !! elastic matrices of the bodies
+    real(wp), allocatable :: spring_static(:), spring_fast(:)   !! [N/m] or [N m/rad]
+    integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
+    real(wp), allocatable :: value(:)
+    real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass
+    real(wp), allocatable :: r(:), u(:)        !! (n)
+    real(wp), allocatable :: start(:)          !! (n) first force of the iteration
+    real(wp), allocatable :: alpha(:), beta(:)
+    real(wp), allocatable :: t(:, :), e(:), work(:)
+    integer :: steps = 0                       !! Lanczos vectors of the last iteration
+  contains
+    procedure :: set_up
+    procedure :: largest
+    procedure :: mode
+  end type fast_spectrum
+
+contains
+
+  !> Prepares the operators for a mechanism that has been evaluated once.
+  subroutine set_up(self, m, q)
+    class(fast_spectrum), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)               !! (nq) the evaluated positions
+    integer :: n, k, most
+    n = m%s%nq
+    call elastic_matrices(m, q, self%lin)
+    call gather_rows(self)
+    self%spring_static = m%s%springs%stiffness
+    self%spring_fast = self%spring_static
+    do k = 1, size(m%s%springs)
+      self%spring_fast(k) = self%spring_static(k)*(1 + sum(m%s%springs(k)%alpha))
+    end do
+    most = min(n, most_vectors)
+    allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%start(n), self%alpha(most), &
+              self%beta(0:most), self%t(most, most), self%e(most), self%work(4*most + 8))
+    do k = 1, n
+      self%start(k) = sin(1.3_wp*k**2) + 0.1_wp
+    end do
+  end subroutine set_up
+
+  !> Instantaneous stiffness of the bodies in compressed rows.
+  subroutine gather_rows(self)
+    type(fast_spectrum), intent(inout) :: self
+    integer :: n, k, r, total
+    integer, allocatable :: fill(:)
+    n = self%lin%n
+    total = self%lin%stiffness%count
+    do r = 1, size(self%lin%runs)
+      total = total + self%lin%runs(r)%stiffness%count
+    end do
+    allocate (self%first(n + 1), self%col(total), self%value(total), fill(n))
+    self%first = 0
+    call count_rows(self%lin%stiffness)
+    do r = 1, size(self%lin%runs)
+      call count_rows(self%lin%runs(r)%stiffness)
+    end do
+    self%first(1) = 1
+    do k = 1, n
+      self%first(k + 1) = self%first(k + 1) + self%first(k)
+    end do
+    fill = self%first(1:n)
+    call put(1.0_wp, 0)
+    do r = 1, size(self%lin%runs)
+      call put(sum(self%lin%runs(r)%alpha), r)
+    end do
+  contains
+    !> Counts the entries of each row.
+    subroutine count_rows(a)
+      type(triplet_matrix), intent(in) :: a
+      integer :: i
+      do i = 1, a%count
+        self%first(a%rows(i) + 1) = self%first(a%rows(i) + 1) + 1
+      end do
+    end subroutine count_rows
+    !> Adds the entries of the static stiffness (run 0) or of one GHM run.
+    subroutine put(factor, run)
+      real(wp), intent(in) :: factor
+      integer, intent(in) :: run
+      integer :: i, j
+      if (run == 0) then
+        do i = 1, self%lin%stiffness%count
+          j = self%lin%stiffness%rows(i)
+          self%col(fill(j)) = self%lin%stiffness%cols(i)
+          self%value(fill(j)) = factor*self%lin%stiffness%values(i)
+          fill(j) = fill(j) + 1
+        end do
+      else
+        do i = 1, self%lin%runs(run)%stiffness%count
+          j = self%lin%runs(run)%stiffness%rows(i)
+          self%col(fill(j)) = self%lin%runs(run)%stiffness%cols(i)
+          self%value(fill(j)) = factor*self%lin%runs(run)%stiffness%values(i)
+          fill(j) = fill(j) + 1
+        end do
+      end if
+    end subroutine put
+  end subroutine gather_rows
+
+  !> Largest eigenvalue of K x = lambda M x [rad2/s2] (or of C x = lambda M x [1/s]) by at most `most` Lanczos steps; joints
+  !> held or released. m holds an evaluation at the present configuration.
+  subroutine largest(self, m, held, damping, most, lambda)
+    class(fast_spectrum), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held              !! joints and drives held
+    logical, intent(in) :: damping           !! eigenvalues of C rather than K
+    integer, intent(in) :: most              !! Lanczos steps
+    real(wp), intent(out) :: lambda
+    real(wp) :: b, x
+    integer :: j, i, info, pass
+    lambda = 0.0_wp
+    self%steps = 0
+    self%w(:, 0) = 0.0_wp
+    self%r = self%start
+    call solve_mass(m, held, self%r, self%u)
+    b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
+    if (b <= tiny(1.0_wp)) return
+    self%v(:, 1) = self%u/b
+    self%w(:, 1) = self%r/b
+    self%beta(0) = 0.0_wp
+    do j = 1, min(most, size(self%alpha))
+      call multiply(self, m, damping, self%v(:, j), self%r)
+      self%alpha(j) = dot_product(self%v(:, j), self%r)
+      do pass = 1, 2
+        do i = 1, j
+          x = dot_product(self%v(:, i), self%r)
+          self%r = self%r - x*self%w(:, i)
+        end do
+      end do
+      call solve_mass(m, held, self%r, self%u)
+      b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
+      self%steps = j
+      self%beta(j) = b
+      if (mod(j, 8) == 0 .or. j == min(most, size(self%alpha)) .or. b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)) then
+        self%t(1:j, 1:j) = 0.0_wp
+        do i = 1, j
+          self%t(i, i) = self%alpha(i)
+          if (i < j) self%t(i + 1, i) = self%beta(i)
+        end do
+        call dsyev('V', 'L', j, self%t, size(self%t, 1), self%e, self%work, size(self%work), info)
+        lambda = self%e(j)
+        if (b*abs(self%t(j, j)) <= 1.0e-5_wp*abs(lambda)) exit
+      end if
+      if (b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)) exit
+      self%v(:, j + 1) = self%u/b
+      self%w(:, j + 1) = self%r/b
+    end do
+  end subroutine largest
+
+  !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
+  subroutine mode(self, m, k, f)
+    class(fast_spectrum), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                 !! 1: the fastest
+    type(fast_mode), intent(out) :: f
+    real(wp), allocatable :: y(:)
+    real(wp) :: d
+    integer :: j, r
+    f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
+    allocate (y(size(f%x)), f%runs(size(self%lin%runs)))
+    y = 0.0_wp
+    call self%lin%stiffness%times(1.0_wp, f%x, y)
+    f%stiffness = dot_product(f%x, y)
+    y = 0.0_wp
+    call self%lin%damping%times(1.0_wp, f%x, y)
+    f%damping = dot_product(f%x, y)
+    do r = 1, size(self%lin%runs)
+      f%runs(r) = 0.0_wp
+      if (self%lin%runs(r)%spring > 0) cycle
+      y = 0.0_wp
+      call self%lin%runs(r)%stiffness%times(1.0_wp, f%x, y)
+      f%runs(r) = dot_product(f%x, y)
+    end do
+    do j = 1, size(m%s%springs)
+      d = spring_stretch(m, j, f%x)
+      f%stiffness = f%stiffness + self%spring_static(j)*d**2
+      f%damping = f%damping + m%s%springs(j)%damping*d**2
+      do r = 1, size(self%lin%runs)
+        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*d**2
+      end do
+    end do
+  end subroutine mode
+
+  !> y = K x (instantaneous) or C x, bodies and springs.
+  subroutine multiply(self, m, damping, x, y)
+    class(fast_spectrum), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    logical, intent(in) :: damping
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: y(:)
+    real(wp) :: s
+    integer :: i, k
+    if (damping) then
+      y = 0.0_wp
+      call self%lin%damping%times(1.0_wp, x, y)
+    else
+      do i = 1, size(y)
+        s = 0.0_wp
+        do k = self%first(i), self%first(i + 1) - 1
+          s = s + self%value(k)*x(self%col(k))
+        end do
+        y(i) = s
+      end do
+    end if
+    do k = 1, size(m%s%springs)
+      s = spring_stretch(m, k, x)*merge(m%s%springs(k)%damping, self%spring_fast(k), damping)
+      if (abs(s) > 0.0_wp) call spring_push(m, k, s, y)
+    end do
+  end subroutine multiply
+
+  !> Displacement of a place, global, and turn of its section, from the unknowns.
+  pure function place_shift(m, k, x) result(d)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: x(:)
+    real(wp) :: d(3), u(3)
+    integer :: b, i, c
+    d = 0.0_wp
+    b = m%s%places(k)%body
+    if (b == 0) return
+    i = m%s%qo(b)
+    u(1:2) = x(i + 1:i + 2) + x(i + 3)*turn(m%p%rho(:, k))
+    u(3) = x(i + 3)
+    associate (place => m%s%places(k))
+      if (allocated(place%psi)) then
+        do c = 1, size(place%psi, 2)
+          u = u + place%psi(:, c)*x(i + 3 + c)
+        end do
+      else
+        do c = 1, 3
+          if (place%dof(c) > 0) u(c) = u(c) + x(i + 3 + place%dof(c))
+        end do
+      end if
+    end associate
+    d = [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2), u(3)]
+  end function place_shift
+
+  !> Change of a spring's deformation.
+  pure function spring_stretch(m, k, x) result(s)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: x(:)
+    real(wp) :: s, d(3), e(2), now, rate
+    associate (sp => m%s%springs(k))
+      d = place_shift(m, sp%ia, x) - place_shift(m, sp%ib, x)
+      if (sp%torsional) then
+        s = d(3)
+      else
+        call sp%deformation(m%p, now, rate, e)
+        s = dot_product(e, d(1:2))
+      end if
+    end associate
+  end function spring_stretch
+
+  !> Adds the forces of a spring pulling with s.
+  pure subroutine spring_push(m, k, s, y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: s
+    real(wp), intent(inout) :: y(:)
+    real(wp) :: e(2), now, rate
+    associate (sp => m%s%springs(k))
+      if (sp%torsional) then
+        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s], y)
+        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s], y)
+      else
+        call sp%deformation(m%p, now, rate, e)
+        call place_push(m, sp%ia, [s*e(1), s*e(2), 0.0_wp], y)
+        call place_push(m, sp%ib, [-s*e(1), -s*e(2), 0.0_wp], y)
+      end if
+    end associate
+  end subroutine spring_push
+
+  !> Adds a wrench (global force, moment) on a place as generalised forces.
+  pure subroutine place_push(m, k, f, y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: f(3)
+    real(wp), intent(inout) :: y(:)
+    real(wp) :: w(3)
+    integer :: b, i, c
+    b = m%s%places(k)%body
+    if (b == 0) return
+    i = m%s%qo(b)
+    w = [m%c(b)*f(1) + m%sn(b)*f(2), m%c(b)*f(2) - m%sn(b)*f(1), f(3)]
+    y(i + 1:i + 2) = y(i + 1:i + 2) + w(1:2)
+    y(i + 3) = y(i + 3) + w(3) + m%p%rho(1, k)*w(2) - m%p%rho(2, k)*w(1)
+    associate (place => m%s%places(k))
+      if (allocated(place%psi)) then
+        do c = 1, size(place%psi, 2)
+          y(i + 3 + c) = y(i + 3 + c) + dot_product(place%psi(:, c), w)
+        end do
+      else
+        do c = 1, 3
+          if (place%dof(c) > 0) y(i + 3 + place%dof(c)) = y(i + 3 + place%dof(c)) + w(c)
+        end do
+      end if
+    end associate
+  end subroutine place_push
+
+  !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
+  subroutine solve_mass(m, held, r, u)
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held
+    real(wp), intent(in) :: r(:)
+    real(wp), intent(out) :: u(:)
+    real(wp) :: x(3)
+    integer :: b, i, n, k, e
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      n = m%s%bodies(b)%nf
+      associate (bo => m%s%bodies(b))
+        x = r(i + 1:i + 3)
+        if (bo%flexible) then
+          u(i + 4:i + 3 + n) = r(i + 4:i + 3 + n)
+          do k = 1, n
+            x(1:2) = x(1:2) - bo%pmat(k, :)*u(i + 3 + k)
+            x(3) = x(3) - bo%tx(k)*u(i + 3 + k)
+          end do
+          if (.not. bo%modal) call band_solve(bo%mff, u(i + 4:i + 3 + n))
+        end if
+        x(2) = x(2) - m%low(1, b)*x(1)
+        x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
+        x = x*m%dinv(:, b)
+        x(2) = x(2) - m%low(3, b)*x(3)
+        x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
+        u(i + 1:i + 3) = x
+        do k = 1, n
+          u(i + 3 + k) = u(i + 3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
+        end do
+      end associate
+    end do
+    if (.not. held .or. m%s%rows == 0) return
+    m%lambda = 0.0_wp
+    do b = 1, size(m%s%bodies)
+      do e = m%end_first(b), m%end_first(b + 1) - 1
+        m%lambda(m%end_row(e)) = m%lambda(m%end_row(e)) + row_shift(m, b, e, u)
+      end do
+    end do
+    call m%schur%solve(m%lambda)
+    call apply_body_axes(m, u)
+  end subroutine solve_mass
+
+  !> w . (place displacement in body axes) of one end.
+  pure function row_shift(m, b, e, u) result(s)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b, e
+    real(wp), intent(in) :: u(:)
+    real(wp) :: s, d(3)
+    integer :: i, k, c
+    i = m%s%qo(b)
+    k = m%end_place(e)
+    d(1:2) = u(i + 1:i + 2) + u(i + 3)*turn(m%p%rho(:, k))
+    d(3) = u(i + 3)
+    associate (place => m%s%places(k))
+      if (allocated(place%psi)) then
+        do c = 1, size(place%psi, 2)
+          d = d + place%psi(:, c)*u(i + 3 + c)
+        end do
+      else
+        do c = 1, 3
+          if (place%dof(c) > 0) d(c) = d(c) + u(i + 3 + place%dof(c))
+        end do
+      end if
+    end associate
+    s = dot_product(m%w(:, e), d)
+  end function row_shift
+
+  !> u = u - M^-1 Phi^T lambda in body axes.
+  subroutine apply_body_axes(m, u)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(inout) :: u(:)
+    integer :: b, i
+    real(wp) :: x(2)
+    call apply_multipliers(m, m%lambda, m%a)
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      x = m%a(i + 1:i + 2)
+      m%a(i + 1) = m%c(b)*x(1) + m%sn(b)*x(2)
+      m%a(i + 2) = m%c(b)*x(2) - m%sn(b)*x(1)
+    end do
+    u = u + m%a
+  end subroutine apply_body_axes
+end module spectrum
