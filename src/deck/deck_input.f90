@@ -2,10 +2,11 @@
 !> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
 !> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
-  use text, only: lower, to_text, word_hash, nearest_word, printable, joined
+  use text, only: lower, to_text, word_hash, nearest_word, printable
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
   use deck_cursor, only: group_cursor, quoted
+  use deck_known, only: variable_list, longest
   use deck_syntax, only: bad_value
   implicit none (type, external)
   private
@@ -13,8 +14,6 @@ module deck_input
 
   logical, parameter, public :: required = .true.   !! for the argument `need` of the readers
 
-  integer, parameter :: longest = 32      !! letters of the longest variable's name
-  integer, parameter :: most_known = 64   !! more variables than any group has
   integer, parameter :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   ! what became of an assignment
 
   !> What became of one assignment of the group.
@@ -23,23 +22,13 @@ module deck_input
     character(:), allocatable :: applies   ! kinds it would apply to
   end type mark
 
-  !> A required variable that the group does not give.
-  type :: gap
-    character(longest) :: name = ''
-    character(:), allocatable :: expected
-  end type gap
-
   !> A deck with its tables of names; of the open group: which variables were asked for and what became of them.
   type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
     integer, private :: faults_before = 0      ! faults when it was opened
     type(mark), allocatable, private :: marks(:)
-    character(longest), allocatable, private :: known(:)
-    logical, allocatable, private :: known_here(:)
-    integer, private :: known_count = 0
-    type(gap), allocatable, private :: gaps(:)
-    integer, private :: gap_count = 0
+    type(variable_list), private :: known               ! variables asked for
     character(longest), private :: selector = ''        ! the variable that decides what applies
     character(longest), private :: choice = ''          ! its value
     logical, private :: choice_known = .true.
@@ -67,9 +56,7 @@ contains
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: number   !! which group of the deck
     integer :: k
-    if (.not. allocated(self%known)) then
-      allocate (self%known(most_known), self%known_here(most_known), self%gaps(most_known), self%marks(most_known))
-    end if
+    if (.not. allocated(self%marks)) allocate (self%marks(64))
     associate (g => self%parts%groups(number))
       self%current = number
       self%line = g%line
@@ -83,8 +70,7 @@ contains
     do k = 1, self%count
       self%marks(k)%state = unknown
     end do
-    self%known_count = 0
-    self%gap_count = 0
+    call self%known%clear()
     self%selector = ''
     self%choice = ''
     self%choice_known = .true.
@@ -94,15 +80,18 @@ contains
   !> Closes the group: reports the variables that nobody asked for, those that do not apply, and those that are missing.
   subroutine close_group(self)
     class(deck_source), intent(inout) :: self
+    character(:), allocatable :: message
     integer :: k
     do k = 1, self%count
       if (self%marks(k)%state == unknown) call report_unknown(self, k)
       if (self%marks(k)%state == elsewhere) call report_elsewhere(self, k)
     end do
     if (.not. self%parts%groups(self%current)%whole) return
-    do k = 1, self%gap_count
-      if (self%gaps(k)%name == '') cycle
-      call self%complain('', trim(self%gaps(k)%name)//' is missing, expected '//self%gaps(k)%expected)
+    k = 0
+    do
+      call self%known%next_missing(k, message)
+      if (k == 0) exit
+      call self%complain('', message)
     end do
   end subroutine close_group
 
@@ -110,34 +99,30 @@ contains
   subroutine report_unknown(self, k)
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: k   !! which assignment of the group
-    character(:), allocatable :: name
-    integer :: near, i
-    associate (a => self%parts%assignments(self%head + k), known => self%known(1:self%known_count))
+    character(:), allocatable :: name, meant, message
+    integer :: near
+    associate (a => self%parts%assignments(self%head + k))
       name = lower(self%raw(a%first, a%last))
       if (len(name) == 0) then
         if (a%values > 0 .and. .not. a%equals) call self%add_fault(a%line, 'value '// &
           self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
         return
       end if
-      near = 0
       if (index(name, '(') > 1) then
-        call self%add_fault(a%line, 'subscript in '//printable(name, 40)//', expected the whole list, '// &
-          name(1:index(name, '(') - 1)//'=value,value,...')
-        near = findloc(known == name(1:index(name, '(') - 1), .true., 1)
+        meant = name(1:index(name, '(') - 1)
+        near = self%known%knows(meant)
+        message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
+        if (near > 0) call self%known%forgive(near, meant)
       else
-        near = nearest_word(name, known)
+        near = self%known%meant_by(name)
+        message = 'expected one of '//self%known%applicable()
         if (near > 0) then
-          call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', did you mean '// &
-            trim(known(near))//'?')
-        else
-          call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', expected one of '// &
-            joined(pack(known, self%known_here(1:self%known_count)), ', '))
+          call self%known%forgive(near, meant)
+          message = 'did you mean '//meant//'?'
         end if
+        message = 'unknown variable '//printable(name, 40)//', '//message
       end if
-      if (near == 0) return
-      do i = 1, self%gap_count
-        if (self%gaps(i)%name == known(near)) self%gaps(i)%name = ''
-      end do
+      call self%add_fault(a%line, message)
     end associate
   end subroutine report_unknown
 
@@ -192,8 +177,8 @@ contains
     logical :: here
     here = .true.
     if (present(kinds)) here = applies(self, kinds)
-    call remember(self, name, here)
     call find_assignment(self, name, place)
+    call self%known%declare(name, here, place > 0)
     absent = .false.
     if (place == 0) then
       if (present(need)) absent = need .and. here .and. (self%choice_known .or. .not. present(kinds))
@@ -218,23 +203,6 @@ contains
     yes = .not. self%choice_known
     if (.not. yes .and. self%choice /= '') yes = index(' '//kinds//' ', ' '//trim(self%choice)//' ') > 0
   end function applies
-
-  !> Adds a variable to those that the group knows.
-  subroutine remember(self, name, here)
-    class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name
-    logical, intent(in) :: here   !! whether it applies
-    integer :: k
-    do k = 1, self%known_count
-      if (self%known(k) == name) then
-        self%known_here(k) = self%known_here(k) .or. here
-        return
-      end if
-    end do
-    self%known_count = self%known_count + 1
-    self%known(self%known_count) = name
-    self%known_here(self%known_count) = here
-  end subroutine remember
 
   !> First assignment of a variable; further ones are reported.
   subroutine find_assignment(self, name, place)
@@ -379,11 +347,11 @@ contains
     character(*), intent(in) :: name              !! variable
     character(*), intent(in) :: expected          !! what is expected
     character(*), intent(in), optional :: kinds   !! kinds that require it
-    self%gap_count = self%gap_count + 1
-    self%gaps(self%gap_count)%name = name
-    self%gaps(self%gap_count)%expected = expected
-    if (present(kinds)) self%gaps(self%gap_count)%expected = expected//' for '//trim(self%selector)//'='// &
-      quoted(trim(self%choice))
+    if (present(kinds)) then
+      call self%known%miss(name, expected//' for '//trim(self%selector)//'='//quoted(trim(self%choice)))
+    else
+      call self%known%miss(name, expected)
+    end if
   end subroutine miss
 
 end module deck_input

@@ -1,0 +1,135 @@
+!> The variables that a group knows, collected while they are asked for, and the required ones that it does not give.
+module deck_known
+  use text, only: nearest_word, joined
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: longest = 32   !! letters of the longest variable's name
+
+  !> One variable.
+  type :: variable
+    character(longest) :: name = ''
+    logical :: here = .false.                  ! it applies to this kind of the group
+    logical :: given = .false.                 ! the group gives it
+    character(:), allocatable :: missing       ! what is expected, where it is required and not given
+  end type variable
+
+  !> The variables of the open group.
+  type, public :: variable_list
+    private
+    type(variable), allocatable :: items(:)
+    integer :: count = 0
+  contains
+    procedure :: clear
+    procedure :: declare
+    procedure :: miss
+    procedure :: knows
+    procedure :: meant_by
+    procedure :: forgive
+    procedure :: applicable
+    procedure :: next_missing
+  end type variable_list
+
+contains
+
+  !> Forgets all variables.
+  subroutine clear(self)
+    class(variable_list), intent(inout) :: self
+    integer :: k
+    if (.not. allocated(self%items)) allocate (self%items(40))
+    do k = 1, self%count
+      if (allocated(self%items(k)%missing)) deallocate (self%items(k)%missing)
+    end do
+    self%count = 0
+  end subroutine clear
+
+  !> Adds a variable; one that is declared for several kinds is one.
+  subroutine declare(self, name, here, given)
+    class(variable_list), intent(inout) :: self
+    character(*), intent(in) :: name   !! variable
+    logical, intent(in) :: here        !! whether it applies
+    logical, intent(in) :: given       !! whether the group gives it
+    type(variable), allocatable :: larger(:)
+    integer :: k
+    k = self%knows(name)
+    if (k == 0) then
+      if (self%count == size(self%items)) then
+        allocate (larger(2*self%count))
+        larger(1:self%count) = self%items
+        call move_alloc(larger, self%items)
+      end if
+      self%count = self%count + 1
+      k = self%count
+      self%items(k)%name = name
+      self%items(k)%here = .false.
+    end if
+    self%items(k)%here = self%items(k)%here .or. here
+    self%items(k)%given = given
+  end subroutine declare
+
+  !> Notes that a declared variable is required and not given.
+  subroutine miss(self, name, expected)
+    class(variable_list), intent(inout) :: self
+    character(*), intent(in) :: name       !! variable
+    character(*), intent(in) :: expected   !! what is expected
+    integer :: k
+    k = self%knows(name)
+    if (k > 0) self%items(k)%missing = expected
+  end subroutine miss
+
+  !> Position of a variable, 0 if it is not declared.
+  pure function knows(self, name) result(k)
+    class(variable_list), intent(in) :: self
+    character(*), intent(in) :: name   !! variable
+    integer :: k
+    do k = self%count, 1, -1
+      if (self%items(k)%name == name) return
+    end do
+  end function knows
+
+  !> Position of the variable that a misspelt word means, 0 if none is near; those that are given are not meant.
+  pure function meant_by(self, word) result(k)
+    class(variable_list), intent(in) :: self
+    character(*), intent(in) :: word   !! misspelt word
+    integer :: k
+    character(longest) :: names(self%count)
+    names = self%items(1:self%count)%name
+    where (self%items(1:self%count)%given) names = ''
+    k = nearest_word(word, names)
+  end function meant_by
+
+  !> Takes a variable as given under a wrong name, which is reported elsewhere; returns its name.
+  subroutine forgive(self, k, name)
+    class(variable_list), intent(inout) :: self
+    integer, intent(in) :: k                             !! position of the variable
+    character(:), allocatable, intent(out) :: name
+    if (allocated(self%items(k)%missing)) deallocate (self%items(k)%missing)
+    name = trim(self%items(k)%name)
+  end subroutine forgive
+
+  !> The variables that apply, with commas between.
+  pure function applicable(self) result(t)
+    class(variable_list), intent(in) :: self
+    character(:), allocatable :: t
+    character(longest) :: names(self%count)
+    logical :: here(self%count)
+    names = self%items(1:self%count)%name
+    here = self%items(1:self%count)%here
+    t = joined(pack(names, here), ', ')
+  end function applicable
+
+  !> The next missing variable behind position k, which becomes its position or 0 at the end.
+  subroutine next_missing(self, k, message)
+    class(variable_list), intent(in) :: self
+    integer, intent(inout) :: k
+    character(:), allocatable, intent(out) :: message   !! what is missing, what was expected
+    integer :: i
+    do i = k + 1, self%count
+      if (.not. allocated(self%items(i)%missing)) cycle
+      message = trim(self%items(i)%name)//' is missing, expected '//self%items(i)%missing
+      k = i
+      return
+    end do
+    k = 0
+  end subroutine next_missing
+end module deck_known
