@@ -121,6 +121,6 @@ endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
 	@awk "$$DEPENDENCIES" $(SOURCES) > $@
-ifeq ($(filter clean help lint setup debug test-debug,$(MAKECMDGOALS)),)
+ifneq ($(filter-out clean help lint setup debug test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif
