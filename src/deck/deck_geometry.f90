@@ -10,6 +10,7 @@ module deck_geometry
   public :: check_frame, check_reference
 
   real(wp), parameter :: singular = 1.0e-12_wp     !! smaller determinants count as zero [-]
+  integer, parameter :: most_shown = 10            !! faults of one list that are shown one by one
   real(wp), parameter :: tiny_length = 1.0e-9_wp   !! elements shorter than this times the frame's size have no length [-]
 
 contains
@@ -38,22 +39,36 @@ contains
   subroutine check_elements(deck, b)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(in) :: b
-    real(wp) :: size_of_frame, length      ! [m]
-    integer :: k, i, j
+    character(:), allocatable :: problem
+    real(wp) :: size_of_frame              ! [m]
+    integer :: k, i, j, faulty
     size_of_frame = hypot(maxval(b%node_x) - minval(b%node_x), maxval(b%node_y) - minval(b%node_y))
+    faulty = 0
     do k = 1, b%elements
       i = b%element_nodes(1, k)
       j = b%element_nodes(2, k)
+      problem = ''
       if (min(i, j) < 1 .or. max(i, j) > b%nodes) then
-        call deck%complain('element_nodes', 'element '//to_text(k)//' joins nodes '//to_text(i)//' and '//to_text(j)// &
-          ', expected 1 to '//to_text(b%nodes))
-        cycle
+        problem = ': no such node, expected 1 to '//to_text(b%nodes)
+      else if (hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i)) <= tiny_length*size_of_frame) then
+        problem = ' has no length, expected two nodes apart'
       end if
-      length = hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i))
-      if (length <= tiny_length*size_of_frame) call deck%complain('element_nodes', 'element '//to_text(k)// &
-        ' from node '//to_text(i)//' to node '//to_text(j)//' has no length, expected two nodes apart')
+      if (len(problem) == 0) cycle
+      faulty = faulty + 1
+      if (faulty <= most_shown) call deck%complain('element_nodes', 'element '//to_text(k)//' from node '//to_text(i)// &
+        ' to node '//to_text(j)//problem)
     end do
+    call report_rest(deck, 'element_nodes', faulty)
   end subroutine check_elements
+
+  !> Says how many values of a long list are faulty beyond those shown.
+  subroutine report_rest(deck, name, faulty)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name     !! variable
+    integer, intent(in) :: faulty        !! number of faulty values
+    if (faulty > most_shown) call deck%complain(name, name//' has '//to_text(faulty - most_shown)// &
+      ' more faults of this kind, expected none')
+  end subroutine report_rest
 
   !> All nodes hang together.
   subroutine check_connected(deck, b)
@@ -110,7 +125,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
     logical, allocatable :: removed(:, :)
-    integer :: k, dof, before
+    integer :: k, dof, before, faulty
     before = deck%faults%count
     if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
       'both given, expected one or the other')
@@ -119,20 +134,27 @@ contains
       'reference_node')
     call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
     where (b%reference_node == -1) b%reference_node = b%nodes
+    faulty = 0
     do k = 1, size(b%reference_node)
-      if (b%reference_node(k) < 1 .or. b%reference_node(k) > b%nodes) call deck%complain('reference_node', &
-        'reference_node='//to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)// &
-        ' or -1 (the last)')
+      if (b%reference_node(k) >= 1 .and. b%reference_node(k) <= b%nodes) cycle
+      faulty = faulty + 1
+      if (faulty <= most_shown) call deck%complain('reference_node', 'reference_node='// &
+        to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)//' or -1 (the last)')
     end do
+    call report_rest(deck, 'reference_node', faulty)
     if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
     allocate (removed(3, b%nodes))
     removed = .false.
     do k = 1, size(b%reference_node)
       dof = index('uvr', b%reference_dof(k))
-      if (removed(dof, b%reference_node(k))) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)// &
-        ' of node '//to_text(b%reference_node(k))//' is removed twice, expected it once')
+      if (removed(dof, b%reference_node(k))) then
+        faulty = faulty + 1
+        if (faulty <= most_shown) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)//' of node '// &
+          to_text(b%reference_node(k))//' is removed twice, expected it once')
+      end if
       removed(dof, b%reference_node(k)) = .true.
     end do
+    call report_rest(deck, 'reference_dof', faulty)
   end subroutine check_lists
 
   !> A rigid motion that leaves all removed coordinates at rest is a fault that names it.
