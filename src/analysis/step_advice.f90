@@ -420,7 +420,7 @@ contains
         ' no current bound (as assembled)'
       advice%text = advice%text//trim(line)//new_line('a')
       write (line, '(3a, es11.4, a, f6.4)') '    limited by ', trim(advice%safe%what(k)), ', |eigenvalue| ', &
-        abs(advice%safe%mu(k)), ' rad/s, damping ratio ', max(-real(advice%safe%mu(k), wp)/abs(advice%safe%mu(k)), 0.0_wp)
+        abs(advice%safe%mu(k)), ' rad/s, damping ratio ', abs(real(advice%safe%mu(k), wp))/abs(advice%safe%mu(k))
       advice%text = advice%text//trim(line)//new_line('a')
     end do
     if (any(m%s%bodies%stiffening)) advice%text = advice%text//'  note: with geometric stiffening the bounds are those '// &

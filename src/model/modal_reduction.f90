@@ -9,7 +9,7 @@ module modal_reduction
   use lapack, only: dsygvd
   implicit none (type, external)
   private
-  public :: reduce_to_modes, stiffness_triplets, lowest_modes
+  public :: reduce_to_modes, stiffness_triplets, lowest_modes, mass_product
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely
 

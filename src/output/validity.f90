@@ -1,0 +1,158 @@
+!> Watches whether a run stays within what the model can tell: small deflections in each body's frame, spins well below
+!> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
+module validity
+  use kinds, only: wp, pi
+  use banded, only: band_factor, factor_symmetric, band_solve
+  use body, only: body_model
+  use mechanism, only: mechanism_model
+  use modal_reduction, only: stiffness_triplets, mass_product
+  implicit none (type, external)
+  private
+  public :: validity_watch
+
+  real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
+  real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
+  real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
+
+  !> Largest figures of every body so far: deflection [m], section rotation [rad], spin [rad/s], and the sums of squared
+  !> elastic rates and accelerations whose ratio is the frequency of the elastic motion.
+  type :: validity_watch
+    real(wp), allocatable :: figures(:, :)           !! (5, nb), part of a checkpoint
+    real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
+  contains
+    procedure :: begin
+    procedure :: look
+    procedure :: warnings
+  end type validity_watch
+
+contains
+
+  !> Starts the watch.
+  subroutine begin(self, m)
+    class(validity_watch), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    integer :: b, k
+    if (allocated(self%figures)) deallocate (self%figures)
+    allocate (self%figures(5, size(m%s%bodies)), source=0.0_wp)
+    self%weight = [(1.0_wp, b=1, m%s%nq)]
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b), i => m%s%qo(b) + 3)
+        if (.not. bo%flexible .or. bo%modal) cycle
+        do k = 1, bo%nn
+          if (bo%dof(3, k) > 0) self%weight(i + bo%dof(3, k)) = (0.5_wp*bo%elements(1)%length)**2
+        end do
+      end associate
+    end do
+  end subroutine begin
+
+  !> Looks at an evaluated state.
+  pure subroutine look(self, m, q, v)
+    class(validity_watch), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:), v(:)               !! (nq)
+    real(wp) :: u(3)
+    integer :: b, k, i, n
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b), f => self%figures(:, b))
+        if (.not. bo%flexible) cycle
+        i = m%s%qo(b) + 3
+        n = bo%nf
+        do k = 1, bo%nn
+          u = bo%displacement(k, q(i + 1:i + n))
+          f(1) = max(f(1), hypot(u(1), u(2)))
+          f(2) = max(f(2), abs(u(3)))
+        end do
+        f(3) = max(f(3), abs(v(i)))
+        do k = 1, n
+          f(4) = f(4) + self%weight(i + k)*v(i + k)**2
+          f(5) = f(5) + self%weight(i + k)*m%a(i + k)**2
+        end do
+      end associate
+    end do
+  end subroutine look
+
+  !> One sentence for each limit that a body passed.
+  function warnings(self, m) result(text)
+    class(validity_watch), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text
+    real(wp) :: first, carried
+    integer :: b
+    text = ''
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b), f => self%figures(:, b))
+        if (.not. bo%flexible) cycle
+        if (f(1) > large_deflection*bo%length) call say(bo, 'deflects by', f(1)/bo%length*100, &
+          '% of its length: beyond about 10 % the linear floating frame no longer holds (more bodies, each with its own frame)')
+        if (f(2) > large_rotation) call say(bo, 'turns a section by', f(2), &
+                                            'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
+        if (.not. bo%stiffening .and. f(3) > 0.0_wp) then
+          first = lowest_frequency(bo)
+          if (f(3) > fast_spin*first) call say(bo, 'spins at', f(3)/first, 'of its lowest bending frequency without '// &
+            'stiffening=.true.: the linear strain misses the centrifugal stiffening')
+        end if
+        carried = highest_carried(bo)
+        if (f(4) > 0.0_wp) then
+          if (sqrt(f(5)/f(4)) > carried) call say(bo, 'moves elastically at', sqrt(f(5)/f(4)), 'rad/s, faster than its '// &
+            'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
+        end if
+      end associate
+    end do
+  contains
+    !> Adds a sentence.
+    subroutine say(bo, what, x, rest)
+      type(body_model), intent(in) :: bo
+      character(*), intent(in) :: what, rest
+      real(wp), intent(in) :: x
+      character(16) :: number
+      write (number, '(es9.2)') x
+      if (x >= 0.01_wp .and. x < 1.0e4_wp) write (number, '(f0.2)') x
+      if (x >= 0.01_wp .and. x < 1.0_wp) write (number, '(f4.2)') x
+      text = text//'warning: body "'//trim(bo%name)//'" '//what//' '//trim(adjustl(number))//' '//rest//new_line('a')
+    end subroutine say
+  end function warnings
+
+  !> Lowest frequency of the body under its reference conditions [rad/s], by inverse iteration.
+  function lowest_frequency(b) result(omega)
+    type(body_model), intent(in) :: b
+    real(wp) :: omega
+    type(band_factor) :: factor
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:), x(:), mx(:)
+    integer :: bad, k, pass
+    omega = huge(1.0_wp)
+    if (b%modal) then
+      omega = sqrt(max(b%omega2(1), 0.0_wp))
+      return
+    end if
+    call stiffness_triplets(b, rows, cols, values)
+    call factor_symmetric(b%nf, rows, cols, values, factor, bad)
+    if (bad > 0) return
+    allocate (x(b%nf))
+    x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
+    do pass = 1, 30
+      mx = mass_product(b, x)
+      x = mx
+      call band_solve(factor, x)
+      omega = sqrt(dot_product(x, mx)/dot_product(x, mass_product(b, x)))
+      x = x/sqrt(dot_product(x, mass_product(b, x)))
+    end do
+  end function lowest_frequency
+
+  !> Highest frequency that the mesh (half a wave an element) or the kept modes carry [rad/s].
+  pure function highest_carried(b) result(omega)
+    type(body_model), intent(in) :: b
+    real(wp) :: omega
+    integer :: e
+    if (b%modal) then
+      omega = sqrt(maxval(b%omega2))
+      return
+    end if
+    omega = huge(1.0_wp)
+    do e = 1, b%ne
+      associate (g => b%elements(e))
+        omega = min(omega, (pi/g%length)**2*sqrt(g%ei_l*g%length**2/g%mass))
+      end associate
+    end do
+  end function highest_carried
+end module validity
