@@ -129,6 +129,7 @@ contains
     type(transient_report), intent(in) :: report
     character(:), allocatable, intent(inout) :: text
     character(160) :: line
+    character(:), allocatable :: warnings
     call add_line(text, '')
     call add_line(text, 'transient')
     call add_line(text, '  method: '//trim(run%d%transient%method)//', stabilization: '// &
@@ -147,6 +148,18 @@ contains
     write (line, '(a, es10.3, a, es10.3, a)') '  largest energy residual: ', report%residual, ' J (largest energy ', &
       report%energy, ' J)'
     call add_line(text, trim(line))
+    if (run%monitor%smallest < huge(1.0_wp)) then
+      write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
+        ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
+      call add_line(text, trim(line))
+    end if
+    warnings = run%watch%warnings(run%sys%m)
+    if (len(warnings) == 0) then
+      call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
+    else
+      text = text//warnings
+      write (error_unit, '(a)', advance='no') warnings
+    end if
   end subroutine transient_lines
 
   !> The end of the summary: outcome, version, times, the deck's text.

@@ -11,6 +11,8 @@ module scene_run
   use nodal_kernel, only: deformations
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
+  use step_advice, only: stability_monitor
+  use validity, only: validity_watch
   implicit none (type, external)
   private
   public :: run_state, prepare_run, relax
@@ -21,6 +23,8 @@ module scene_run
     type(mechanism_system) :: sys
     type(sensor_list) :: list
     type(assembly_report) :: assembly
+    type(validity_watch) :: watch             !! figures of the run so far (to be kept by a checkpoint)
+    type(stability_monitor) :: monitor        !! current bound along the run (smallest, at, estimates: likewise)
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
     character(:), allocatable :: folder       !! results folder
     logical :: quiet = .false.

@@ -47,6 +47,7 @@ module step_advice
     real(wp) :: smallest = huge(1.0_wp)        !! smallest current bound so far [s]
     real(wp) :: at = 0.0_wp                    !! when [s]
     type(fast_spectrum) :: fast
+    real(wp), allocatable :: a(:), lambda(:)   !! results of the evaluation, kept over an estimate
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
@@ -96,19 +97,25 @@ contains
     if (bound%run(self%method) > 0) self%mode_step = huge(1.0_wp)
     self%fast%start = force + 1.0e-3_wp*norm2(force)/norm2(self%fast%start)*self%fast%start
     self%steps = min(12, size(q))
+    self%a = m%a
+    self%lambda = m%lambda
     self%every = ceiling((self%steps + 0.004_wp*self%steps**3)/0.08_wp)
     self%active = self%mode_step < huge(1.0_wp) .and. abs(mu) > 0.0_wp
     if (.not. self%active) self%smallest = self%pole_step
   end subroutine monitor_begin
 
-  !> Estimates the current bound at the state of the last evaluation of m.
+  !> Estimates the current bound at the state of the last evaluation of m, whose results are left as they are.
   subroutine monitor_look(self, m, t)
     class(stability_monitor), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                  !! [s]
     real(wp) :: lambda, h
     if (.not. self%active) return
+    self%a(:) = m%a
+    self%lambda(:) = m%lambda
     call self%fast%largest(m, .true., .false., self%steps, lambda)
+    m%a(:) = self%a
+    m%lambda(:) = self%lambda
     self%estimates = self%estimates + 1
     h = self%mode_step
     if (lambda > 0.0_wp) h = self%mode_step*sqrt(self%start_lambda/lambda)

@@ -10,6 +10,7 @@ module transient
   use results, only: result_set
   use runge_kutta, only: explicit_stepper, classical_rk4
   use scene_run, only: run_state
+  use step_advice, only: stability_monitor
   implicit none (type, external)
   private
   public :: run_transient, transient_report, step_layout
@@ -59,6 +60,8 @@ contains
       if (fail%happened()) return
       outputs = max(1_ip, ceiling(r%t_end/r%output_step*(1.0_wp - 1.0e-12_wp), ip))
       report%step = r%output_step/real(step_layout(r%output_step, r%step), wp)
+      call run%watch%begin(run%sys%m)
+      call run%monitor%begin(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), r%method)
       call catch_signals()
       call line%begin(run%quiet)
       call run%sys%derivative(0.0_wp, run%y, .false., stepper%k(:, 1))
@@ -67,7 +70,7 @@ contains
         t0 = real(k - 1, wp)*r%output_step
         t1 = min(real(k, wp)*r%output_step, r%t_end)
         if (abs(t1 - r%t_end) <= 1.0e-9_wp*r%output_step) t1 = merge(r%t_end, t1, k == outputs)
-        call march(run%sys, stepper, t0, t1, step_layout(t1 - t0, r%step), run%y, report, ok)
+        call march(run%sys, run%monitor, stepper, t0, t1, step_layout(t1 - t0, r%step), run%y, report, ok)
         if (.not. ok) then
           call explain(run%sys, report%t, fail)
           exit
@@ -100,8 +103,9 @@ contains
   end subroutine choose_stabilisation
 
   !> Marches n equal steps from t0 to t1; the stepper's first stage holds the derivative at the present state.
-  subroutine march(sys, stepper, t0, t1, n, y, report, ok)
+  subroutine march(sys, monitor, stepper, t0, t1, n, y, report, ok)
     type(mechanism_system), intent(inout) :: sys
+    type(stability_monitor), intent(inout) :: monitor
     type(explicit_stepper), intent(inout) :: stepper
     real(wp), intent(in) :: t0, t1        !! [s]
     integer(ip), intent(in) :: n
@@ -119,6 +123,9 @@ contains
       call sys%derivative(t, y, .false., stepper%k(:, 1))
       report%steps = report%steps + 1
       report%t = t
+      if (monitor%active) then
+        if (mod(report%steps, int(monitor%every, ip)) == 0) call monitor%look(sys%m, t)
+      end if
     end do
   end subroutine march
 
@@ -133,6 +140,7 @@ contains
     nq = run%sys%m%s%nq
     nz = run%sys%m%s%nz
     associate (y => run%y)
+      call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
                            y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
       if (run%d%transient%motion_step <= 0.0_wp) return
