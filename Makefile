@@ -19,8 +19,8 @@ PYTHON  = python3
 TESTS   = tests
 JOBS    = auto
 
-# gfortran 12 at -O3 takes the descriptors of allocatable temporaries for uninitialised variables: those two warnings
-# are left to the checked build (-finit-real=snan finds the real ones)
+# gfortran 12 takes the descriptors of allocatable variables for uninitialised: those two warnings are off; the checked
+# build (-finit-real=snan with traps) finds the real ones
 STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra -Wno-uninitialized -Wno-maybe-uninitialized $(WERROR)
 CHECKED  = -O0 -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
 ifeq ($(DEBUG),1)

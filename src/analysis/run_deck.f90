@@ -6,7 +6,8 @@ module run_deck
   use posix, only: make_folder, lock_file, close_lock, replace_file
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
-  use step_advice, only: stability_advice, advise, method_number
+  use step_advice, only: stability_advice, advise
+  use step_monitor, only: method_number
   use summary, only: model_lines, version, add_line
   use text_file, only: result_file
   use transient, only: run_transient, transient_report, step_layout

@@ -11,7 +11,7 @@ module scene_run
   use nodal_kernel, only: deformations
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
-  use step_advice, only: stability_monitor
+  use step_monitor, only: stability_monitor
   use validity, only: validity_watch
   implicit none (type, external)
   private

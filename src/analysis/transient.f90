@@ -10,7 +10,7 @@ module transient
   use results, only: result_set
   use runge_kutta, only: explicit_stepper, classical_rk4
   use scene_run, only: run_state
-  use step_advice, only: stability_monitor
+  use step_monitor, only: stability_monitor
   implicit none (type, external)
   private
   public :: run_transient, transient_report, step_layout

@@ -11,54 +11,64 @@ module posix
   integer(c_int), volatile :: received = 0    !! the last signal caught
 
   interface
+    !> mkdir(2): makes one folder.
     function c_mkdir(path, mode) bind(c, name='mkdir') result(status)
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
       integer(c_int) :: status
     end function c_mkdir
+    !> creat(2): opens a file for writing, made anew.
     function c_creat(path, mode) bind(c, name='creat') result(fd)
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
       integer(c_int) :: fd
     end function c_creat
+    !> flock(2): locks an open file.
     function c_flock(fd, operation) bind(c, name='flock') result(status)
       import :: c_int
       integer(c_int), value :: fd, operation
       integer(c_int) :: status
     end function c_flock
+    !> close(2).
     function c_close(fd) bind(c, name='close') result(status)
       import :: c_int
       integer(c_int), value :: fd
       integer(c_int) :: status
     end function c_close
+    !> rename(2): in one step, over an existing file.
     function c_rename(from, to) bind(c, name='rename') result(status)
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: from(*), to(*)
       integer(c_int) :: status
     end function c_rename
+    !> unlink(2): removes a file.
     function c_unlink(path) bind(c, name='unlink') result(status)
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int) :: status
     end function c_unlink
+    !> isatty(3): 1 for a terminal.
     function c_isatty(fd) bind(c, name='isatty') result(yes)
       import :: c_int
       integer(c_int), value :: fd
       integer(c_int) :: yes
     end function c_isatty
+    !> fsync(2): data to the disk.
     function c_fsync(fd) bind(c, name='fsync') result(status)
       import :: c_int
       integer(c_int), value :: fd
       integer(c_int) :: status
     end function c_fsync
+    !> truncate(2): cuts a file to a length.
     function c_truncate(path, length) bind(c, name='truncate') result(status)
       import :: c_char, c_int, c_long
       character(kind=c_char), intent(in) :: path(*)
       integer(c_long), value :: length
       integer(c_int) :: status
     end function c_truncate
+    !> signal(2): sets a handler.
     function c_signal(number, handler) bind(c, name='signal') result(old)
       import :: c_int, c_funptr
       integer(c_int), value :: number

@@ -29,12 +29,12 @@ module spectrum
     type(linear_mechanism) :: lin              !! elastic matrices of the bodies
     real(wp), allocatable :: spring_static(:), spring_fast(:)   !! [N/m] or [N m/rad]
     integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
-    real(wp), allocatable :: value(:)
+    real(wp), allocatable :: value(:)          !! its entries [N/m, N, N m]
     real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass
-    real(wp), allocatable :: r(:), u(:)        !! (n)
+    real(wp), allocatable :: r(:), u(:)        !! (n) force and displacement of an iteration [N], [m]
     real(wp), allocatable :: start(:)          !! (n) first force of the iteration
-    real(wp), allocatable :: alpha(:), beta(:)
-    real(wp), allocatable :: t(:, :), e(:), work(:)
+    real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
+    real(wp), allocatable :: t(:, :), e(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
   contains
     procedure :: set_up

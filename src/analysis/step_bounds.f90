@@ -1,0 +1,292 @@
+!> Bounds of explicit steps from the fast end of the spectrum: eigenvalues of the fastest modes with their damping and GHM
+!> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
+module step_bounds
+  use kinds, only: wp
+  use deck_records, only: deck
+  use lapack, only: dgeev
+  use mechanism, only: mechanism_model
+  use nodal_kernel, only: deformations
+  use spectrum, only: fast_spectrum, fast_mode
+  use stability_region, only: largest_step, method_names
+  implicit none (type, external)
+  private
+  public :: step_bound, find_bound, material_poles
+
+  integer, parameter :: modes_looked_at = 6      !! fastest modes whose eigenvalues are computed
+
+  !> A bound for each explicit method and what sets it.
+  type :: step_bound
+    real(wp) :: step(size(method_names)) = huge(1.0_wp)   !! [s]
+    complex(wp) :: mu(size(method_names)) = 0.0_wp        !! the limiting eigenvalue [1/s]
+    character(120) :: what(size(method_names)) = ''       !! in words
+    integer :: body(size(method_names)) = 0               !! body that carries the limiting mode, 0: none
+    integer :: run(size(method_names)) = 0                !! GHM run whose pole limits, 0: a mode
+    logical :: axial(size(method_names)) = .false.        !! the limiting mode is mainly axial
+  end type step_bound
+
+contains
+
+  !> Bound at an evaluated state of a mechanism, joints held or released.
+  subroutine find_bound(d, m, held, fast, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held
+    type(fast_spectrum), intent(inout) :: fast !! set up
+    type(step_bound), intent(out) :: bound
+    type(fast_mode) :: f
+    real(wp) :: lambda
+    integer :: k
+    call fast%largest(m, held, .false., 100, lambda)
+    do k = 1, min(modes_looked_at, fast%steps)
+      if (fast%e(fast%steps + 1 - k) < 0.25_wp*lambda) exit
+      call fast%mode(m, k, f)
+      call look_at(d, m, fast, f, bound)
+    end do
+    if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+      call fast%largest(m, held, .true., 100, lambda)
+      do k = 1, min(2, fast%steps)
+        call fast%mode(m, k, f)
+        call look_at(d, m, fast, f, bound)
+      end do
+    end if
+    call material_poles(d, m, fast, bound)
+  end subroutine find_bound
+
+  !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
+  subroutine look_at(d, m, fast, f, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(in) :: fast
+    type(fast_mode), intent(in) :: f
+    type(step_bound), intent(inout) :: bound
+    complex(wp), allocatable :: roots(:)
+    character(120) :: what
+    real(wp), allocatable :: fast_pair(:)
+    logical, allocatable :: is_mode(:)
+    real(wp) :: total
+    integer :: body, k
+    logical :: axial
+    total = f%stiffness + sum(f%runs)
+    call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
+    call describe(m, f, body, axial, what)
+    fast_pair = abs(roots - cmplx(0.0_wp, 1.0_wp, wp)*sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)))
+    k = minloc(fast_pair, dim=1)
+    fast_pair = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
+    is_mode = fast_pair <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
+    call take(pack(roots, is_mode), what, body, 0, axial, bound)
+    if (all(is_mode)) return
+    k = maxloc(f%runs, dim=1)
+    call take(pack(roots, .not. is_mode), pole_name(d, m, fast, k), body, k, .false., bound)
+  end subroutine look_at
+
+  !> What GHM adds to a mode's stiffness at once [1/s2].
+  pure function extra(fast, runs) result(k)
+    type(fast_spectrum), intent(in) :: fast
+    real(wp), intent(in) :: runs(:)            !! [1/s2]
+    real(wp) :: k
+    integer :: r
+    k = 0.0_wp
+    do r = 1, size(runs)
+      k = k + runs(r)*sum(fast%lin%runs(r)%alpha)
+    end do
+  end function extra
+
+  !> Keeps the smallest step of every method.
+  subroutine take(roots, what, body, run, axial, bound)
+    complex(wp), intent(in) :: roots(:)        !! [1/s]
+    character(*), intent(in) :: what
+    integer, intent(in) :: body, run
+    logical, intent(in) :: axial
+    type(step_bound), intent(inout) :: bound
+    real(wp) :: h
+    integer :: k, i
+    do k = 1, size(method_names)
+      do i = 1, size(roots)
+        h = largest_step(k, roots(i))
+        if (h >= bound%step(k)*(1 - 1.0e-9_wp)) cycle
+        bound%step(k) = h
+        bound%mu(k) = roots(i)
+        bound%what(k) = what
+        bound%body(k) = body
+        bound%run(k) = run
+        bound%axial(k) = axial
+      end do
+    end do
+  end subroutine take
+
+  !> Roots of (s2 + c s + k) prod d_i + sum_i a_i (s2 + 2 zeta w s) prod over the others d_j, by the eigenvalues of the
+  !> equivalent first-order system (each term: z and its rate).
+  subroutine modal_roots(fast, k, c, runs, small, roots)
+    type(fast_spectrum), intent(in) :: fast
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: runs(:)            !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: small              !! runs below are left out
+    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp), allocatable :: a(:, :)
+    real(wp) :: scale
+    integer :: n, r, j, i
+    n = 2
+    do r = 1, size(runs)
+      if (runs(r) > small) n = n + 2*size(fast%lin%runs(r)%alpha)
+    end do
+    allocate (a(n, n), source=0.0_wp)
+    scale = sqrt(max(k + sum(runs), tiny(1.0_wp)))       ! of time, so that positions and rates are alike
+    a(1, 2) = scale
+    a(2, 1) = -k/scale
+    a(2, 2) = -c
+    i = 2
+    do r = 1, size(runs)
+      if (runs(r) <= small) cycle
+      associate (t => fast%lin%runs(r))
+        do j = 1, size(t%alpha)
+          a(2, 1) = a(2, 1) - t%alpha(j)*runs(r)/scale
+          a(2, i + 1) = t%alpha(j)*runs(r)/scale
+          a(i + 1, i + 2) = t%omega(j)
+          a(i + 2, 1) = t%omega(j)
+          a(i + 2, i + 1) = -t%omega(j)
+          a(i + 2, i + 2) = -2*t%zeta(j)*t%omega(j)
+          i = i + 2
+        end do
+      end associate
+    end do
+    call eigenvalues(a, roots)
+  end subroutine modal_roots
+
+  !> Poles of every material's and spring's terms at both ends: an element that hardly resists (the terms' own poles), and
+  !> one that hardly has mass (the zeros of E(s)); those of real modes lie between.
+  subroutine material_poles(d, m, fast, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(fast_spectrum), intent(in) :: fast
+    type(step_bound), intent(inout) :: bound
+    complex(wp), allocatable :: roots(:)
+    integer :: r
+    do r = 1, size(fast%lin%runs)
+      if (repeated(r)) cycle
+      associate (t => fast%lin%runs(r))
+        call term_roots(t%alpha, t%zeta, t%omega, .false., roots)
+        call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
+        call term_roots(t%alpha, t%zeta, t%omega, .true., roots)
+        call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
+      end associate
+    end do
+  contains
+    !> Whether an earlier run has the same material.
+    logical function repeated(r)
+      integer, intent(in) :: r
+      integer :: j
+      repeated = .false.
+      do j = 1, r - 1
+        if (fast%lin%runs(r)%spring == 0 .and. fast%lin%runs(j)%spring == 0 .and. &
+            fast%lin%runs(j)%material == fast%lin%runs(r)%material) repeated = .true.
+      end do
+    end function repeated
+  end subroutine material_poles
+
+  !> Roots of z'' + 2 zeta omega z' + omega^2 (z - x) = 0 for all terms, x held (0) or without mass: (1 + sum alpha) x =
+  !> sum alpha z.
+  subroutine term_roots(alpha, zeta, omega, massless, roots)
+    real(wp), intent(in) :: alpha(:), zeta(:)  !! [-]
+    real(wp), intent(in) :: omega(:)           !! [rad/s]
+    logical, intent(in) :: massless
+    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp), allocatable :: a(:, :)
+    integer :: j, k, n
+    n = size(alpha)
+    allocate (a(2*n, 2*n), source=0.0_wp)
+    do j = 1, n
+      a(2*j - 1, 2*j) = omega(j)
+      a(2*j, 2*j - 1) = -omega(j)
+      a(2*j, 2*j) = -2*zeta(j)*omega(j)
+      if (.not. massless) cycle
+      do k = 1, n
+        a(2*j, 2*k - 1) = a(2*j, 2*k - 1) + omega(j)*alpha(k)/(1 + sum(alpha))
+      end do
+    end do
+    call eigenvalues(a, roots)
+  end subroutine term_roots
+
+  !> Eigenvalues of a small dense matrix.
+  subroutine eigenvalues(a, roots)
+    real(wp), intent(inout) :: a(:, :)         !! destroyed
+    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp) :: left(1, 1), right(1, 1)
+    real(wp), allocatable :: wr(:), wi(:), work(:)
+    integer :: n, info
+    n = size(a, 1)
+    allocate (wr(n), wi(n), work(8*n))
+    call dgeev('N', 'N', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
+    roots = cmplx(wr, wi, wp)
+  end subroutine eigenvalues
+
+  !> Words for the poles of a run.
+  function pole_name(d, m, fast, r) result(text)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(fast_spectrum), intent(in) :: fast
+    integer, intent(in) :: r
+    character(120) :: text
+    integer :: term
+    character(12) :: number
+    associate (t => fast%lin%runs(r))
+      term = maxloc(t%omega*(t%zeta + sqrt(max(t%zeta**2 - 1, 0.0_wp))), dim=1)
+      write (number, '(i0)') term
+      if (t%spring > 0) then
+        text = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//trim(number)
+      else
+        text = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//trim(number)
+      end if
+    end associate
+  end function pole_name
+
+  !> Which body carries a mode, and whether its strain is axial or in bending.
+  subroutine describe(m, f, body, axial, what)
+    type(mechanism_model), intent(inout) :: m
+    type(fast_mode), intent(in) :: f
+    integer, intent(out) :: body
+    logical, intent(out) :: axial
+    character(120), intent(out) :: what
+    real(wp) :: share, best, ea, ei
+    logical :: stiffening
+    integer :: b, i, e
+    body = 0
+    best = 0.0_wp
+    axial = .false.
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b) + 3
+      associate (bo => m%s%bodies(b))
+        if (.not. bo%flexible) cycle
+        ea = 0.0_wp
+        ei = 0.0_wp
+        if (bo%modal) then
+          ei = sum(bo%omega2*f%x(i + 1:i + bo%nf)**2)
+        else
+          bo%qx(1:bo%nf) = f%x(i + 1:i + bo%nf)
+          stiffening = bo%stiffening
+          bo%stiffening = .false.             ! the linear strain of the mode
+          call deformations(bo, bo%qx, bo%d)
+          bo%stiffening = stiffening
+          do e = 1, bo%ne
+            if (bo%nd == 3) ea = ea + bo%elements(e)%ea_l*bo%d(1, e)**2
+            ei = ei + 4*bo%elements(e)%ei_l*(bo%d(bo%nd - 1, e)**2 + bo%d(bo%nd - 1, e)*bo%d(bo%nd, e) + bo%d(bo%nd, e)**2)
+          end do
+        end if
+        share = ea + ei
+        if (share <= best) cycle
+        best = share
+        body = b
+        axial = ea > ei
+      end associate
+    end do
+    if (body == 0 .or. best < 0.5_wp*(f%stiffness)) then
+      what = 'a mode of springs and rigid bodies'
+      if (body > 0) what = 'a mode of springs with body "'//trim(m%s%bodies(body)%name)//'"'
+      body = merge(body, 0, best >= 0.5_wp*f%stiffness)
+    else
+      what = merge('an axial mode  ', 'a bending mode ', axial)
+      what = trim(what)//' of body "'//trim(m%s%bodies(body)%name)//'"'
+    end if
+  end subroutine describe
+
+end module step_bounds

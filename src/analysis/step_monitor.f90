@@ -1,0 +1,106 @@
+!> The current stability bound along a run: estimated again now and then by a few Lanczos steps that start from the fastest
+!> modes of the start; whatever does not depend on the configuration (GHM poles) is kept.
+module step_monitor
+  use kinds, only: wp
+  use deck_records, only: deck
+  use dynamics, only: evaluate
+  use mechanism, only: mechanism_model
+  use spectrum, only: fast_spectrum, fast_mode
+  use stability_region, only: method_names
+  use step_bounds, only: step_bound, find_bound, material_poles
+  implicit none (type, external)
+  private
+  public :: stability_monitor, method_number
+
+  !> The current bound along a run, estimated again now and then (less than 2 % of the run's work).
+  type :: stability_monitor
+    logical :: active = .false.
+    integer :: every = 0                       !! accepted steps between estimates
+    integer :: steps = 0                       !! Lanczos steps of an estimate
+    integer :: method = 0                      !! number in method_names
+    integer :: estimates = 0
+    real(wp) :: pole_step = huge(1.0_wp)       !! what does not depend on the configuration [s]
+    real(wp) :: mode_step = huge(1.0_wp)       !! of the fastest mode at the start [s]
+    real(wp) :: start_lambda = 0.0_wp          !! its squared frequency [rad2/s2]
+    real(wp) :: smallest = huge(1.0_wp)        !! smallest current bound so far [s]
+    real(wp) :: at = 0.0_wp                    !! when [s]
+    type(fast_spectrum) :: fast
+    real(wp), allocatable :: a(:), lambda(:)   !! results of the evaluation, kept over an estimate
+  contains
+    procedure :: begin => monitor_begin
+    procedure :: look => monitor_look
+  end type stability_monitor
+
+contains
+
+  !> Number of an explicit method, 0: not one.
+  pure function method_number(method) result(k)
+    character(*), intent(in) :: method
+    integer :: k
+    do k = size(method_names), 1, -1
+      if (method_names(k) == method) return
+    end do
+  end function method_number
+
+  !> Prepares the estimates along a run: the start vector joins the fastest modes of the start.
+  subroutine monitor_begin(self, d, m, q, method)
+    class(stability_monitor), intent(inout) :: self
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)               !! (nq) positions at the start
+    character(*), intent(in) :: method
+    type(mechanism_model) :: work
+    type(step_bound) :: bound
+    type(fast_mode) :: f
+    real(wp), allocatable :: rest(:), none(:), force(:)
+    complex(wp) :: mu
+    integer :: k
+    self%method = method_number(method)
+    if (self%method == 0 .or. m%s%rows == 0) return
+    work = m
+    allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
+    call evaluate(work, 0.0_wp, q, rest, none, none)
+    call self%fast%set_up(work, q)
+    call material_poles(d, work, self%fast, bound)
+    self%pole_step = bound%step(self%method)
+    call self%fast%largest(work, .false., .false., 100, self%start_lambda)
+    if (.not. self%start_lambda > 0.0_wp) return
+    do k = 1, min(4, self%fast%steps)
+      call self%fast%mode(work, k, f)
+      force = force + matmul(self%fast%w(:, 1:self%fast%steps), self%fast%t(1:self%fast%steps, self%fast%steps + 1 - k))
+    end do
+    call find_bound(d, work, .false., self%fast, bound)
+    mu = bound%mu(self%method)
+    self%mode_step = bound%step(self%method)
+    if (bound%run(self%method) > 0) self%mode_step = huge(1.0_wp)
+    self%fast%start = force + 1.0e-3_wp*norm2(force)/norm2(self%fast%start)*self%fast%start
+    self%steps = min(12, size(q))
+    self%a = m%a
+    self%lambda = m%lambda
+    self%every = ceiling((self%steps + 0.004_wp*self%steps**3)/0.08_wp)
+    self%active = self%mode_step < huge(1.0_wp) .and. abs(mu) > 0.0_wp
+    if (.not. self%active) self%smallest = self%pole_step
+  end subroutine monitor_begin
+
+  !> Estimates the current bound at the state of the last evaluation of m, whose results are left as they are.
+  subroutine monitor_look(self, m, t)
+    class(stability_monitor), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                  !! [s]
+    real(wp) :: lambda, h
+    if (.not. self%active) return
+    self%a(:) = m%a
+    self%lambda(:) = m%lambda
+    call self%fast%largest(m, .true., .false., self%steps, lambda)
+    m%a(:) = self%a
+    m%lambda(:) = self%lambda
+    self%estimates = self%estimates + 1
+    h = self%mode_step
+    if (lambda > 0.0_wp) h = self%mode_step*sqrt(self%start_lambda/lambda)
+    h = min(h, self%pole_step)
+    if (h >= self%smallest) return
+    self%smallest = h
+    self%at = t
+  end subroutine monitor_look
+
+end module step_monitor
