@@ -479,7 +479,7 @@ contains
     do k = self%s%joints + 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         i = c%first
-        self%input_power = self%input_power - self%lambda(i)*self%rows%phi_t(i)
+        self%input_power = self%input_power + self%lambda(i)*self%rows%phi_t(i)
       end associate
     end do
     if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
