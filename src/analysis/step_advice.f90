@@ -97,7 +97,7 @@ contains
       other = d
       call halve_elements(other, b)
       write (number, '(i0)') other%bodies(b)%elements
-      call try('    with '//trim(number)//' elements on body "'//trim(d%bodies(b)%name)//'"', other, advice)
+      call try('    with '//trim(number)//trim(merge(' element ', ' elements', other%bodies(b)%elements == 1))//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
     end if
     if (d%bodies(b)%modes == 0 .and. .not. d%bodies(b)%stiffening) then
       other = d

@@ -1,0 +1,138 @@
+"""The advised steps against what runs really do: nothing diverges at 0.98 of the safe bound, and the smallest current
+bound along a run is within 5 % of the largest step that stays stable, found by bisection over 1000 periods of the
+limiting mode."""
+
+import math
+import re
+
+import pytest
+
+CRANK = """&scene title='slider-crank' /
+&material name='m' density=1600.0 young=2.1e10 {ghm} /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=0.3492 elements={elements} material='m' section='s' position=0.1524,0.0 {axial} /
+&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=0.1524 /
+&joint name='slider' type='slider' body_a='rod' node_a=-1 /
+&force name='torque' type='torque_about' body='rod' node=1 centre=0.0,0.0 moment=0.3 /
+&sensor name='rod' quantity='angle' body='rod' /
+"""
+FOUR_BAR = """&scene title='four-bar' gravity=0.0,-9.81 /
+&material name='steel' density=7850.0 young=2.1e11 /
+&material name='polymer' density=1200.0 young=3.0e9 ghm_alpha=0.4,0.6 ghm_zeta=1.5,2.5 ghm_omega=400.0,4000.0 /
+&section name='strip' shape='rectangle' width=0.02 height=0.006 /
+&section name='bar' shape='rectangle' width=0.02 height=0.004 /
+&body name='crank' kind='rigid' mass=0.3 inertia=4.0e-4 com=0.05,0.0 angle=1.57 /
+&body name='coupler' kind='beam' length=0.35 elements=3 material='polymer' section='strip' position=0.0,0.1 angle=0.49 /
+&body name='rocker' kind='beam' length=0.28 elements=2 material='steel' section='bar' position=0.4,0.0 angle=1.9 /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='coupler' node_a=1 body_b='crank' point_b=0.1,0.0 /
+&joint name='c' type='revolute' body_a='coupler' node_a=-1 body_b='rocker' node_b=-1 /
+&joint name='d' type='revolute' body_a='rocker' node_a=1 point_b=0.4,0.0 /
+&sensor name='rod' quantity='angle' body='rocker' /
+"""
+ARM = """&scene title='spinning arm' /
+&material name='m' density=2700.0 young=7.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='arm' kind='beam' length=1.0 elements=4 material='m' section='s' reference='clamped' angular_velocity=20.0 /
+&joint name='hub' type='revolute' body_a='arm' node_a=1 /
+&history name='w' kind='polynomial' coefficients=20.0 /
+&drive name='motor' type='rotation' body_a='arm' history='w' rate=.true. /
+&sensor name='rod' quantity='deflection' body='arm' node=-1 /
+"""
+FRAME = """&scene title='frame of two materials with a lump' gravity=0.0,-9.81 /
+&material name='steel' density=7850.0 young=2.1e11 /
+&material name='polymer' density=1200.0 young=3.0e9 /
+&section name='s' shape='rectangle' width=0.01 height=0.01 /
+&body name='f' kind='frame' node_x=0.0,0.2,0.35,0.4 node_y=0.0,0.0,0.1,0.3 element_nodes=1,2,2,3,3,4 section='s'
+  element_material='polymer','steel','polymer' /
+&lump body='f' node=2 mass=1.0 inertia=1.0e-6 /
+&lump body='f' node=3 mass=2.0 inertia=1.0e-3 /
+&joint name='pin' type='revolute' body_a='f' node_a=1 /
+&sensor name='rod' quantity='angle' body='f' /
+"""
+SCENES = {
+    "crank_1": CRANK.format(ghm="", elements=1, axial=""),
+    "crank_1_bending": CRANK.format(ghm="", elements=1, axial="axial=.false."),
+    "crank_2": CRANK.format(ghm="", elements=2, axial=""),
+    "crank_2_bending": CRANK.format(ghm="", elements=2, axial="axial=.false."),
+    "crank_8": CRANK.format(ghm="", elements=8, axial=""),
+    "crank_16": CRANK.format(ghm="", elements=16, axial=""),
+    "real_pole": CRANK.format(ghm="ghm_alpha=0.5 ghm_zeta=20.0 ghm_omega=5000.0", elements=2, axial=""),
+    "complex_pole": CRANK.format(ghm="ghm_alpha=0.5 ghm_zeta=0.3 ghm_omega=500000.0", elements=4, axial=""),
+    "two_poles": CRANK.format(
+        ghm="ghm_alpha=0.5,2.0 ghm_zeta=1.2,4.0 ghm_omega=3.0e4,3.0e4", elements=2, axial="axial=.false."
+    ),
+    "four_bar": FOUR_BAR,
+    "arm": ARM,
+    "frame": FRAME,
+}
+
+
+def transient(method, step, t_end):
+    return (
+        f"&transient t_end={t_end:.9e} method='{method}' step={step:.12e} output_step={50 * step:.12e} accept_unstable=.true. /\n"
+    )
+
+
+def march(run_deck, scene, method, step, periods_time):
+    """Runs about the given time; (survived, smallest current bound). A residual of half the energy counts as lost."""
+    outputs = max(1, round(periods_time / (50 * step)))
+    run = run_deck(scene + transient(method, step, outputs * 50 * step), expect=None)
+    bound = re.search(r"smallest current bound of the step:\s+(\S+)", run.summary)
+    energy = run.energy
+    largest = max(abs(energy[name]).max() for name in ("kinetic", "potential", "dissipated", "work"))
+    return run.status == 0 and abs(energy["residual"]).max() <= 0.5 * largest, float(bound.group(1)) if bound else None
+
+
+def safe_bound(run_deck, scene, method):
+    text = run_deck(scene + transient(method, 1e-9, 1e-6), "--check").stdout
+    return float(re.search(method + r": safe bound\s+(\S+)", text).group(1))
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5"])
+@pytest.mark.parametrize("name", SCENES)
+def test_bounds_against_runs(name, method, run_deck):
+    scene = SCENES[name]
+    safe = safe_bound(run_deck, scene, method)
+    time = 1000 * 2 * math.pi * safe / {"rk4": 2.785, "dopri5": 0.997}[method]
+    alive, bound = march(run_deck, scene, method, 0.98 * safe, time)
+    assert alive, "a run below 0.98 of the safe bound diverged"
+    assert bound is not None
+    low, high = 0.98 * safe, 1.5 * bound
+    assert not march(run_deck, scene, method, high, time)[0], "far above every bound and stable"
+    for _ in range(6):
+        middle = math.sqrt(low * high)
+        if march(run_deck, scene, method, middle, time)[0]:
+            low = middle
+        else:
+            high = middle
+    assert low < 1.05 * bound
+    assert high > 0.95 * bound
+
+
+def test_a_wave_speed_formula_would_be_wrong(run_deck):
+    """For the frame of two materials with lumps 2 (or 2.83 over 2 sqrt 3 / L c) misses the bound by more than 20 %."""
+    safe = safe_bound(run_deck, SCENES["frame"], "rk4")
+    elements = [(0.2, 3.0e9, 1200.0), (math.hypot(0.15, 0.1), 2.1e11, 7850.0), (math.hypot(0.05, 0.2), 3.0e9, 1200.0)]
+    courant = 2.828 / max(2 * math.sqrt(3.0) / length * math.sqrt(e / rho) for length, e, rho in elements)
+    assert abs(courant / safe - 1) > 0.2
+
+
+def test_a_step_above_the_bound_is_refused(run_deck):
+    scene = SCENES["crank_2"]
+    safe = safe_bound(run_deck, scene, "rk4")
+    above = scene + transient("rk4", 1.05 * safe, 1e-2).replace("accept_unstable=.true.", "")
+    refused = run_deck(above, expect=2, name="refused")
+    assert "above the safe bound of rk4" in refused.stderr and "an axial mode of body" in refused.stderr
+    assert not refused.folder.exists()
+    assert "above the safe bound" in run_deck(above, "--check", name="refused").stderr
+    run_deck(scene + transient("rk4", 0.99 * safe, 1e-2).replace("accept_unstable=.true.", ""), name="accepted")
+
+
+@pytest.mark.parametrize("elements, safe, aligned", [(1, 35939.0, 17970.0), (2, 71878.0, 58402.0), (8, 836892.0, 834160.0)])
+def test_published_frequencies(elements, safe, aligned, run_deck):
+    """Largest frequencies of the paper's slider-crank, joints released and at the aligned start (theory, section 8)."""
+    text = run_deck(CRANK.format(ghm="", elements=elements, axial="") + transient("rk4", 1e-9, 1e-6), "--check").stdout
+    bounds = [float(x) for x in re.search(r"rk4: safe bound\s+(\S+).*current bound\s+(\S+)", text).groups()]
+    assert 2.8284271 / bounds[0] == pytest.approx(safe, rel=2e-4)
+    assert 2.8284271 / bounds[1] == pytest.approx(aligned, rel=2e-4)
