@@ -39,14 +39,14 @@ ARM = """&scene title='spinning arm' /
 &drive name='motor' type='rotation' body_a='arm' history='w' rate=.true. /
 &sensor name='rod' quantity='deflection' body='arm' node=-1 /
 """
-FRAME = """&scene title='frame of two materials with a lump' gravity=0.0,-9.81 /
+FRAME = """&scene title='frame of two materials with a lump' gravity=0.0,-1.0 /
 &material name='steel' density=7850.0 young=2.1e11 /
 &material name='polymer' density=1200.0 young=3.0e9 /
-&section name='s' shape='rectangle' width=0.01 height=0.01 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
 &body name='f' kind='frame' node_x=0.0,0.2,0.35,0.4 node_y=0.0,0.0,0.1,0.3 element_nodes=1,2,2,3,3,4 section='s'
   element_material='polymer','steel','polymer' /
-&lump body='f' node=2 mass=1.0 inertia=1.0e-6 /
-&lump body='f' node=3 mass=2.0 inertia=1.0e-3 /
+&lump body='f' node=2 mass=0.1 inertia=1.0e-5 /
+&lump body='f' node=3 mass=0.4 inertia=1.0e-3 /
 &joint name='pin' type='revolute' body_a='f' node_a=1 /
 &sensor name='rod' quantity='angle' body='f' /
 """

@@ -75,7 +75,7 @@ contains
     type(deck), intent(in) :: d
     type(stability_advice), intent(inout) :: advice
     type(deck) :: other
-    character(12) :: number
+    character(24) :: number
     integer :: b, r
     b = advice%safe%body(1)
     if (advice%safe%run(1) > 0) then
@@ -97,7 +97,8 @@ contains
       other = d
       call halve_elements(other, b)
       write (number, '(i0)') other%bodies(b)%elements
-      call try('    with '//trim(number)//trim(merge(' element ', ' elements', other%bodies(b)%elements == 1))//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
+      number = trim(number)//merge(' element ', ' elements', other%bodies(b)%elements == 1)
+      call try('    with '//trim(number)//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
     end if
     if (d%bodies(b)%modes == 0 .and. .not. d%bodies(b)%stiffening) then
       other = d
