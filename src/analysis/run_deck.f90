@@ -3,6 +3,7 @@ module run_deck
   use kinds, only: wp, ip
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
+  use modal_analysis, only: run_modal
   use posix, only: make_folder, lock_file, close_lock, replace_file
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
@@ -108,7 +109,8 @@ contains
     if (lock == 0) write (error_unit, '(a)') run%d%path//': another run is writing into "'//run%folder//'"'
     if (lock <= 0) return
     call system_clock(t0, rate)
-    if (run%d%transient%present) then
+    if (run%d%modal%present) call run_modal(run, text, fail)
+    if (run%d%transient%present .and. .not. fail%happened()) then
       call run_transient(run, report, fail)
       call transient_lines(run, report, text)
     end if

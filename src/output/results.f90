@@ -9,7 +9,7 @@ module results
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: result_set, file_header
+  public :: result_set, file_header, join_names, motion_names, motion_row
 
   !> Open result files and what their rows need.
   type :: result_set
@@ -126,13 +126,21 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)              !! (nq)
-    real(wp) :: u(3), x(2), c, s
-    integer :: b, k, i, j
-    j = 1
     self%nodes(1) = t
+    self%nodes(2:) = motion_row(m, q)
+    call self%motion%row(self%nodes)
+  end subroutine write_motion
+
+  !> Frames (x, y, angle) and node positions (x, y) of every body [m, rad].
+  pure function motion_row(m, q) result(row)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq)
+    real(wp) :: row(sum(3 + 2*m%s%bodies%nn)), u(3), x(2), c, s
+    integer :: b, k, i, j
+    j = 0
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      self%nodes(j + 1:j + 3) = q(i + 1:i + 3)
+      row(j + 1:j + 3) = q(i + 1:i + 3)
       j = j + 3
       c = cos(q(i + 3))
       s = sin(q(i + 3))
@@ -140,13 +148,12 @@ contains
         do k = 1, bo%nn
           u = bo%displacement(k, q(i + 4:i + 3 + bo%nf))
           x = bo%x(:, k) + u(1:2)
-          self%nodes(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
+          row(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
           j = j + 2
         end do
       end associate
     end do
-    call self%motion%row(self%nodes)
-  end subroutine write_motion
+  end function motion_row
 
   !> Hands everything written so far to the system.
   subroutine flush_results(self)

@@ -1,0 +1,38 @@
+!> The linear system about a run's present state: evaluates the equations there, linearises, leaves dependent constraint rows
+!> out.
+module linear_state
+  use kinds, only: wp
+  use dynamic_stiffness, only: stiffness_system
+  use linearisation, only: linear_mechanism, linearise
+  use scene_run, only: run_state
+  implicit none (type, external)
+  private
+  public :: linear_system, evaluate_state
+
+  real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
+
+contains
+
+  !> Evaluates the equations at the present state, at rest in its dissipative coordinates or not, at t = 0.
+  subroutine evaluate_state(run)
+    type(run_state), intent(inout) :: run
+    real(wp), allocatable :: dy(:)
+    allocate (dy(size(run%y)))
+    call run%sys%derivative(0.0_wp, run%y, .false., dy)
+  end subroutine evaluate_state
+
+  !> The dynamic stiffness about the present state.
+  subroutine linear_system(run, ds)
+    type(run_state), intent(inout) :: run
+    type(stiffness_system), intent(out) :: ds
+    type(linear_mechanism) :: lin
+    logical, allocatable :: dependent(:)
+    integer :: nq
+    nq = run%sys%m%s%nq
+    call evaluate_state(run)
+    call linearise(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), lin)
+    allocate (dependent(lin%rows))
+    if (lin%rows > 0) call run%sys%m%schur%weak_rows(redundant, dependent)
+    call ds%build(run%sys%m, lin, dependent)
+  end subroutine linear_system
+end module linear_state

@@ -1,0 +1,60 @@
+!> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
+module modal_analysis
+  use kinds, only: wp
+  use complex_modes, only: mode_set, find_modes
+  use dynamic_stiffness, only: stiffness_system
+  use errors, only: failure, status_failed, status_no_output
+  use linear_state, only: linear_system
+  use mode_file, only: write_modes, mode_figures
+  use scene_run, only: run_state
+  use summary, only: add_line, number
+  implicit none (type, external)
+  private
+  public :: run_modal
+
+contains
+
+  !> Runs the deck's modal analysis; its figures go to the summary.
+  subroutine run_modal(run, text, fail)
+    type(run_state), intent(inout) :: run
+    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(failure), intent(inout) :: fail
+    type(stiffness_system) :: ds
+    type(mode_set) :: modes
+    logical :: ok, failed
+    call linear_system(run, ds)
+    call find_modes(ds, run%d%modal%modes, modes, ok)
+    if (.not. ok) then
+      call fail%raise(status_failed, 'the modal analysis did not converge: the mass matrix or the stiffness about the '// &
+                      'present state is not fit for it (check masses and static state)')
+      return
+    end if
+    call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%y(1:run%sys%m%s%nq), modes, failed)
+    if (failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    call modal_lines(modes, ds, run%d%modal%modes, text)
+  end subroutine run_modal
+
+  !> The table of modes for the summary.
+  subroutine modal_lines(modes, ds, wanted, text)
+    type(mode_set), intent(in) :: modes
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: wanted
+    character(:), allocatable, intent(inout) :: text
+    character(24), parameter :: names(0:3) = [character(24) :: 'undamped', 'damped', 'further pole', 'real pole']
+    character(120) :: line
+    real(wp) :: x(9)
+    integer :: k
+    call add_line(text, '')
+    call add_line(text, 'modes')
+    if (wanted > ds%n - ds%rows) call add_line(text, '  only '//number(ds%n - ds%rows)//' degrees of freedom for '// &
+                                               number(wanted)//' modes')
+    do k = 1, modes%count
+      x = mode_figures(modes, k)
+      write (line, '(a, i4, 2x, a12, 2x, es15.8, a, es15.8, a, es15.8, a)') '  ', modes%mode(k), names(modes%kind(k)), &
+        x(4), ' Hz, damping ratio ', x(5), ', real part ', x(7), ' 1/s'
+      call add_line(text, trim(line))
+    end do
+    if (modes%lost > 0) call add_line(text, '  '//number(modes%lost)//' further poles were not told apart from those above')
+    call add_line(text, '  factorisations: '//number(ds%factorisations))
+  end subroutine modal_lines
+end module modal_analysis

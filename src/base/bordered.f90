@@ -1,0 +1,358 @@
+!> Complex sparse systems with a structure known beforehand: unknowns of separate blocks (the elastic coordinates of one
+!> body) couple among themselves in a narrow band, all else is the border (frames, multipliers, coupled coordinates). Each
+!> block is factored as a band matrix and condensed onto the border, itself banded in a good ordering. Cost and memory are
+!> linear in the size of the blocks and, for chains of blocks, in their number.
+!>
+!> A block may be singular where the whole matrix is not (a clamped body at one of its own frequencies). A pivot that
+!> almost vanishes is therefore replaced, U_kk + delta, and what that changes goes into the border as one more unknown,
+!> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
+module bordered
+  use kinds, only: wp
+  use lapack, only: zgbtrf, zgbtrs
+  use ordering, only: reverse_cuthill_mckee
+  implicit none (type, external)
+  private
+  public :: bordered_system
+
+  integer, parameter :: slots = 3                     !! replaced pivots that a block can hand to the border
+  real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the column [-]
+
+  !> One block.
+  type :: block_part
+    integer :: n = 0                                  !! unknowns
+    integer :: kd = 0                                 !! half band width
+    integer, allocatable :: unknown(:)                !! (n) original indices in band order
+    integer, allocatable :: border(:)                 !! (nb) border places that it touches, the slots last
+    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor
+    complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it
+    complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block
+    integer, allocatable :: pivots(:)                 !! (n)
+    real(wp), allocatable :: size(:)                  !! (n) largest entry of each column
+    integer :: weak(slots) = 0                        !! replaced pivots
+  end type block_part
+
+  !> The system.
+  type :: bordered_system
+    integer :: n = 0                                  !! unknowns
+    integer :: nb = 0                                 !! border unknowns, slots included
+    integer :: kd = 0                                 !! half band width of the border
+    type(block_part), allocatable :: blocks(:)
+    integer, allocatable :: block_of(:)               !! (n) block of each unknown, 0: border
+    integer, allocatable :: place(:)                  !! (n) place in its block or in the border
+    integer, allocatable :: kind(:)                   !! (entries) 1 block, 2 right, 3 left, 4 border
+    integer, allocatable :: home(:)                   !! (entries) block
+    integer, allocatable :: i(:), j(:)                !! (entries) where in that array
+    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, nb) border, then its factor
+    integer, allocatable :: pivots(:)                 !! (nb)
+    real(wp), allocatable :: row_scale(:), col_scale(:)   !! (nb) equilibration of the border
+    complex(wp), allocatable :: x(:, :)               !! (nb, 1) work
+  contains
+    procedure :: set_up
+    procedure :: factor
+    procedure :: solve
+    procedure :: memory
+  end type bordered_system
+
+contains
+
+  !> Prepares a pattern. Unknowns of a block that couple to another block directly become border unknowns.
+  subroutine set_up(self, n, rows, cols, block_of)
+    class(bordered_system), intent(inout) :: self
+    integer, intent(in) :: n                          !! unknowns
+    integer, intent(in) :: rows(:), cols(:)           !! pattern, both triangles, each entry once
+    integer, intent(in) :: block_of(:)                !! (n) block of each unknown, 0: border
+    integer :: e, a, b
+    self%n = n
+    self%block_of = block_of
+    do e = 1, size(rows)
+      a = block_of(rows(e))
+      b = block_of(cols(e))
+      if (a == b .or. a == 0 .or. b == 0) cycle
+      self%block_of(rows(e)) = 0
+      self%block_of(cols(e)) = 0
+    end do
+    allocate (self%blocks(maxval([0, block_of])), self%place(n), self%kind(size(rows)), self%home(size(rows)), &
+              self%i(size(rows)), self%j(size(rows)))
+    do b = 1, size(self%blocks)
+      call order_block(self, b, rows, cols)
+    end do
+    call order_border(self, rows, cols)
+    do e = 1, size(rows)
+      call place_entry(self, e, rows(e), cols(e))
+    end do
+  end subroutine set_up
+
+  !> Narrow-band order of one block.
+  subroutine order_block(self, b, rows, cols)
+    class(bordered_system), intent(inout) :: self
+    integer, intent(in) :: b
+    integer, intent(in) :: rows(:), cols(:)
+    integer, allocatable :: members(:), local(:), order(:), starts(:), kept(:)
+    integer :: k, e
+    members = pack([(k, k=1, self%n)], self%block_of == b)
+    allocate (local(self%n), source=0)
+    local(members) = [(k, k=1, size(members))]
+    kept = pack([(e, e=1, size(rows))], self%block_of(rows) == b .and. self%block_of(cols) == b)
+    associate (p => self%blocks(b))
+      p%n = size(members)
+      call reverse_cuthill_mckee(p%n, local(rows(kept)), local(cols(kept)), order, starts)
+      p%unknown = members(order)
+      self%place(p%unknown) = [(k, k=1, p%n)]
+      p%kd = 0
+      do k = 1, size(kept)
+        p%kd = max(p%kd, abs(self%place(rows(kept(k))) - self%place(cols(kept(k)))))
+      end do
+      allocate (p%ab(3*p%kd + 1, p%n), p%pivots(p%n), p%size(p%n))
+    end associate
+  end subroutine order_block
+
+  !> Border unknowns of every block, and a narrow-band order of the border.
+  subroutine order_border(self, rows, cols)
+    class(bordered_system), intent(inout) :: self
+    integer, intent(in) :: rows(:), cols(:)
+    integer, allocatable :: members(:), local(:), order(:), starts(:), position(:), r(:), c(:), mark(:)
+    integer :: k, e, b, i, j, n, m
+    members = pack([(k, k=1, self%n)], self%block_of == 0)
+    allocate (local(self%n), source=0)
+    local(members) = [(k, k=1, size(members))]
+    self%nb = size(members) + slots*size(self%blocks)
+    allocate (mark(self%nb))
+    do b = 1, size(self%blocks)
+      mark = 0
+      do e = 1, size(rows)
+        if (self%block_of(rows(e)) == b .and. local(cols(e)) > 0) mark(local(cols(e))) = 1
+        if (self%block_of(cols(e)) == b .and. local(rows(e)) > 0) mark(local(rows(e))) = 1
+      end do
+      m = size(members) + slots*(b - 1)
+      mark(m + 1:m + slots) = 1
+      self%blocks(b)%border = pack([(k, k=1, self%nb)], mark == 1)
+    end do
+    n = count(local(rows) > 0 .and. local(cols) > 0)
+    do b = 1, size(self%blocks)
+      n = n + size(self%blocks(b)%border)**2
+    end do
+    allocate (r(n), c(n))
+    n = 0
+    do e = 1, size(rows)
+      if (local(rows(e)) == 0 .or. local(cols(e)) == 0) cycle
+      n = n + 1
+      r(n) = local(rows(e))
+      c(n) = local(cols(e))
+    end do
+    do b = 1, size(self%blocks)
+      do i = 1, size(self%blocks(b)%border)
+        do j = 1, size(self%blocks(b)%border)
+          n = n + 1
+          r(n) = self%blocks(b)%border(i)
+          c(n) = self%blocks(b)%border(j)
+        end do
+      end do
+    end do
+    call reverse_cuthill_mckee(self%nb, r, c, order, starts)
+    allocate (position(self%nb))
+    position(order) = [(k, k=1, self%nb)]
+    self%kd = 0
+    do k = 1, n
+      self%kd = max(self%kd, abs(position(r(k)) - position(c(k))))
+    end do
+    self%place(members) = position(local(members))
+    do b = 1, size(self%blocks)
+      associate (p => self%blocks(b))
+        p%border = position(p%border)
+        allocate (p%right(p%n, size(p%border)), p%left(size(p%border), p%n))
+      end associate
+    end do
+    allocate (self%ab(3*self%kd + 1, self%nb), self%pivots(self%nb), self%row_scale(self%nb), self%col_scale(self%nb), &
+              self%x(self%nb, 1))
+  end subroutine order_border
+
+  !> Where an entry of the pattern is kept.
+  subroutine place_entry(self, e, row, col)
+    class(bordered_system), intent(inout) :: self
+    integer, intent(in) :: e, row, col
+    integer :: a, b, i, j
+    a = self%block_of(row)
+    b = self%block_of(col)
+    i = self%place(row)
+    j = self%place(col)
+    self%home(e) = max(a, b)
+    if (a > 0 .and. b > 0) then
+      self%kind(e) = 1
+      self%i(e) = 2*self%blocks(a)%kd + 1 + i - j
+      self%j(e) = j
+    else if (a > 0) then
+      self%kind(e) = 2
+      self%i(e) = i
+      self%j(e) = findloc(self%blocks(a)%border, j, 1)
+    else if (b > 0) then
+      self%kind(e) = 3
+      self%i(e) = findloc(self%blocks(b)%border, i, 1)
+      self%j(e) = j
+    else
+      self%kind(e) = 4
+      self%i(e) = 2*self%kd + 1 + i - j
+      self%j(e) = j
+    end if
+  end subroutine place_entry
+
+  !> Factors the matrix whose entries are given in the order of the pattern.
+  subroutine factor(self, values)
+    class(bordered_system), intent(inout) :: self
+    complex(wp), intent(in) :: values(:)              !! (entries)
+    integer :: b, e, k, info
+    real(wp) :: largest
+    do b = 1, size(self%blocks)
+      self%blocks(b)%ab = 0.0_wp
+      self%blocks(b)%right = 0.0_wp
+      self%blocks(b)%left = 0.0_wp
+    end do
+    self%ab = 0.0_wp
+    do e = 1, size(values)
+      select case (self%kind(e))
+      case (1)
+        self%blocks(self%home(e))%ab(self%i(e), self%j(e)) = values(e)
+      case (2)
+        self%blocks(self%home(e))%right(self%i(e), self%j(e)) = values(e)
+      case (3)
+        self%blocks(self%home(e))%left(self%i(e), self%j(e)) = values(e)
+      case default
+        self%ab(self%i(e), self%j(e)) = values(e)
+      end select
+    end do
+    do b = 1, size(self%blocks)
+      call condense(self%blocks(b), self%kd, self%ab)
+    end do
+    call equilibrate(self)
+    call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
+    if (info == 0) return
+    largest = maxval(abs(self%ab))                    ! exactly singular: the nearest regular matrix
+    do k = 1, self%nb
+      if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)*max(largest, tiny(1.0_wp))
+    end do
+  end subroutine factor
+
+  !> Factors one block and subtracts its Schur complement from the border.
+  subroutine condense(p, kd, ab)
+    type(block_part), intent(inout) :: p
+    integer, intent(in) :: kd                         !! half band width of the border
+    complex(wp), intent(inout) :: ab(:, :)            !! the border
+    complex(wp) :: s
+    integer :: info, k, w, m, i, j
+    m = size(p%border)
+    p%weak = 0
+    do k = 1, slots
+      ab(2*kd + 1, p%border(m - slots + k)) = 1.0_wp
+    end do
+    if (p%n == 0) return
+    p%size = [(maxval(abs(p%ab(:, k))), k=1, p%n)]
+    call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
+    w = 0
+    do k = 1, p%n
+      if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot*p%size(k)) cycle
+      if (w == slots) then
+        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)*max(p%size(k), tiny(1.0_wp))
+        cycle
+      end if
+      w = w + 1
+      p%weak(w) = k
+      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + max(p%size(k), tiny(1.0_wp))
+      p%left(m - slots + w, k) = -1.0_wp
+    end do
+    call zgbtrs('N', p%n, p%kd, p%kd, m - slots, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
+    do k = 1, w
+      call back_substitute(p, p%weak(k), -max(p%size(p%weak(k)), tiny(1.0_wp)), p%right(:, m - slots + k))
+    end do
+    do j = 1, m - slots + w
+      do i = 1, m - slots + w
+        s = sum(p%left(i, :)*p%right(:, j))
+        associate (r => p%border(i), c => p%border(j))
+          ab(2*kd + 1 + r - c, c) = ab(2*kd + 1 + r - c, c) - s
+        end associate
+      end do
+    end do
+  end subroutine condense
+
+  !> x = value U^-1 e_k.
+  pure subroutine back_substitute(p, k, value, x)
+    type(block_part), intent(in) :: p
+    integer, intent(in) :: k
+    real(wp), intent(in) :: value
+    complex(wp), intent(inout) :: x(:)
+    integer :: i, j
+    x = 0.0_wp
+    x(k) = value
+    do j = k, 1, -1
+      x(j) = x(j)/p%ab(2*p%kd + 1, j)
+      do i = max(1, j - 2*p%kd), j - 1
+        x(i) = x(i) - p%ab(2*p%kd + 1 + i - j, j)*x(j)
+      end do
+    end do
+  end subroutine back_substitute
+
+  !> Rows, then columns of the border to size one: forces, moments and lengths stand side by side in it.
+  subroutine equilibrate(self)
+    class(bordered_system), intent(inout) :: self
+    integer :: i, j, k
+    self%row_scale = 0.0_wp
+    do j = 1, self%nb
+      do i = max(1, j - self%kd), min(self%nb, j + self%kd)
+        self%row_scale(i) = max(self%row_scale(i), abs(self%ab(2*self%kd + 1 + i - j, j)))
+      end do
+    end do
+    self%row_scale = merge(1.0_wp/max(self%row_scale, tiny(1.0_wp)), 1.0_wp, self%row_scale > tiny(1.0_wp))
+    do j = 1, self%nb
+      self%col_scale(j) = 0.0_wp
+      do i = max(1, j - self%kd), min(self%nb, j + self%kd)
+        k = 2*self%kd + 1 + i - j
+        self%ab(k, j) = self%ab(k, j)*self%row_scale(i)
+        self%col_scale(j) = max(self%col_scale(j), abs(self%ab(k, j)))
+      end do
+      self%col_scale(j) = merge(1.0_wp/max(self%col_scale(j), tiny(1.0_wp)), 1.0_wp, self%col_scale(j) > tiny(1.0_wp))
+      self%ab(:, j) = self%ab(:, j)*self%col_scale(j)
+    end do
+  end subroutine equilibrate
+
+  !> Solves in place with the last factor.
+  subroutine solve(self, x)
+    class(bordered_system), intent(inout) :: self
+    complex(wp), intent(inout) :: x(:)                !! (n) right-hand side, then solution
+    complex(wp), allocatable :: y(:, :)
+    integer :: b, k, info
+    self%x = 0.0_wp
+    do k = 1, self%n
+      if (self%block_of(k) == 0) self%x(self%place(k), 1) = x(k)
+    end do
+    do b = 1, size(self%blocks)
+      associate (p => self%blocks(b))
+        if (p%n == 0) cycle
+        y = reshape(x(p%unknown), [p%n, 1])
+        call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
+        x(p%unknown) = y(:, 1)
+        self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, y(:, 1))
+      end associate
+    end do
+    self%x(:, 1) = self%x(:, 1)*self%row_scale
+    call zgbtrs('N', self%nb, self%kd, self%kd, 1, self%ab, 3*self%kd + 1, self%pivots, self%x, self%nb, info)
+    self%x(:, 1) = self%x(:, 1)*self%col_scale
+    do k = 1, self%n
+      if (self%block_of(k) == 0) x(k) = self%x(self%place(k), 1)
+    end do
+    do b = 1, size(self%blocks)
+      associate (p => self%blocks(b))
+        if (p%n > 0) x(p%unknown) = x(p%unknown) - matmul(p%right, self%x(p%border, 1))
+      end associate
+    end do
+  end subroutine solve
+
+  !> Bytes that the matrices keep.
+  pure function memory(self) result(bytes)
+    class(bordered_system), intent(in) :: self
+    integer :: bytes, b
+    bytes = 16*size(self%ab) + 32*size(self%kind)
+    do b = 1, size(self%blocks)
+      associate (p => self%blocks(b))
+        bytes = bytes + 16*(size(p%ab) + size(p%right) + size(p%left))
+      end associate
+    end do
+  end function memory
+end module bordered

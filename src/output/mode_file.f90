@@ -1,0 +1,156 @@
+!> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
+module mode_file
+  use kinds, only: wp, pi
+  use complex_modes, only: mode_set, undamped_mode, vibration_mode, further_mode, real_pole
+  use mechanism, only: mechanism_model
+  use results, only: motion_names, motion_row
+  use text_file, only: result_file
+  implicit none (type, external)
+  private
+  public :: write_modes, mode_figures
+
+  character(*), parameter :: figures = 'number[-] mode[-] kind[-] undamped_frequency[Hz] frequency[Hz] '// &
+    'damping_ratio[-] loss_factor[-] real[1/s] imag[rad/s] residual[-]'
+
+contains
+
+  !> Writes the whole file.
+  subroutine write_modes(path, deck_name, m, q, modes, failed)
+    character(*), intent(in) :: path, deck_name
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq) the state about which the modes are
+    type(mode_set), intent(in) :: modes
+    logical, intent(out) :: failed
+    type(result_file) :: file
+    integer :: k
+    call file%open(path)
+    call file%line('# biela: modes about the present state')
+    call file%line('# deck: '//deck_name)
+    if (len(m%s%title) > 0) call file%line('# title: '//m%s%title)
+    call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
+                   '3 real pole (over-damped)')
+    call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
+    call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
+    call file%line('# positions: '//positions(m, q))
+    call file%line('# columns: '//figures//shape_names(m))
+    do k = 1, modes%count
+      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, modes%x(:, k))])
+    end do
+    call file%close()
+    failed = file%failed
+  end subroutine write_modes
+
+  !> Columns 2 to 10 of a row.
+  pure function mode_figures(modes, k) result(x)
+    type(mode_set), intent(in) :: modes
+    integer, intent(in) :: k
+    real(wp) :: x(9), ratio, undamped
+    integer :: j
+    undamped = 0.0_wp
+    do j = 1, modes%count
+      if (modes%kind(j) == undamped_mode .and. modes%mode(j) == modes%mode(k)) undamped = abs(modes%lambda(j)%im)/(2*pi)
+    end do
+    associate (s => modes%lambda(k))
+      ratio = 0.0_wp
+      if (abs(s) > 0.0_wp) ratio = 0.0_wp - s%re/abs(s)
+      x = [real(modes%mode(k), wp), real(modes%kind(k), wp), undamped, abs(s%im)/(2*pi), ratio, 2*ratio, s%re, s%im, &
+           modes%residual(k)]
+    end associate
+  end function mode_figures
+
+  !> Where body frames and nodes are, in the order of the shape's columns.
+  function positions(m, q) result(text)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)
+    character(:), allocatable :: text
+    character(25) :: number
+    real(wp), allocatable :: x(:)
+    integer :: k
+    x = motion_row(m, q)
+    allocate (character(25*size(x)) :: text)
+    do k = 1, size(x)
+      write (number, '(es25.16e3)') x(k)
+      text(25*k - 24:25*k) = number
+    end do
+  end function positions
+
+  !> Column names of the shape: those of motion.txt with .re and .im.
+  function shape_names(m) result(text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text, names
+    integer :: k, from, bracket
+    names = motion_names(m)//' '
+    text = ''
+    from = index(names, ' ') + 1                    ! after the time
+    do while (from <= len(names))
+      k = index(names(from:), ' ')
+      bracket = from + index(names(from:), '[') - 1
+      text = text//' '//names(from:bracket - 1)//'.re'//names(bracket:from + k - 2) &
+             //' '//names(from:bracket - 1)//'.im'//names(bracket:from + k - 2)
+      from = from + k
+    end do
+  end function shape_names
+
+  !> Real and imaginary parts of a shape's displacements.
+  pure function shape_row(m, x) result(row)
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation: body axes
+    real(wp), allocatable :: row(:)
+    complex(wp), allocatable :: d(:)
+    integer :: k
+    d = displacements(m, x)
+    allocate (row(2*size(d)))
+    do k = 1, size(d)
+      row(2*k - 1) = d(k)%re
+      row(2*k) = d(k)%im
+    end do
+  end function shape_row
+
+  !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
+  pure function displacements(m, x) result(d)
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: x(:)
+    complex(wp), allocatable :: d(:)
+    complex(wp) :: w(2), u(3), largest
+    real(wp) :: rho(2), weight
+    integer :: b, i, k, j
+    allocate (d(sum(3 + 2*m%s%bodies%nn)))
+    j = 0
+    largest = 0.0_wp
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      d(j + 1) = m%c(b)*x(i + 1) - m%sn(b)*x(i + 2)
+      d(j + 2) = m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)
+      d(j + 3) = x(i + 3)
+      do k = 1, 3
+        weight = merge(m%s%size, 1.0_wp, k == 3)
+        if (weight*abs(d(j + k)) > abs(largest)) largest = weight*d(j + k)
+      end do
+      j = j + 3
+      associate (bo => m%s%bodies(b))
+        do k = 1, bo%nn
+          u = cmplx(bo%displacement(k, real(x(i + 4:i + 3 + bo%nf), wp)), &
+                    bo%displacement(k, aimag(x(i + 4:i + 3 + bo%nf))), wp)
+          rho = bo%x(:, k)
+          if (bo%flexible) rho = rho + deflection(m, b, k)
+          w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
+          d(j + 1) = m%c(b)*w(1) - m%sn(b)*w(2)
+          d(j + 2) = m%sn(b)*w(1) + m%c(b)*w(2)
+          if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
+          if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
+          j = j + 2
+        end do
+      end associate
+    end do
+    if (abs(largest) > 0.0_wp) d = d/largest
+  end function displacements
+
+  !> Present deflection of a node (the last evaluation's coordinates) [m].
+  pure function deflection(m, b, k) result(u)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b, k
+    real(wp) :: u(2), v(3)
+    v = m%s%bodies(b)%displacement(k, m%s%bodies(b)%qx(1:m%s%bodies(b)%nf))
+    u = v(1:2)
+  end function deflection
+end module mode_file

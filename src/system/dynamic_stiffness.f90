@@ -1,0 +1,330 @@
+!> The dynamic stiffness of the linearised mechanism, T(s) = s^2 M + s C + K + sum_r g_r(s) K_r, bordered by the joints:
+!>
+!>   [T  J^T] [x     ]   [f]        g_r(s) = sum_k alpha_k (s^2 + 2 zeta_k omega_k s)/(s^2 + 2 zeta_k omega_k s + omega_k^2)
+!>   [J   0 ] [lambda] = [d]
+!>
+!> so that GHM acts exactly, without dissipative unknowns (theory.md, section 5). The matrices are kept once on one sparse
+!> pattern; each s costs one structured factorisation (`bordered`).
+module dynamic_stiffness
+  use kinds, only: wp
+  use bordered, only: bordered_system
+  use linearisation, only: linear_mechanism
+  use mechanism, only: mechanism_model
+  use ordering, only: adjacency
+  use triplets, only: triplet_matrix
+  implicit none (type, external)
+  private
+  public :: stiffness_system, ghm_group, modulus_ratio, modulus_slope
+
+  !> Entries that one set of GHM terms multiplies.
+  type :: ghm_group
+    real(wp), allocatable :: alpha(:)          !! [-]
+    real(wp), allocatable :: zeta(:)           !! [-]
+    real(wp), allocatable :: omega(:)          !! [rad/s]
+    integer, allocatable :: entry(:)           !! entries of the pattern
+    real(wp), allocatable :: value(:)          !! K_r there
+  end type ghm_group
+
+  !> The system.
+  type :: stiffness_system
+    integer :: n = 0                           !! mechanical unknowns
+    integer :: rows = 0                        !! independent constraint rows
+    integer, allocatable :: active(:)          !! (rows) their numbers among all rows
+    integer, allocatable :: first(:)           !! (n+rows+1) first entry of each column
+    integer, allocatable :: row(:), col(:)     !! (entries), sorted by column, then row
+    integer, allocatable :: mirror(:)          !! (entries) the transposed entry
+    real(wp), allocatable :: m(:), c(:), k(:)  !! (entries) mass, damping with gyroscopic terms, stiffness at E_R
+    real(wp), allocatable :: gyro(:)           !! (entries) skew part of c
+    real(wp), allocatable :: joint(:)          !! (entries) J and J^T
+    type(ghm_group), allocatable :: groups(:)
+    complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s
+    complex(wp), allocatable :: slope(:)       !! (entries) its derivative
+    type(bordered_system) :: solver
+    logical :: symmetric = .false.             !! no gyroscopic terms, K symmetric
+    logical :: damped = .false.                !! C has a symmetric part, or there are GHM terms
+    integer :: factorisations = 0
+  contains
+    procedure :: build
+    procedure :: set
+    procedure :: set_real
+    procedure :: factor
+    procedure :: solve
+    procedure :: times
+    procedure :: entry
+  end type stiffness_system
+
+contains
+
+  !> g(s) = E(s)/E_R - 1 of a set of terms.
+  pure function modulus_ratio(alpha, zeta, omega, s) result(g)
+    real(wp), intent(in) :: alpha(:), zeta(:), omega(:)
+    complex(wp), intent(in) :: s               !! [1/s]
+    complex(wp) :: g, a
+    integer :: k
+    g = 0.0_wp
+    do k = 1, size(alpha)
+      a = s*(s + 2*zeta(k)*omega(k))
+      g = g + alpha(k)*a/(a + omega(k)**2)
+    end do
+  end function modulus_ratio
+
+  !> Its derivative [s].
+  pure function modulus_slope(alpha, zeta, omega, s) result(g)
+    real(wp), intent(in) :: alpha(:), zeta(:), omega(:)
+    complex(wp), intent(in) :: s               !! [1/s]
+    complex(wp) :: g, a
+    integer :: k
+    g = 0.0_wp
+    do k = 1, size(alpha)
+      a = s*(s + 2*zeta(k)*omega(k)) + omega(k)**2
+      g = g + alpha(k)*2*(s + zeta(k)*omega(k))*omega(k)**2/a**2
+    end do
+  end function modulus_slope
+
+  !> Builds the system from a linearisation; dependent constraint rows are left out.
+  subroutine build(self, m, lin, dependent)
+    class(stiffness_system), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(linear_mechanism), intent(in) :: lin
+    logical, intent(in) :: dependent(:)        !! (rows) rows that follow from others
+    integer, allocatable :: block_of(:), number_of(:)
+    integer :: b, k, nt
+    self%n = lin%n
+    self%active = pack([(k, k=1, lin%rows)], .not. dependent)
+    self%rows = size(self%active)
+    nt = self%n + self%rows
+    allocate (number_of(lin%rows), source=0)
+    number_of(self%active) = [(self%n + k, k=1, self%rows)]
+    call make_pattern(self, lin, number_of)
+    allocate (self%m(size(self%row)), self%c(size(self%row)), self%k(size(self%row)), self%joint(size(self%row)), &
+              source=0.0_wp)
+    allocate (self%values(size(self%row)), self%slope(size(self%row)))
+    call gather(self, lin%mass, self%m)
+    call gather(self, lin%damping, self%c)
+    call gather(self, lin%stiffness, self%k)
+    do k = 1, lin%jacobian%count
+      if (number_of(lin%jacobian%rows(k)) == 0) cycle
+      b = self%entry(number_of(lin%jacobian%rows(k)), lin%jacobian%cols(k))
+      self%joint(b) = self%joint(b) + lin%jacobian%values(k)
+      b = self%mirror(b)
+      self%joint(b) = self%joint(b) + lin%jacobian%values(k)
+    end do
+    call make_groups(self, lin)
+    call classify(self)
+    allocate (block_of(nt), source=0)
+    do b = 1, size(m%s%bodies)
+      block_of(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf) = b
+    end do
+    call self%solver%set_up(nt, self%row, self%col, block_of)
+  end subroutine build
+
+  !> The union of all patterns, made symmetric, with the whole diagonal.
+  subroutine make_pattern(self, lin, number_of)
+    class(stiffness_system), intent(inout) :: self
+    type(linear_mechanism), intent(in) :: lin
+    integer, intent(in) :: number_of(:)
+    integer, allocatable :: r(:), c(:), start(:), neighbour(:), fill(:)
+    integer :: nt, k, j, n
+    nt = self%n + self%rows
+    allocate (r(0), c(0))
+    call append(lin%mass, r, c)
+    call append(lin%damping, r, c)
+    call append(lin%stiffness, r, c)
+    do k = 1, size(lin%runs)
+      call append(lin%runs(k)%stiffness, r, c)
+    end do
+    if (lin%jacobian%count > 0) then
+      r = [r, number_of(lin%jacobian%rows(1:lin%jacobian%count))]
+      c = [c, lin%jacobian%cols(1:lin%jacobian%count)]
+      n = count(r > 0)
+      c = pack(c, r > 0)
+      r = pack(r, r > 0)
+    end if
+    call adjacency(nt, r, c, start, neighbour)
+    n = size(neighbour) + nt
+    allocate (self%first(nt + 1), self%row(n), self%col(n), self%mirror(n), fill(nt))
+    do j = 1, nt + 1
+      self%first(j) = start(j) + j - 1
+    end do
+    fill = self%first(1:nt)
+    do k = 1, nt                                ! rows in ascending order into every column
+      do j = start(k), start(k + 1)
+        n = k
+        if (j < start(k + 1)) n = neighbour(j)
+        self%row(fill(n)) = k
+        self%col(fill(n)) = n
+        fill(n) = fill(n) + 1
+      end do
+    end do
+    do k = 1, size(self%row)
+      self%mirror(k) = self%entry(self%col(k), self%row(k))
+    end do
+  end subroutine make_pattern
+
+  !> Appends the places of a matrix's entries.
+  subroutine append(a, r, c)
+    type(triplet_matrix), intent(in) :: a
+    integer, allocatable, intent(inout) :: r(:), c(:)
+    if (a%count == 0) return
+    r = [r, a%rows(1:a%count)]
+    c = [c, a%cols(1:a%count)]
+  end subroutine append
+
+  !> Number of an entry, by bisection in its column.
+  pure integer function entry(self, i, j) result(e)
+    class(stiffness_system), intent(in) :: self
+    integer, intent(in) :: i, j
+    integer :: low, high
+    low = self%first(j)
+    high = self%first(j + 1) - 1
+    do while (low < high)
+      e = (low + high)/2
+      if (self%row(e) < i) then
+        low = e + 1
+      else
+        high = e
+      end if
+    end do
+    e = low
+  end function entry
+
+  !> Sums a matrix's entries on the pattern.
+  subroutine gather(self, a, values)
+    class(stiffness_system), intent(in) :: self
+    type(triplet_matrix), intent(in) :: a
+    real(wp), intent(inout) :: values(:)
+    integer :: k, e
+    do k = 1, a%count
+      e = self%entry(a%rows(k), a%cols(k))
+      values(e) = values(e) + a%values(k)
+    end do
+  end subroutine gather
+
+  !> Runs with the same terms share a group.
+  subroutine make_groups(self, lin)
+    class(stiffness_system), intent(inout) :: self
+    type(linear_mechanism), intent(in) :: lin
+    type(ghm_group), allocatable :: groups(:)
+    real(wp), allocatable :: values(:)
+    logical, allocatable :: done(:)
+    integer :: k, j, n, e
+    allocate (groups(size(lin%runs)), done(size(lin%runs)))
+    allocate (values(size(self%row)), source=0.0_wp)
+    done = .false.
+    n = 0
+    do k = 1, size(lin%runs)
+      if (done(k)) cycle
+      n = n + 1
+      groups(n)%alpha = lin%runs(k)%alpha
+      groups(n)%zeta = lin%runs(k)%zeta
+      groups(n)%omega = lin%runs(k)%omega
+      values = 0.0_wp
+      do j = k, size(lin%runs)
+        if (done(j) .or. .not. same_terms(lin, k, j)) cycle
+        done(j) = .true.
+        call gather(self, lin%runs(j)%stiffness, values)
+      end do
+      groups(n)%entry = pack([(e, e=1, size(values))], abs(values) > 0.0_wp)
+      groups(n)%value = values(groups(n)%entry)
+    end do
+    self%groups = groups(1:n)
+  end subroutine make_groups
+
+  !> Whether two runs have the same terms.
+  pure logical function same_terms(lin, i, j) result(same)
+    type(linear_mechanism), intent(in) :: lin
+    integer, intent(in) :: i, j
+    associate (a => lin%runs(i), b => lin%runs(j))
+      same = size(a%alpha) == size(b%alpha)
+      if (.not. same) return
+      same = all(abs(a%alpha - b%alpha) <= 0.0_wp) .and. all(abs(a%zeta - b%zeta) <= 0.0_wp) &
+             .and. all(abs(a%omega - b%omega) <= 0.0_wp)
+    end associate
+  end function same_terms
+
+  !> Skew part of C; whether the undamped system is symmetric and whether there is damping at all.
+  subroutine classify(self)
+    class(stiffness_system), intent(inout) :: self
+    real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
+    real(wp) :: largest
+    self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
+    largest = maxval([0.0_wp, abs(self%k)])
+    self%symmetric = all(abs(self%k - self%k(self%mirror)) <= rounding*largest) .and. all(abs(self%gyro) <= 0.0_wp)
+    self%damped = size(self%groups) > 0
+    if (any(abs(self%c) > 0.0_wp)) self%damped = self%damped .or. &
+                                                 any(abs(self%c - self%gyro) > rounding*maxval(abs(self%c)))
+  end subroutine classify
+
+  !> Sets the matrix at s, with the given fraction of damping and GHM terms, and its derivative.
+  subroutine set(self, s, damping)
+    class(stiffness_system), intent(inout) :: self
+    complex(wp), intent(in) :: s               !! [1/s]
+    real(wp), intent(in) :: damping            !! 1: all, 0: the undamped system [-]
+    complex(wp) :: g, dg
+    integer :: r, k
+    associate (c => self%gyro + damping*(self%c - self%gyro))
+      self%values = s**2*self%m + s*c + self%k + self%joint
+      self%slope = 2*s*self%m + c
+    end associate
+    if (damping <= 0.0_wp) return
+    do r = 1, size(self%groups)
+      associate (p => self%groups(r))
+        g = damping*modulus_ratio(p%alpha, p%zeta, p%omega, s)
+        dg = damping*modulus_slope(p%alpha, p%zeta, p%omega, s)
+        do k = 1, size(p%entry)
+          self%values(p%entry(k)) = self%values(p%entry(k)) + g*p%value(k)
+          self%slope(p%entry(k)) = self%slope(p%entry(k)) + dg*p%value(k)
+        end do
+      end associate
+    end do
+  end subroutine set
+
+  !> Sets a real combination: stiffness (its symmetric part where asked) + shift M, with the joints.
+  subroutine set_real(self, shift, symmetric)
+    class(stiffness_system), intent(inout) :: self
+    real(wp), intent(in) :: shift              !! [1/s2]
+    logical, intent(in) :: symmetric
+    if (symmetric) then
+      self%values = shift*self%m + 0.5_wp*(self%k + self%k(self%mirror)) + self%joint
+    else
+      self%values = shift*self%m + self%k + self%joint
+    end if
+  end subroutine set_real
+
+  !> Factors the matrix that was set last.
+  subroutine factor(self)
+    class(stiffness_system), intent(inout) :: self
+    call self%solver%factor(self%values)
+    self%factorisations = self%factorisations + 1
+  end subroutine factor
+
+  !> Solves with the last factor, corrected twice by the residual.
+  subroutine solve(self, x)
+    class(stiffness_system), intent(inout) :: self
+    complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution
+    complex(wp), allocatable :: b(:), r(:)
+    integer :: pass
+    b = x
+    call self%solver%solve(x)
+    do pass = 1, 2
+      r = b - self%times(self%values, x)
+      call self%solver%solve(r)
+      x = x + r
+    end do
+  end subroutine solve
+
+  !> A x for entries given on the pattern.
+  pure function times(self, values, x) result(y)
+    class(stiffness_system), intent(in) :: self
+    complex(wp), intent(in) :: values(:)       !! (entries)
+    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    complex(wp) :: y(size(x))
+    integer :: j, e
+    y = 0.0_wp
+    do j = 1, size(x)
+      do e = self%first(j), self%first(j + 1) - 1
+        y(self%row(e)) = y(self%row(e)) + values(e)*x(j)
+      end do
+    end do
+  end function times
+end module dynamic_stiffness

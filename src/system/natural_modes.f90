@@ -1,0 +1,225 @@
+!> Undamped modes of the linearised mechanism, K x = omega^2 M x on J x = 0 (K without its skew part, no gyroscopic terms):
+!> subspace iteration with the bordered matrix, which keeps every multiple frequency and every rigid motion. Small systems
+!> start from the dense solution on the null space of J, large ones from fixed pseudo-random vectors.
+module natural_modes
+  use kinds, only: wp, ip
+  use dynamic_stiffness, only: stiffness_system
+  use lapack, only: dgeqp3, dorgqr, dsygvd, dsyev
+  implicit none (type, external)
+  private
+  public :: natural_subspace
+
+  integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
+  integer, parameter :: most_passes = 80
+  real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
+  real(wp), parameter :: settled = 1.0e-13_wp      !! relative change of omega^2 [-]
+
+contains
+
+  !> The lowest modes: mass-normalised vectors and squared frequencies, ascending. At least `wanted` of them are converged
+  !> (fewer only where the system has fewer degrees of freedom); the subspace is larger.
+  subroutine natural_subspace(ds, wanted, omega2, x, ok)
+    type(stiffness_system), intent(inout) :: ds
+    integer, intent(in) :: wanted
+    real(wp), allocatable, intent(out) :: omega2(:)   !! (p) [rad2/s2]
+    real(wp), allocatable, intent(out) :: x(:, :)     !! (n, p) [1/sqrt(kg)]
+    logical, intent(out) :: ok
+    integer :: free, p, pass
+    real(wp) :: shift, noise
+    logical :: settled_yet
+    real(wp), allocatable :: before(:)
+    free = ds%n - ds%rows
+    p = min(free, max(2*wanted, wanted + 8))
+    ok = .true.
+    allocate (omega2(p), x(ds%n, p))
+    if (p == 0) return
+    if (ds%n <= small .or. 2*p > free) then
+      call dense_start(ds, p, omega2, x, ok)
+      if (.not. ok) return
+    else
+      call random_start(x)
+      omega2 = 0.0_wp
+    end if
+    shift = first_shift(ds)
+    noise = epsilon(1.0_wp)*shift/small_shift          ! rounding of the largest frequencies [rad2/s2]
+    call shift_matrix(ds, shift)
+    settled_yet = .false.
+    do pass = 1, most_passes
+      before = omega2
+      call iterate(ds, omega2, x, ok)
+      if (.not. ok) return
+      if (pass == 2 .or. pass == 5) then
+        shift = better_shift(omega2, shift)
+        call shift_matrix(ds, shift)
+      end if
+      associate (w => min(wanted, p))
+        settled_yet = pass > 2 .and. all(abs(omega2(1:w) - before(1:w)) <= settled*(abs(omega2(1:w)) + shift) + noise)
+        if (settled_yet) exit
+      end associate
+    end do
+    do pass = 1, p                            ! what Rayleigh-Ritz blurs by the largest frequency
+      omega2(pass) = dot_product(x(:, pass), real_product(ds, ds%k, x(:, pass)))
+    end do
+    ok = settled_yet
+  end subroutine natural_subspace
+
+  !> K + shift M, factored.
+  subroutine shift_matrix(ds, shift)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: shift             !! [rad2/s2]
+    call ds%set_real(shift, .true.)
+    call ds%factor()
+  end subroutine shift_matrix
+
+  !> A shift that surely makes K + shift M regular where rigid motions are left: small beside the largest frequency.
+  pure function first_shift(ds) result(shift)
+    type(stiffness_system), intent(in) :: ds
+    real(wp) :: shift, ratio
+    integer :: j, e
+    ratio = 0.0_wp
+    do j = 1, ds%n
+      e = ds%entry(j, j)
+      if (ds%m(e) > 0.0_wp) ratio = max(ratio, abs(ds%k(e))/ds%m(e))
+    end do
+    shift = merge(small_shift*ratio, 1.0_wp, ratio > 0.0_wp)
+  end function first_shift
+
+  !> A shift below the lowest frequency that is not zero.
+  pure function better_shift(omega2, shift) result(better)
+    real(wp), intent(in) :: omega2(:), shift
+    real(wp) :: better
+    integer :: k
+    better = shift
+    do k = 1, size(omega2)
+      if (abs(omega2(k)) <= 1.0e-9_wp*abs(omega2(size(omega2)))) cycle
+      better = 0.3_wp*abs(omega2(k))
+      return
+    end do
+  end function better_shift
+
+  !> Fixed pseudo-random vectors (a linear congruential sequence).
+  pure subroutine random_start(x)
+    real(wp), intent(out) :: x(:, :)
+    integer(ip), parameter :: factor = 16807_ip, prime = 2147483647_ip     ! Park & Miller (1988)
+    integer(ip) :: seed
+    integer :: i, j
+    seed = 12345_ip
+    do j = 1, size(x, 2)
+      do i = 1, size(x, 1)
+        seed = modulo(seed*factor, prime)
+        x(i, j) = real(seed, wp)/real(prime, wp) - 0.5_wp
+      end do
+    end do
+  end subroutine random_start
+
+  !> One pass: x <- (K + shift M)^-1 M x on the constraints, orthonormal in M, then Rayleigh-Ritz.
+  subroutine iterate(ds, omega2, x, ok)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(inout) :: omega2(:), x(:, :)
+    logical, intent(out) :: ok
+    real(wp), allocatable :: kx(:, :), h(:, :), work(:)
+    complex(wp), allocatable :: y(:)
+    integer :: j, p, info
+    p = size(x, 2)
+    allocate (y(ds%n + ds%rows), kx(ds%n, p), h(p, p), work(40*p))
+    do j = 1, p
+      y = 0.0_wp
+      y(1:ds%n) = real_product(ds, ds%m, x(:, j))
+      call ds%solve(y)
+      x(:, j) = real(y(1:ds%n), wp)
+    end do
+    call orthonormalise(ds, x, ok)
+    if (.not. ok) return
+    do j = 1, p
+      kx(:, j) = 0.5_wp*(real_product(ds, ds%k, x(:, j)) + real_product(ds, ds%k(ds%mirror), x(:, j)))
+    end do
+    h = matmul(transpose(x), kx)
+    h = 0.5_wp*(h + transpose(h))
+    call dsyev('V', 'U', p, h, p, omega2, work, size(work), info)
+    ok = info == 0
+    x = matmul(x, h)
+  end subroutine iterate
+
+  !> y = A x for real entries on the pattern, mechanical unknowns only.
+  pure function real_product(ds, values, x) result(y)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: values(:)         !! (entries)
+    real(wp), intent(in) :: x(:)              !! (n)
+    real(wp) :: y(size(x))
+    integer :: j, e
+    y = 0.0_wp
+    do j = 1, size(x)
+      do e = ds%first(j), ds%first(j + 1) - 1
+        if (ds%row(e) > size(x)) exit
+        y(ds%row(e)) = y(ds%row(e)) + values(e)*x(j)
+      end do
+    end do
+  end function real_product
+
+  !> Gram-Schmidt in the mass, twice.
+  subroutine orthonormalise(ds, x, ok)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(inout) :: x(:, :)
+    logical, intent(out) :: ok
+    real(wp), allocatable :: mx(:, :), v(:)
+    real(wp) :: size2
+    integer :: j, pass, i
+    allocate (mx(size(x, 1), size(x, 2)))
+    ok = .false.
+    do j = 1, size(x, 2)
+      v = x(:, j)/max(maxval(abs(x(:, j))), tiny(1.0_wp))
+      do pass = 1, 2
+        do i = 1, j - 1
+          v = v - dot_product(mx(:, i), v)*x(:, i)
+        end do
+      end do
+      mx(:, j) = real_product(ds, ds%m, v)
+      size2 = dot_product(v, mx(:, j))
+      if (.not. size2 > 0.0_wp) return
+      x(:, j) = v/sqrt(size2)
+      mx(:, j) = mx(:, j)/sqrt(size2)
+    end do
+    ok = .true.
+  end subroutine orthonormalise
+
+  !> Lowest p modes on an orthonormal basis of the null space of J.
+  subroutine dense_start(ds, p, omega2, x, ok)
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: p
+    real(wp), intent(out) :: omega2(:), x(:, :)
+    logical, intent(out) :: ok
+    real(wp), allocatable :: z(:, :), kz(:, :), mz(:, :), w(:), work(:)
+    integer, allocatable :: iwork(:)
+    integer :: j, n, info
+    call null_space(ds, z)
+    n = size(z, 2)
+    allocate (kz(ds%n, n), mz(ds%n, n), w(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
+    do j = 1, n
+      kz(:, j) = 0.5_wp*(real_product(ds, ds%k, z(:, j)) + real_product(ds, ds%k(ds%mirror), z(:, j)))
+      mz(:, j) = real_product(ds, ds%m, z(:, j))
+    end do
+    kz = matmul(transpose(z), kz)
+    mz = matmul(transpose(z), mz)
+    call dsygvd(1, 'V', 'U', n, kz, n, mz, n, w, work, size(work), iwork, size(iwork), info)
+    ok = info == 0
+    omega2 = w(1:p)
+    x = matmul(z, kz(:, 1:p))
+  end subroutine dense_start
+
+  !> Orthonormal basis of the null space of J: the last columns of Q in J^T P = Q R.
+  subroutine null_space(ds, z)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), allocatable, intent(out) :: z(:, :)   !! (n, n - rows)
+    real(wp), allocatable :: a(:, :), tau(:), work(:)
+    integer, allocatable :: pivots(:)
+    integer :: e, info
+    allocate (a(ds%n, ds%n), tau(ds%n), work(64*ds%n + 64), source=0.0_wp)
+    allocate (pivots(ds%rows), source=0)
+    do e = 1, size(ds%row)
+      if (ds%row(e) <= ds%n .and. ds%col(e) > ds%n) a(ds%row(e), ds%col(e) - ds%n) = ds%joint(e)
+    end do
+    if (ds%rows > 0) call dgeqp3(ds%n, ds%rows, a, ds%n, pivots, tau, work, size(work), info)
+    call dorgqr(ds%n, ds%n, ds%rows, a, ds%n, tau, work, size(work), info)
+    z = a(:, ds%rows + 1:)
+  end subroutine null_space
+end module natural_modes
