@@ -5,6 +5,7 @@ module run_deck
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
   use posix, only: make_folder, lock_file, close_lock, replace_file
+  use response_analysis, only: run_response
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
   use step_advice, only: stability_advice, advise
@@ -110,6 +111,7 @@ contains
     if (lock <= 0) return
     call system_clock(t0, rate)
     if (run%d%modal%present) call run_modal(run, text, fail)
+    if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       call run_transient(run, report, fail)
       call transient_lines(run, report, text)

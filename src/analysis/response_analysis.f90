@@ -1,0 +1,215 @@
+!> The frequency response about the present state: the exact dynamic stiffness with the complex modulus, one structured
+!> factorisation a frequency, into frequency_response.txt.
+module response_analysis
+  use kinds, only: wp, pi
+  use dynamic_stiffness, only: stiffness_system
+  use errors, only: failure, status_failed, status_no_output
+  use line_joint, only: line_model
+  use linear_sensors, only: read_linear_sensors
+  use linear_state, only: linear_system
+  use linearisation, only: place_jacobian
+  use rotation_drive, only: rotation_model
+  use scene_run, only: run_state
+  use sensors, only: read_sensors
+  use summary, only: add_line, number
+  use text_file, only: result_file
+  implicit none (type, external)
+  private
+  public :: run_response
+
+contains
+
+  !> Runs the deck's frequency response.
+  subroutine run_response(run, text, fail)
+    type(run_state), intent(inout) :: run
+    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(failure), intent(inout) :: fail
+    type(stiffness_system) :: ds
+    type(result_file) :: file
+    complex(wp), allocatable :: values(:)
+    real(wp), allocatable :: now(:)
+    integer :: k, nq
+    real(wp) :: f
+    call linear_system(run, ds)
+    nq = run%sys%m%s%nq
+    allocate (values(run%list%columns), now(run%list%columns))
+    associate (r => run%d%response, y => run%y)
+      if (r%drive > 0) call check_drive(run, ds, fail)
+      if (fail%happened()) return
+      call read_sensors(run%list, run%sys%m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:), now)
+      call file%open(run%folder//'/frequency_response.txt')
+      call write_header(run, file)
+      do k = 1, r%points
+        f = frequency(run, k)
+        call respond(run, ds, cmplx(0.0_wp, 2*pi*f, wp), values)
+        if (.not. all(abs(values) <= huge(1.0_wp))) then
+          call fail%raise(status_failed, 'the frequency response is singular at '//decimal(f)//' Hz: an undamped mode '// &
+                          'or a free motion lies there; expected damping or other frequencies')
+          exit
+        end if
+        call file%row([f, columns(values)])
+      end do
+      call file%close()
+    end associate
+    if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    call add_line(text, '')
+    call add_line(text, 'frequency response')
+    call add_line(text, '  input: '//input_name(run)//', points: '//number(k - 1)//', matrices: '// &
+                  number(ds%solver%memory()/1024)//' kB')
+  end subroutine run_response
+
+  !> A drive whose row was left out as redundant cannot excite the linear system.
+  subroutine check_drive(run, ds, fail)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(in) :: ds
+    type(failure), intent(inout) :: fail
+    integer :: row
+    row = run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item%first
+    if (any(ds%active == row)) return
+    call fail%raise(status_failed, 'drive "'//trim(run%d%drives(run%d%response%drive)%name)//'" is redundant at the '// &
+                    'present position and cannot be the input of a frequency response')
+  end subroutine check_drive
+
+  !> The k-th frequency [Hz].
+  pure real(wp) function frequency(run, k) result(f)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: k
+    real(wp) :: part
+    associate (r => run%d%response)
+      part = real(k - 1, wp)/real(r%points - 1, wp)
+      if (k == r%points) then
+        f = r%to
+      else if (r%spacing == 'log') then
+        f = r%from*(r%to/r%from)**part
+      else
+        f = r%from + (r%to - r%from)*part
+      end if
+    end associate
+  end function frequency
+
+  !> Amplitudes of all sensors at one s.
+  subroutine respond(run, ds, s, values)
+    type(run_state), intent(inout) :: run
+    type(stiffness_system), intent(inout) :: ds
+    complex(wp), intent(in) :: s                       !! [1/s]
+    complex(wp), intent(out) :: values(:)
+    complex(wp), allocatable :: x(:), lambda(:)
+    integer :: nq
+    nq = run%sys%m%s%nq
+    allocate (x(ds%n + ds%rows), lambda(run%sys%m%s%rows))
+    x = 0.0_wp
+    if (run%d%response%drive > 0) then
+      call drive_input(run, ds, s, x)
+    else
+      call force_input(run, x)
+    end if
+    call ds%set(s, 1.0_wp)
+    call ds%factor()
+    call ds%solve(x)
+    lambda = 0.0_wp
+    lambda(ds%active) = x(ds%n + 1:)
+    call read_linear_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), s, x(1:nq), lambda, values)
+  end subroutine respond
+
+  !> A unit amplitude of a load's factor.
+  subroutine force_input(run, x)
+    type(run_state), intent(in) :: run
+    complex(wp), intent(inout) :: x(:)
+    integer, allocatable :: cols(:)
+    real(wp), allocatable :: jac(:, :)
+    real(wp) :: force(2), moment, w(3)
+    integer :: b
+    associate (m => run%sys%m, l => run%sys%m%s%loads(run%d%response%force))
+      b = m%s%places(l%place)%body
+      if (b == 0) return
+      call l%wrench(m%p, run%y(m%s%qo(b) + 3), 1.0_wp, force, moment)
+      w = [m%c(b)*force(1) + m%sn(b)*force(2), m%c(b)*force(2) - m%sn(b)*force(1), moment]
+      call place_jacobian(m, l%place, cols, jac)
+      x(cols) = matmul(w, jac)
+    end associate
+  end subroutine force_input
+
+  !> A unit amplitude of what a drive follows.
+  subroutine drive_input(run, ds, s, x)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: s
+    complex(wp), intent(inout) :: x(:)
+    complex(wp) :: value
+    logical :: rate
+    integer :: row
+    associate (c => run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item)
+      value = 1.0_wp
+      rate = .false.
+      select type (c)
+      type is (rotation_model)
+        value = c%size
+        rate = c%rate
+      type is (line_model)
+        rate = c%rate
+      class default
+        value = 0.0_wp
+      end select
+      if (rate) value = value/s
+      row = findloc(ds%active, c%first, 1)
+      x(ds%n + row) = value
+    end associate
+  end subroutine drive_input
+
+  !> Name of the input.
+  function input_name(run) result(text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable :: text
+    if (run%d%response%drive > 0) then
+      text = 'drive "'//trim(run%d%drives(run%d%response%drive)%name)//'"'
+    else
+      text = 'force "'//trim(run%d%forces(run%d%response%force)%name)//'"'
+    end if
+  end function input_name
+
+  !> A frequency as text.
+  function decimal(f) result(text)
+    real(wp), intent(in) :: f
+    character(:), allocatable :: text
+    character(16) :: buffer
+    write (buffer, '(es12.5)') f
+    text = trim(adjustl(buffer))
+  end function decimal
+
+  !> First lines of the file.
+  subroutine write_header(run, file)
+    type(run_state), intent(in) :: run
+    type(result_file), intent(inout) :: file
+    character(:), allocatable :: text
+    character(5), parameter :: parts(2) = ['.re  ', '.im  ']
+    integer :: k, j, bracket
+    call file%line('# biela: frequency response of the sensors about the present state')
+    call file%line('# deck: '//run%d%name)
+    if (len(run%sys%m%s%title) > 0) call file%line('# title: '//run%sys%m%s%title)
+    call file%line('# input: '//input_name(run)//'; peak amplitude per unit of its history, phase ahead of it (-pi to pi)')
+    text = '# columns: f[Hz]'
+    do k = 1, run%list%columns
+      associate (name => run%list%names(k))
+        bracket = index(name, '[')
+        do j = 1, 2
+          text = text//' '//name(:bracket - 1)//trim(parts(j))//trim(name(bracket:))
+        end do
+        text = text//' '//name(:bracket - 1)//'.amplitude'//trim(name(bracket:))//' '//name(:bracket - 1)//'.phase[rad]'
+      end associate
+    end do
+    call file%line(text)
+  end subroutine write_header
+
+  !> Real and imaginary part, amplitude and phase of every column.
+  pure function columns(values) result(row)
+    complex(wp), intent(in) :: values(:)
+    real(wp) :: row(4*size(values))
+    integer :: k
+    do k = 1, size(values)
+      row(4*k - 3) = values(k)%re
+      row(4*k - 2) = values(k)%im
+      row(4*k - 1) = abs(values(k))
+      row(4*k) = atan2(values(k)%im, values(k)%re)
+    end do
+  end function columns
+end module response_analysis
