@@ -67,7 +67,7 @@ contains
       self%frozen = .true.
       call frame_positions(self, q, v, worst)
       do pass = 1, most_newton
-        if (worst <= closed*self%s%size) exit
+        if (worst <= tolerance(self)) exit
         do b = 1, size(self%s%bodies)
           self%low(:, b) = 0.0_wp
           self%dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
@@ -87,13 +87,13 @@ contains
           length = length/2
         end do
         if (tries > 12) then
-          if (worst > 1.0e3_wp*closed*self%s%size) exit
+          if (worst > 1.0e3_wp*tolerance(self)) exit
           if (pass > 5) exit
         end if
       end do
       report%newton = pass - 1
       self%frozen = .false.
-      if (worst > closed*self%s%size) then
+      if (worst > tolerance(self)) then
         call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '//open_joints(self)// &
                         '; expected positions near which every joint and drive holds at t = 0')
         return
@@ -102,6 +102,13 @@ contains
     end if
     call frame_positions(self, q, v, worst)
   end subroutine close_positions
+
+  !> |Phi| of a closed mechanism: 1e-12 of the size, but not below the rounding of positions far from the origin [m].
+  pure function tolerance(self) result(gap)
+    type(mechanism_model), intent(in) :: self
+    real(wp) :: gap
+    gap = max(closed*self%s%size, 32*epsilon(1.0_wp)*maxval(abs(self%p%r)))
+  end function tolerance
 
   !> Largest change of a frame, relative to the size, or in radians.
   pure function largest_motion(self, dq) result(motion)
@@ -140,7 +147,7 @@ contains
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         gap = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
-        if (gap <= closed*self%s%size) cycle
+        if (gap <= tolerance(self)) cycle
         write (number, '(es9.2)') gap
         if (len(text) > 0) text = text//', '
         text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(number))//' m'

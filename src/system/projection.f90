@@ -35,9 +35,10 @@ contains
     real(wp), intent(inout) :: q(:)
     real(wp), intent(in) :: v(:), z(:), zd(:)
     logical, intent(out) :: ok
-    real(wp) :: worst, before, goal
+    real(wp) :: worst, before, goal, enough
     integer :: pass
     goal = position_goal*(self%s%size + maxval(abs(self%p%r)))
+    enough = max(accepted*self%s%size, 16*goal)
     before = huge(1.0_wp)
     do pass = 1, most_passes
       call set_frames(self, q)
@@ -45,7 +46,7 @@ contains
       call constraint_values(self, t)
       worst = maxval(abs(self%rows%phi))
       if (.not. worst > goal) exit
-      if (worst > 0.5_wp*before .and. worst <= accepted*self%s%size) exit
+      if (worst > 0.5_wp*before .and. worst <= enough) exit
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, t, q, v, z, zd)
@@ -56,7 +57,7 @@ contains
       call apply_multipliers(self, self%lambda, self%a)
       q = q + self%a
     end do
-    ok = worst <= accepted*self%s%size
+    ok = worst <= enough
   end subroutine project_positions
 
   !> Corrections of the velocities at fixed positions.
