@@ -8,11 +8,10 @@ from oracle_parts import read_deck
 
 CRANK, ROD = 0.1524, 0.3492
 MASS = 1600.0 * 1.6129e-4 * ROD
+ON_CRANK = "type='torque_about' node=1 centre=0.0,0.0 moment=10.0"
 
 
-def slider_crank(
-    young=2.1e10, flexible=True, moment="type='torque_about' node=1 centre=0.0,0.0 moment=10.0", extra="", step=1e-6, t_end=0.02
-):
+def slider_crank(young=2.1e10, flexible=True, moment=ON_CRANK, extra="", step=1e-6, t_end=0.02):
     """Return the deck of the paper's slider-crank."""
     return f"""&material name='m' density=1600.0 young={young!r} /
 &section name='s' area=1.6129e-4 inertia=8.6576e-9 /
@@ -81,4 +80,4 @@ def test_same_data_as_the_reference_scene():
     deck = read_deck(REFERENCE / "vrl_elastic" / "deck.nml")
     assert deck["body"][0]["length"] == ROD
     assert deck["force"][0]["moment"] == 10.0
-    assert MASS == pytest.approx(0.09012, abs=1e-5)
+    assert abs(MASS - 0.09012) < 1e-5
