@@ -57,13 +57,12 @@ contains
     end do
   end function model_lines
 
-  !> One body in words.
+  !> One body in words: which coordinates it has, and why.
   function body_line(d, b, k) result(text)
     type(deck), intent(in) :: d
     type(body_model), intent(in) :: b
     integer, intent(in) :: k
     character(:), allocatable :: text
-    integer :: r, terms
     if (.not. b%flexible) then
       text = 'rigid, 3 coordinates'
       if (d%bodies(k)%kind /= 'rigid') text = text//' ('//trim(d%bodies(k)%kind)//' with flexible=.false.)'
@@ -73,23 +72,43 @@ contains
     if (b%modal) then
       text = text//number(b%nf)//' modes of '//number(b%nodal_nf)//' nodal coordinates'
     else
-      text = text//number(b%nf)//' elastic coordinates'
+      text = text//number(b%nf)//' elastic coordinates ('//number(3*b%nn)//' nodal ones'
+      if (.not. b%axial) text = text//' without the axial ones'
+      text = text//' less the reference conditions)'
     end if
-    if (.not. b%axial) text = text//', no axial deformation'
+    if (b%modal .and. .not. b%axial) text = text//', no axial deformation'
     if (b%stiffening) text = text//', geometric stiffening'
-    terms = 0
-    do r = 1, size(b%runs)
-      terms = max(terms, size(b%runs(r)%alpha))
-    end do
-    if (b%nz > 0) then
-      text = text//', '//number(b%nz)//' dissipative coordinates ('//number(terms)//' GHM terms)'
-    else
-      text = text//', elastic'
-    end if
-    if (b%rayleigh) text = text//', Rayleigh damping'
+    text = text//', '//damping_words(d, b, k)
     if (b%extra_references > 0) text = text//'; '//number(b%extra_references)// &
                                        ' reference conditions more than needed: stiffer than the structure'
   end function body_line
+
+  !> What damps a body: dissipative coordinates and why there are as many, Rayleigh damping.
+  function damping_words(d, b, k) result(text)
+    type(deck), intent(in) :: d
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: k
+    character(:), allocatable :: text
+    integer :: r, terms, elements
+    terms = 0
+    elements = 0
+    do r = 1, size(b%runs)
+      terms = max(terms, size(b%runs(r)%alpha))
+      elements = elements + b%runs(r)%last - b%runs(r)%first + 1
+    end do
+    if (b%nz > 0 .and. b%modal) then
+      text = number(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and GHM term)'
+    else if (b%nz > 0) then
+      text = number(b%nz)//' dissipative coordinates ('//number(elements)//' viscoelastic elements, '//number(b%nd)// &
+             ' deformations each, '//number(terms)//merge(' GHM term) ', ' GHM terms)', terms == 1)
+    else if (d%bodies(k)%viscoelastic) then
+      text = 'no dissipative coordinates (no GHM in its materials)'
+    else
+      text = 'no dissipative coordinates (viscoelastic=.false.)'
+    end if
+    text = trim(text)
+    if (b%rayleigh) text = text//', Rayleigh damping'
+  end function damping_words
 
   !> Names the joints of redundant sets.
   subroutine redundancy(m, report, text)
