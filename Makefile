@@ -47,7 +47,7 @@ RUN      := .venv/bin/python
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all debug probe demo test test-debug bench bench-peer extremes lint setup clean help FORCE
+.PHONY: all debug probe demo joints test test-debug bench bench-peer extremes lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
@@ -57,6 +57,8 @@ setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, 
 
 demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures
 	@$(RUN) post/demo.py --biela $(BIELA)
+joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both: table and picture
+	@$(RUN) post/attenuation.py --biela $(BIELA)
 
 test: $(BIELA) $(PROBE) $(VENV)    ## all tests
 	@BIELA=$(BIELA) PROBE=$(PROBE) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
