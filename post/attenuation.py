@@ -86,7 +86,8 @@ def main(words: list[str] | None = None) -> int:
         runs = {case: read(RESULTS / deck_name(case)) for case in CASES}
         if any(not np.array_equal(h.time, runs["none"].time) for h in runs.values()):
             raise HistoryError("the four decks do not have the same output times")
-        print("Slider-crank with a bush between crank and rod; RMS of the ringing after the swing; in brackets the ratio to no damping\n")
+        print("Slider-crank with a bush between crank and rod")
+        print("RMS: of the ringing after the swing; in brackets: ratio to no damping\n")
         print("\n".join(table(runs, QUANTITIES) + energies(list(CASES))) + "\n")
         drawn = picture(runs, QUANTITIES)
         print(f"Picture in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
