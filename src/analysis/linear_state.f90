@@ -21,18 +21,24 @@ contains
     call run%sys%derivative(0.0_wp, run%y, .false., dy)
   end subroutine evaluate_state
 
-  !> The dynamic stiffness about the present state.
-  subroutine linear_system(run, ds)
+  !> The dynamic stiffness about the present state, and the linearisation where it is wanted.
+  subroutine linear_system(run, ds, linear, evaluated)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
+    type(linear_mechanism), intent(out), optional :: linear
+    logical, intent(in), optional :: evaluated      !! the mechanism holds what is to be linearised: leave it as it is
     type(linear_mechanism) :: lin
     logical, allocatable :: dependent(:)
+    logical :: anew
     integer :: nq
     nq = run%sys%m%s%nq
-    call evaluate_state(run)
+    anew = .true.
+    if (present(evaluated)) anew = .not. evaluated
+    if (anew) call evaluate_state(run)
     call linearise(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), lin)
     allocate (dependent(lin%rows))
     if (lin%rows > 0) call run%sys%m%schur%weak_rows(redundant, dependent)
     call ds%build(run%sys%m, lin, dependent)
+    if (present(linear)) linear = lin
   end subroutine linear_system
 end module linear_state

@@ -54,7 +54,7 @@ contains
         x(4), ' Hz, damping ratio ', x(5), ', real part ', x(7), ' 1/s'
       call add_line(text, trim(line))
     end do
-    if (modes%lost > 0) call add_line(text, '  '//number(modes%lost)//' further poles were not told apart from those above')
+    if (modes%lost > 0) call add_line(text, '  '//number(modes%lost)//' further searches ended at poles listed above')
     call add_line(text, '  factorisations: '//number(ds%factorisations))
   end subroutine modal_lines
 end module modal_analysis

@@ -58,16 +58,19 @@ contains
                   number(ds%solver%memory()/1024)//' kB')
   end subroutine run_response
 
-  !> A drive whose row was left out as redundant cannot excite the linear system.
+  !> A drive whose row was left out as redundant cannot excite the linear system; nor can a constant rate be a small motion.
   subroutine check_drive(run, ds, fail)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(in) :: ds
     type(failure), intent(inout) :: fail
-    integer :: row
-    row = run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item%first
-    if (any(ds%active == row)) return
-    call fail%raise(status_failed, 'drive "'//trim(run%d%drives(run%d%response%drive)%name)//'" is redundant at the '// &
-                    'present position and cannot be the input of a frequency response')
+    associate (d => run%d%drives(run%d%response%drive), s => run%sys%m%s)
+      if (.not. any(ds%active == s%constraints(s%joints + run%d%response%drive)%item%first)) &
+        call fail%raise(status_failed, 'drive "'//trim(d%name)//'" is redundant at the present position and cannot be '// &
+                        'the input of a frequency response')
+      if (d%rate .and. .not. run%d%response%from > 0.0_wp) &
+        call fail%raise(status_failed, 'drive "'//trim(d%name)//'" is driven by its rate, whose response at 0 Hz is '// &
+                        'unbounded; expected from > 0')
+    end associate
   end subroutine check_drive
 
   !> The k-th frequency [Hz].

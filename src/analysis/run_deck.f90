@@ -6,10 +6,12 @@ module run_deck
   use modal_analysis, only: run_modal
   use posix, only: make_folder, lock_file, close_lock, replace_file
   use response_analysis, only: run_response
+  use load, only: stage_transient
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
+  use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines, version, add_line
   use text_file, only: result_file
   use transient, only: run_transient, transient_report, step_layout
@@ -45,6 +47,7 @@ contains
       call faults%print(error_unit)
       return
     end if
+    if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
     if (fail%happened()) then
       write (error_unit, '(a)') path//': '//fail%message
       status = fail%status
@@ -110,9 +113,11 @@ contains
     if (lock == 0) write (error_unit, '(a)') run%d%path//': another run is writing into "'//run%folder//'"'
     if (lock <= 0) return
     call system_clock(t0, rate)
-    if (run%d%modal%present) call run_modal(run, text, fail)
+    if (run%d%static%present) call run_static(run, text, fail)
+    if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
+      run%sys%m%stage = stage_transient
       call run_transient(run, report, fail)
       call transient_lines(run, report, text)
     end if

@@ -6,7 +6,7 @@ module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev
-  use natural_modes, only: natural_subspace
+  use natural_modes, only: natural_subspace, rounding_level
   use scalar_modes, only: scalar_roots
   implicit none (type, external)
   private
@@ -24,7 +24,7 @@ module complex_modes
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes
-    integer :: lost = 0                                !! starts from which no further pole was found
+    integer :: lost = 0                                !! searches that ended at poles found before
   contains
     procedure :: add => add_mode
     procedure :: known
@@ -65,27 +65,9 @@ contains
     complex(wp) :: lambda, v(size(x))
     v = cmplx(x, 0.0_wp, wp)
     lambda = sqrt(cmplx(-omega2, 0.0_wp, wp))
-    if (abs(omega2) <= rounding_level(ds, v)) lambda = 0.0_wp
+    if (abs(omega2) <= rounding_level(ds, x)) lambda = 0.0_wp
     call modes%add(undamped_mode, j, lambda, residual_of(ds, lambda, v, 0.0_wp), v)
   end subroutine add_symmetric
-
-  !> What rounding alone gives as x^T K x of a mass-normalised vector.
-  pure real(wp) function rounding_level(ds, x) result(level)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)
-    real(wp) :: fastest
-    integer :: j, e
-    level = 0.0_wp
-    fastest = 0.0_wp
-    do j = 1, ds%n
-      e = ds%entry(j, j)
-      if (ds%m(e) > 0.0_wp) fastest = max(fastest, abs(ds%k(e))/ds%m(e))
-      do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) <= ds%n) level = level + abs(ds%k(e))*abs(x(ds%row(e)))*abs(x(j))
-      end do
-    end do
-    level = 100*epsilon(1.0_wp)*level + (1.0e3_wp*epsilon(1.0_wp))**2*fastest
-  end function rounding_level
 
   !> Undamped modes with gyroscopic terms or an unsymmetric K: the quadratic eigenproblem on the subspace, each pole then
   !> brought to the full system's.
@@ -134,6 +116,7 @@ contains
       if (abs(wi(j)) <= 1.0e-9_wp*abs(lambda) .and. wr(j) < 0.0_wp) cycle   ! the stable twin of a diverging motion
       call newton_pole(ds, lambda, v, modes, 0.0_wp, good)
       if (.not. good .or. lambda%im < 0.0_wp) cycle
+      if (abs(lambda%re) <= 1.0e-10_wp*abs(lambda)) lambda%re = 0.0_wp
       found = found + 1
       call modes%add(undamped_mode, found, lambda, residual_of(ds, lambda, v, 0.0_wp), v)
     end do

@@ -7,7 +7,7 @@ module natural_modes
   use lapack, only: dgeqp3, dorgqr, dsygvd, dsyev
   implicit none (type, external)
   private
-  public :: natural_subspace
+  public :: natural_subspace, rounding_level
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80
@@ -75,12 +75,7 @@ contains
   pure function first_shift(ds) result(shift)
     type(stiffness_system), intent(in) :: ds
     real(wp) :: shift, ratio
-    integer :: j, e
-    ratio = 0.0_wp
-    do j = 1, ds%n
-      e = ds%entry(j, j)
-      if (ds%m(e) > 0.0_wp) ratio = max(ratio, abs(ds%k(e))/ds%m(e))
-    end do
+    ratio = fastest(ds)
     shift = merge(small_shift*ratio, 1.0_wp, ratio > 0.0_wp)
   end function first_shift
 
@@ -222,4 +217,29 @@ contains
     call dorgqr(ds%n, ds%n, ds%rows, a, ds%n, tau, work, size(work), info)
     z = a(:, ds%rows + 1:)
   end subroutine null_space
+
+  !> What rounding alone gives as x^T K x of a mass-normalised vector: a squared frequency below it is that of a rigid motion.
+  pure real(wp) function rounding_level(ds, x) result(level)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: x(:)              !! (n) [1/sqrt(kg)]
+    integer :: j, e
+    level = 0.0_wp
+    do j = 1, ds%n
+      do e = ds%first(j), ds%first(j + 1) - 1
+        if (ds%row(e) <= ds%n) level = level + abs(ds%k(e))*abs(x(ds%row(e)))*abs(x(j))
+      end do
+    end do
+    level = 100*epsilon(1.0_wp)*level + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
+  end function rounding_level
+
+  !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.
+  pure real(wp) function fastest(ds) result(ratio)
+    type(stiffness_system), intent(in) :: ds
+    integer :: j, e
+    ratio = 0.0_wp
+    do j = 1, ds%n
+      e = ds%entry(j, j)
+      if (ds%m(e) > 0.0_wp) ratio = max(ratio, abs(ds%k(e))/ds%m(e))
+    end do
+  end function fastest
 end module natural_modes

@@ -1,0 +1,267 @@
+!> Equilibrium of the elastic coordinates and of bodies at rest, under given loads, by Newton's method with the structured
+!> tangent. The frames keep the velocities that drives give them and the accelerations that follow from those, so that
+!> centrifugal forces act; the elastic coordinates have neither. GHM is relaxed.
+!>
+!> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p.
+module equilibrium
+  use kinds, only: wp
+  use dynamic_stiffness, only: stiffness_system
+  use dynamics, only: place_kinematics, set_frames, row_rates
+  use force_scale, only: largest_force
+  use linear_state, only: evaluate_state, linear_system
+  use linearisation, only: linear_mechanism
+  use scene_run, only: run_state, relax
+  implicit none (type, external)
+  private
+  public :: find_equilibrium, equilibrium_report
+
+  integer, parameter :: most_newton = 60
+  integer, parameter :: most_halvings = 10
+  real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
+  real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
+  real(wp), parameter :: elastic_weight = 1.0e20_wp  !! keeps elastic coordinates out of the prescribed motion [-]
+
+  !> What Newton's method did.
+  type :: equilibrium_report
+    real(wp) :: residual = 0.0_wp                    !! largest residual over the largest force [-]
+    real(wp) :: noise = 0.0_wp                       !! what rounding of the elastic forces alone may give of it [-]
+    real(wp) :: gap = 0.0_wp                         !! largest |Phi| over the size [-]
+    integer :: steps = 0
+    logical :: converged = .false.
+  end type equilibrium_report
+
+contains
+
+  !> Brings run%y to equilibrium under the loads that act now.
+  subroutine find_equilibrium(run, tolerance, report)
+    type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: tolerance                !! [-]
+    type(equilibrium_report), intent(out) :: report
+    type(stiffness_system) :: ds
+    complex(wp), allocatable :: r(:)
+    real(wp), allocatable :: start(:), dx(:)
+    real(wp) :: before, length
+    integer :: tries
+    logical :: at_floor
+    call equations(run, ds, r, report)
+    do
+      report%converged = report%residual <= tolerance .and. report%gap <= closed
+      if (report%converged .or. report%steps == most_newton) return
+      report%steps = report%steps + 1
+      call ds%set((0.0_wp, 0.0_wp), 1.0_wp)
+      call ds%factor()
+      call ds%solve(r)
+      dx = real(r(1:ds%n), wp)
+      if (.not. all(abs(dx) < huge(1.0_wp))) return
+      start = run%y
+      before = report%residual + report%gap
+      length = min(1.0_wp, largest_turn/max(largest_motion(run, dx), tiny(1.0_wp)))
+      do tries = 0, most_halvings
+        run%y = start
+        call move(run, length*dx)
+        call equations(run, ds, r, report)
+        if (report%residual + report%gap <= max(2*before, 10*tolerance)) exit
+        length = length/2
+      end do
+      at_floor = report%residual <= report%noise .and. report%residual + report%gap > 0.5_wp*before
+      report%converged = at_floor .and. report%gap <= closed
+      if (report%converged) return
+    end do
+  end subroutine find_equilibrium
+
+  !> Largest motion of a frame: relative to the size, or in radians.
+  pure real(wp) function largest_motion(run, dx) result(motion)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: dx(:)
+    integer :: b, i
+    motion = 0.0_wp
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b)
+      motion = max(motion, norm2(dx(i + 1:i + 2))/run%sys%m%s%size, abs(dx(i + 3)))
+    end do
+  end function largest_motion
+
+  !> Adds a step of the linearisation's unknowns (frames in their own axes) to the positions.
+  subroutine move(run, dx)
+    type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: dx(:)                    !! (nq)
+    integer :: nq
+    nq = size(dx)
+    call set_frames(run%sys%m, run%y(1:nq))
+    run%y(1:nq) = run%y(1:nq) + to_global(run, dx)
+  end subroutine move
+
+  !> Residual, tangent and their measures at the present positions; velocities and dissipative coordinates follow.
+  subroutine equations(run, ds, r, report)
+    type(run_state), intent(inout) :: run
+    type(stiffness_system), intent(out) :: ds
+    complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step
+    type(equilibrium_report), intent(inout) :: report
+    type(linear_mechanism) :: lin
+    real(wp), allocatable :: a(:), steady(:), force(:)
+    integer :: nq
+    nq = run%sys%m%s%nq
+    call set_frames(run%sys%m, run%y(1:nq))
+    call place_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
+    call relax(run%sys, run%y)
+    call evaluate_state(run)
+    call linear_system(run, ds, lin, evaluated=.true.)
+    allocate (steady(nq), source=0.0_wp)
+    if (moves(run)) then
+      call prescribe(run, ds, steady)
+      a = run%sys%m%a
+      run%sys%m%a = steady
+      call linear_system(run, ds, lin, evaluated=.true.)   ! the tangent belongs to the prescribed accelerations
+      run%sys%m%a = a
+    end if
+    if (allocated(r)) deallocate (r)
+    allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
+    allocate (force(nq), source=0.0_wp)
+    call lin%mass%times(1.0_wp, to_body(run, run%sys%m%a - steady), force)
+    r(1:nq) = force
+    r(nq + 1:) = -run%sys%m%rows%phi(ds%active)
+    call measure(run, ds, force, report)
+  end subroutine equations
+
+  !> Whether bodies move or drives accelerate them.
+  pure logical function moves(run) result(yes)
+    type(run_state), intent(in) :: run
+    integer :: nq
+    nq = run%sys%m%s%nq
+    yes = any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. any(abs(run%sys%m%rows%phi_t) > 0.0_wp) &
+          .or. any(abs(run%sys%m%rows%extra) > 0.0_wp)
+  end function moves
+
+  !> Velocities that satisfy the drives and joints again, and the accelerations that follow from them, elastic coordinates
+  !> at rest where that suffices.
+  subroutine prescribe(run, ds, steady)
+    type(run_state), intent(inout) :: run
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes
+    real(wp), allocatable :: rate(:)
+    integer :: nq, k, i
+    nq = size(steady)
+    allocate (rate(run%sys%m%s%rows), source=0.0_wp)
+    call weigh(run, ds)
+    call row_rates(run%sys%m, rate)
+    if (any(abs(rate) > 0.0_wp)) then
+      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run, follow(run, ds, -rate))
+      call evaluate_state(run)
+    end if
+    do k = 1, size(run%sys%m%s%constraints)
+      associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
+        do i = c%first, c%first + c%rows - 1
+          rate(i) = m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
+                    + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib))
+        end do
+      end associate
+    end do
+    steady = to_global(run, follow(run, ds, -rate))
+  end subroutine prescribe
+
+  !> A metric of the frames' motion in place of the stiffness, factored.
+  subroutine weigh(run, ds)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(inout) :: ds
+    integer :: b, k, i
+    ds%values = ds%joint
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b)
+      do k = i + 1, i + 3 + run%sys%m%s%bodies(b)%nf
+        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic_weight, k <= i + 3)
+      end do
+      ds%values(ds%entry(i + 3, i + 3)) = run%sys%m%s%size**2
+    end do
+    call ds%factor()
+  end subroutine weigh
+
+  !> The least motion with the given rates of the rows, body axes.
+  function follow(run, ds, rate) result(x)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: rate(:)                  !! (rows) [m/s] or [m/s2]
+    real(wp), allocatable :: x(:)
+    complex(wp), allocatable :: y(:)
+    integer :: b, i
+    allocate (y(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
+    y(ds%n + 1:) = rate(ds%active)
+    call ds%solve(y)
+    x = real(y(1:ds%n), wp)
+    do b = 1, size(run%sys%m%s%bodies)               ! what is left of elastic motion by the weight alone
+      i = run%sys%m%s%qo(b) + 3
+      where (abs(x(i + 1:i + run%sys%m%s%bodies(b)%nf)) <= 1.0e-12_wp*maxval(abs(x))) &
+        x(i + 1:i + run%sys%m%s%bodies(b)%nf) = 0.0_wp
+    end do
+  end function follow
+
+  !> Frames' components from body axes into global ones.
+  pure function to_global(run, x) result(y)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(size(x))
+    integer :: b, i
+    y = x
+    associate (m => run%sys%m)
+      do b = 1, size(m%s%bodies)
+        i = m%s%qo(b)
+        y(i + 1:i + 2) = [m%c(b)*x(i + 1) - m%sn(b)*x(i + 2), m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)]
+      end do
+    end associate
+  end function to_global
+
+  !> And back.
+  pure function to_body(run, x) result(y)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(size(x))
+    integer :: b, i
+    y = x
+    associate (m => run%sys%m)
+      do b = 1, size(m%s%bodies)
+        i = m%s%qo(b)
+        y(i + 1:i + 2) = [m%c(b)*x(i + 1) + m%sn(b)*x(i + 2), m%c(b)*x(i + 2) - m%sn(b)*x(i + 1)]
+      end do
+    end associate
+  end function to_body
+
+  !> Residual (moments over the size) and gap, relative to the largest force and to the size.
+  subroutine measure(run, ds, force, report)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: force(:)                 !! (nq) M (a - a_p), body axes
+    type(equilibrium_report), intent(inout) :: report
+    complex(wp) :: x(ds%n + ds%rows)
+    real(wp) :: scale, size_s
+    real(wp) :: weight(size(force))
+    integer :: b, i
+    size_s = run%sys%m%s%size
+    weight = 1.0_wp
+    x = 0.0_wp
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b) + 3
+      weight(i) = 1.0_wp/size_s
+      associate (bo => run%sys%m%s%bodies(b))
+        if (allocated(bo%dof) .and. .not. bo%modal) call rotations(bo%dof, i, 1.0_wp/size_s, weight)
+        x(i + 1:i + bo%nf) = abs(run%y(i + 1:i + bo%nf))
+      end associate
+    end do
+    scale = max(largest_force(run%sys%m), tiny(1.0_wp))
+    x = ds%times(cmplx(abs(ds%k), 0.0_wp, wp), x)
+    report%noise = 8*epsilon(1.0_wp)*maxval([0.0_wp, weight*real(x(1:ds%n), wp)])/scale
+    report%residual = maxval([0.0_wp, abs(weight*force)])/scale
+    report%gap = 0.0_wp
+    if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%m%rows%phi))/size_s
+  end subroutine measure
+
+  !> Marks nodal rotations, whose residuals are moments.
+  pure subroutine rotations(dof, offset, value, weight)
+    integer, intent(in) :: dof(:, :)                 !! (3, nodes)
+    integer, intent(in) :: offset
+    real(wp), intent(in) :: value                    !! [1/m]
+    real(wp), intent(inout) :: weight(:)
+    integer :: k
+    do k = 1, size(dof, 2)
+      if (dof(3, k) > 0) weight(offset + dof(3, k)) = value
+    end do
+  end subroutine rotations
+end module equilibrium

@@ -1,0 +1,174 @@
+!> The static analysis: equilibrium by load steps, into static.txt; later analyses start from it. Bodies that nothing holds
+!> are refused before anything is written.
+module static_analysis
+  use kinds, only: wp
+  use dynamic_stiffness, only: stiffness_system
+  use equilibrium, only: find_equilibrium, equilibrium_report
+  use errors, only: failure, status_failed, status_bad_input, status_no_output
+  use linear_state, only: linear_system, evaluate_state
+  use linearisation, only: linear_mechanism
+  use load, only: stage_static
+  use natural_modes, only: natural_subspace, rounding_level
+  use results, only: join_names, motion_names, motion_row
+  use scene_run, only: run_state
+  use sensors, only: read_sensors
+  use summary, only: add_line, number
+  use text_file, only: result_file
+  implicit none (type, external)
+  private
+  public :: run_static, refuse_free_bodies
+
+  real(wp), parameter :: takes_part = 1.0e-3_wp      !! motion of a body in a free motion worth naming, over the largest [-]
+
+contains
+
+  !> Refuses a scene in which joints, drives, springs and elasticity leave a motion without any stiffness; names the bodies.
+  subroutine refuse_free_bodies(run, fail)
+    type(run_state), intent(inout) :: run
+    type(failure), intent(inout) :: fail
+    type(stiffness_system) :: ds
+    real(wp), allocatable :: omega2(:), x(:, :), y(:), gravity(:)
+    logical, allocatable :: free(:)
+    character(:), allocatable :: names
+    integer :: j, b
+    logical :: ok
+    y = run%y
+    gravity = run%sys%m%s%gravity
+    run%y(run%sys%m%s%nq + 1:2*run%sys%m%s%nq) = 0.0_wp
+    run%sys%m%s%gravity = 0.0_wp
+    run%sys%m%load_factor = 0.0_wp
+    call evaluate_state(run)
+    run%sys%m%a = 0.0_wp                             ! stiffness of materials and springs alone
+    run%sys%m%lambda = 0.0_wp
+    run%sys%m%spring_force = 0.0_wp
+    call linear_system(run, ds, evaluated=.true.)
+    call natural_subspace(ds, 4, omega2, x, ok)
+    run%y = y
+    run%sys%m%s%gravity = gravity
+    run%sys%m%load_factor = 1.0_wp
+    call evaluate_state(run)
+    allocate (free(size(run%sys%m%s%bodies)), source=.false.)
+    do j = 1, size(omega2)
+      if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
+    end do
+    names = ''
+    do b = 1, size(free)
+      if (free(b)) names = names//' "'//trim(run%sys%m%s%bodies(b)%name)//'"'
+    end do
+    if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
+      'drives, springs or elastic bodies that hold every body')
+  end subroutine refuse_free_bodies
+
+  !> Marks the bodies whose frames take part in a motion.
+  subroutine mark(run, x, free)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: x(:)                     !! (nq)
+    logical, intent(inout) :: free(:)
+    real(wp) :: motion(size(free))
+    integer :: b, i
+    do b = 1, size(free)
+      i = run%sys%m%s%qo(b)
+      motion(b) = max(norm2(x(i + 1:i + 2)), run%sys%m%s%size*abs(x(i + 3)))
+    end do
+    free = free .or. motion > takes_part*maxval(motion)
+  end subroutine mark
+
+  !> Runs the deck's static analysis.
+  subroutine run_static(run, text, fail)
+    type(run_state), intent(inout) :: run
+    character(:), allocatable, intent(inout) :: text !! the summary
+    type(failure), intent(inout) :: fail
+    type(result_file) :: file
+    type(equilibrium_report) :: report
+    real(wp) :: gravity(2), factor
+    integer :: k, steps, nq
+    nq = run%sys%m%s%nq
+    run%sys%m%stage = stage_static
+    gravity = run%sys%m%s%gravity
+    where ([(elastic(run, k), k=1, nq)]) run%y(nq + 1:2*nq) = 0.0_wp
+    call file%open(run%folder//'/static.txt')
+    call write_header(run, file)
+    steps = 0
+    do k = 1, run%d%static%load_steps
+      factor = real(k, wp)/run%d%static%load_steps
+      run%sys%m%load_factor = factor
+      run%sys%m%s%gravity = factor*gravity
+      call find_equilibrium(run, run%d%static%tolerance, report)
+      steps = steps + report%steps
+      if (.not. report%converged) then
+        call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//number(k)//' of '// &
+          number(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
+          'more load steps')
+        exit
+      end if
+      call write_row(run, file, factor, report)
+    end do
+    run%sys%m%s%gravity = gravity
+    run%sys%m%load_factor = 1.0_wp
+    call file%close()
+    if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    call add_line(text, '')
+    call add_line(text, 'static')
+    call add_line(text, '  load steps done: '//number(k - 1)//', Newton steps: '//number(steps))
+    call add_line(text, '  residual over the largest force: '//decimal(report%residual)//' (rounding: '// &
+                  decimal(report%noise)//')')
+  end subroutine run_static
+
+  !> Whether an unknown is an elastic coordinate.
+  pure logical function elastic(run, k) result(yes)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: k
+    integer :: b
+    yes = .true.
+    do b = 1, size(run%sys%m%s%bodies)
+      if (k > run%sys%m%s%qo(b) .and. k <= run%sys%m%s%qo(b) + 3) yes = .false.
+    end do
+  end function elastic
+
+  !> First lines of the file.
+  subroutine write_header(run, file)
+    type(run_state), intent(in) :: run
+    type(result_file), intent(inout) :: file
+    character(:), allocatable :: names, text
+    integer :: from, k
+    call file%line('# biela: static equilibrium, one row a load step')
+    call file%line('# deck: '//run%d%name)
+    if (len(run%sys%m%s%title) > 0) call file%line('# title: '//run%sys%m%s%title)
+    call file%line('# load: fraction of loads and weight; residual: largest over the largest force; then the sensors, then '// &
+                   'body frames and nodes')
+    names = join_names(run%list)
+    text = '# columns: load[-] residual[-] newton_steps[-]'//names(index(names//' ', ' '):)
+    names = motion_names(run%sys%m)//' '
+    from = index(names, ' ') + 1
+    do while (from <= len(names))
+      k = index(names(from:), ' ')
+      text = text//' state.'//names(from:from + k - 2)
+      from = from + k
+    end do
+    call file%line(text)
+  end subroutine write_header
+
+  !> One row.
+  subroutine write_row(run, file, factor, report)
+    type(run_state), intent(inout) :: run
+    type(result_file), intent(inout) :: file
+    real(wp), intent(in) :: factor                   !! [-]
+    type(equilibrium_report), intent(in) :: report
+    real(wp), allocatable :: values(:)
+    integer :: nq
+    nq = run%sys%m%s%nq
+    allocate (values(run%list%columns))
+    call evaluate_state(run)
+    call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
+    call file%row([factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
+  end subroutine write_row
+
+  !> A number as text.
+  function decimal(x) result(text)
+    real(wp), intent(in) :: x
+    character(:), allocatable :: text
+    character(16) :: buffer
+    write (buffer, '(es9.2)') x
+    text = trim(adjustl(buffer))
+  end function decimal
+end module static_analysis
