@@ -94,7 +94,8 @@ contains
       report%newton = pass - 1
       self%frozen = .false.
       if (worst > tolerance(self)) then
-        call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '//open_joints(self)// &
+        call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
+                        open_joints(self, self%rows%phi, tolerance(self), 'm')// &
                         '; expected positions near which every joint and drive holds at t = 0')
         return
       end if
@@ -136,9 +137,12 @@ contains
     if (.not. worst < huge(1.0_wp)) worst = huge(1.0_wp)
   end subroutine frame_positions
 
-  !> Names of the joints and drives that stay open, with how far.
-  function open_joints(self) result(text)
+  !> Names of the joints and drives whose rows do not hold, with how far they stay open.
+  function open_joints(self, row, limit, unit) result(text)
     type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: row(:)             !! (rows) Phi [m] or its rate [m/s]
+    real(wp), intent(in) :: limit              !! up to which a row holds, in the same unit
+    character(*), intent(in) :: unit
     character(:), allocatable :: text
     character(16) :: number
     real(wp) :: gap
@@ -146,11 +150,12 @@ contains
     text = ''
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
-        gap = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
-        if (gap <= tolerance(self)) cycle
+        gap = maxval(abs(row(c%first:c%first + c%rows - 1)))
+        if (gap <= limit) cycle
         write (number, '(es9.2)') gap
         if (len(text) > 0) text = text//', '
-        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(number))//' m'
+        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(number))// &
+               ' '//unit
       end associate
     end do
   end function open_joints
@@ -229,8 +234,10 @@ contains
     end do
     call evaluate(self, 0.0_wp, q, v, none, none)
     if (worst > goal) then
-      call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: the mechanism is locked '// &
-                      'or a drive starts from a singular position; expected a drive that begins at rest, or another start')
+      call row_rates(self, self%lambda)
+      call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
+                      open_joints(self, self%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
+                      'singular position; expected a drive that begins at rest, or another start')
       return
     end if
     call warn_of_velocities(self, start, v, report)
