@@ -1,0 +1,128 @@
+"""The shipped decks run, all of them at least for their first instants and most to their end, and show what their comments say."""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import attenuation
+import numpy as np
+import pytest
+from conftest import ROOT, Run
+
+DECKS = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
+SHORT = re.compile(r"slider_crank(?!_joint)|andrews")  # these run to their end, the others for this part of it
+PART = 0.02
+
+
+@pytest.fixture
+def shortened(tmp_path):
+    """Return a function that gives the path of a shipped deck whose run ends early; its included files come along."""
+
+    def shorten(name: str, part: float):
+        shutil.copytree(ROOT / "input", tmp_path / "input", dirs_exist_ok=True)
+        for path in (tmp_path / "input").rglob("*.nml"):
+            text = path.read_text(encoding="utf-8")
+            path.write_text(re.sub(r"(?<=\bt_end=)\S+", lambda word: repr(part * float(word[0])), text), encoding="utf-8")
+        return tmp_path / "input" / f"{name}.nml"
+
+    return shorten
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_a_shipped_deck_runs_and_balances_its_energy(run_deck, shortened, name):
+    done = run_deck(shortened(name, 1.0 if SHORT.match(name) else PART))
+    assert done.stderr == ""
+    assert "outcome: done" in done.summary
+    end = float(re.search(r"reached: t = +(\S+) s", done.summary)[1])
+    assert done.history.time[-1] == pytest.approx(end, rel=1e-12)
+    energy = done.energy
+    scale = max(np.abs(energy[name]).max() for name in ("kinetic", "potential", "dissipated", "work"))
+    assert np.abs(energy["residual"]).max() < 1e-5 * scale
+    assert energy["position_violation"].max() < 1e-11
+    assert np.all(np.diff(energy["dissipated"]) >= 0.0)
+    if "motion_step" in (ROOT / "input" / f"{name}.nml").read_text(encoding="utf-8"):
+        assert np.isfinite(done.motion.data).all()
+
+
+def full(run_deck, name: str) -> Run:
+    """Run a shipped deck to its end."""
+    return run_deck(ROOT / "input" / f"{name}.nml")
+
+
+def test_spin_up(run_deck):
+    """Steady stretch 5.1432e-4 m, largest lag near 6.75 s: published; 0.576 m is the von Karman strain's, converged."""
+    done = full(run_deck, "spin_up")
+    assert done.stderr == ""
+    h = done.history
+    steady = h.time > 15.0
+    assert h["tip.u"][steady].mean() == pytest.approx(5.1432e-4, rel=2e-3)
+    assert h["tip.v"].min() == pytest.approx(-0.574, rel=6e-3)
+    assert h.time[h["tip.v"].argmin()] == pytest.approx(6.75, abs=0.05)
+    assert np.abs(h["tip.v"][steady]).max() < 0.01
+
+
+def test_spin_up_without_stiffening_diverges_and_says_so(run_deck):
+    done = full(run_deck, "spin_up_without_stiffening")
+    for words in ("deflects by", "turns a section by", "without stiffening=.true."):
+        assert words in done.stderr
+    stiff = full(run_deck, "spin_up").history
+    h = done.history
+    for t, ratio in ((4.0, 1.03), (5.1, 1.12), (7.0, 1.95)):  # as the deck's comment tells
+        k = round(t / 0.02)
+        assert h["tip.v"][k] / stiff["tip.v"][k] == pytest.approx(ratio, abs=0.03)
+    assert h["tip.v"][-1] < -7.0
+
+
+def test_andrews(run_deck):
+    h = full(run_deck, "andrews").history
+    published = {"k1": 15.81077119515371, "k3": 0.0408222401196458, "k5": 0.5244099658799541, "k7": 1.048080741041938}
+    for name, value in published.items():
+        assert h[name][-1] == pytest.approx(value, rel=1e-8)
+
+
+def test_quick_return(run_deck):
+    """Cut and return take (pi + 2 a)/(pi - 2 a) in time, sin a = crank over distance of the pivots."""
+    h = full(run_deck, "quick_return").history
+    angle = h["lever"]
+    turns = h.time[1:-1][np.diff(np.sign(np.diff(angle))) != 0]
+    a = np.arcsin(0.1 / 0.22)
+    back = turns[1] - turns[0]
+    assert (0.5 - back) / back == pytest.approx((np.pi + 2 * a) / (np.pi - 2 * a), rel=0.03)
+    assert np.ptp(angle) == pytest.approx(2 * a, rel=1e-4)
+    assert np.abs(h["tip.v"]).max() > 1e-4
+
+
+def test_engine(run_deck):
+    """The piston follows the rigid mechanism within the rod's shortening; gas and inertia press the rod."""
+    h = full(run_deck, "engine").history
+    phi = np.pi / 2 + 2 * np.pi * 50.0 * h.time
+    rigid = 0.045 * np.sin(phi) + np.sqrt(0.145**2 - (0.045 * np.cos(phi)) ** 2)
+    np.testing.assert_allclose(h["piston.y"], rigid, rtol=0, atol=1e-4)
+    top = h.time.searchsorted(0.0209)
+    acceleration = -((2 * np.pi * 50.0) ** 2) * 0.045 * (1 + 0.045 / 0.145)  # of the piston, at the top
+    gas = -21750.0
+    assert h["shank.n"][top] == pytest.approx(gas - 0.45 * acceleration, rel=0.15)
+
+
+def test_attenuation(biela, tmp_path, monkeypatch, capfd):
+    (tmp_path / "input").symlink_to(ROOT / "input")
+    monkeypatch.chdir(tmp_path)
+    assert attenuation.main(["--biela", str(biela)]) == 0
+    told, warned = capfd.readouterr()
+    assert warned == ""
+    runs = {case: Run(tmp_path / "results" / attenuation.deck_name(case), 0, "", "") for case in attenuation.CASES}
+    ringing = {case: run.history["mid.qd"][run.history.time > attenuation.SWING] for case, run in runs.items()}
+    rms = {case: float(np.sqrt(np.mean(values**2))) for case, values in ringing.items()}
+    assert rms["both"] < rms["rod"] < rms["joint"] < 0.6 * rms["none"]
+    row = re.search(r"its velocity \[m/s\] +RMS +(.*)", told)[1]
+    ratios = [float(word) for word in re.findall(r"\( *([\d.]+)\)", row)]
+    assert ratios == pytest.approx([rms[case] / rms["none"] for case in attenuation.CASES], abs=6e-4)
+    dissipated = [run.energy["dissipated"][-1] for run in runs.values()]
+    assert dissipated[0] == 0.0
+    assert dissipated[3] > dissipated[2] > dissipated[1] > 0.0
+    told_energies = re.search(r"energy dissipated \[J\] +(.*)", told)[1].split()
+    assert [float(word) for word in told_energies] == pytest.approx(dissipated, rel=1e-3)
+    assert (tmp_path / "results/joints/attenuation.png").stat().st_size > 20000
+    assert attenuation.main(["--biela", "nowhere/biela"]) == 1
+    assert "nowhere/biela: cannot be started" in capfd.readouterr().err
