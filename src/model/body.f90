@@ -35,6 +35,7 @@ module body
     logical :: modal = .false.
     logical :: axial = .true.
     logical :: straight = .true.              !! all elements along body x
+    logical :: chain = .false.                !! straight, elements one after the other, linear strain
     logical :: stiffening = .false.
     logical :: rayleigh = .false.
     integer :: nn = 0                         !! nodes
@@ -50,6 +51,7 @@ module body
     real(wp), allocatable :: x(:, :)          !! (2, nn) nodes, body axes [m]
     integer, allocatable :: en(:, :)          !! (2, ne) nodes of each element
     type(beam_geometry), allocatable :: elements(:)
+    real(wp), allocatable :: factors(:, :)    !! (10, ne) constants of each element (order and units: chain_kernel)
     real(wp), allocatable :: fibre(:)         !! (ne) outer fibre distance [m], 0: none
     real(wp), allocatable :: area(:)          !! (ne) section areas [m2]
     real(wp), allocatable :: second(:)        !! (ne) second moments [m4]

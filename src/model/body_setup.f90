@@ -5,6 +5,7 @@ module body_setup
   use banded, only: factor_symmetric, band_solve_two
   use beam_element, only: beam_geometry, shape_integral, shape_moment, element_mass
   use body, only: body_model, lump, ghm_run
+  use chain_kernel, only: element_factors
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
@@ -221,6 +222,14 @@ contains
       b%runs(k)%offset = b%nz
       b%runs(k)%width = merge(b%nf, b%nd*(b%runs(k)%last - b%runs(k)%first + 1), b%modal)
       b%nz = b%nz + b%runs(k)%width*size(b%runs(k)%alpha)
+    end do
+    b%chain = b%straight .and. .not. b%stiffening
+    allocate (b%factors(10, b%ne))
+    do k = 1, b%ne
+      associate (g => b%elements(k))
+        b%factors(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
+      end associate
+      if (k > 1) b%chain = b%chain .and. b%en(1, k) == b%en(2, k - 1)
     end do
     allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%fx(0:b%nf), b%tx(0:b%nf), source=0.0_wp)
     if (b%modal) then

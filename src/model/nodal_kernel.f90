@@ -1,12 +1,14 @@
 !> Generalised elastic forces of a flexible body in nodal coordinates, element by element, with GHM in deformation
 !> space. One pass computes the deformations, one the dissipative coordinates, one the forces. Nothing is allocated and
-!> nothing is virtual inside a loop.
+!> nothing is virtual inside a loop; beams of linear strain take the short way of `chain_kernel`.
 module nodal_kernel
   use kinds, only: wp
   use body, only: body_model, ghm_run
+  use chain_kernel, only: chain_deformations, chain_forces
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, element_stress, run_dissipation, rayleigh_power, sum_runs
+  public :: nodal_forces, deformations, element_stress, run_dissipation, rayleigh_power, run_product
+  public :: gather, mass_times, gyroscopic_times
 
 contains
 
@@ -23,7 +25,7 @@ contains
     power = 0.0_wp
     call deformations(b, b%qx, b%d)
     if (size(b%runs) > 0) then
-      b%ds = b%d
+      b%ds(:, :) = b%d
       do r = 1, size(b%runs)
         associate (run => b%runs(r))
           call advance_run(run, run%width, b%d(1, run%first), z(run%offset + 1), zd(run%offset + 1), &
@@ -42,14 +44,17 @@ contains
   !> Deformations (e, phi1, phi2) of every element, or (phi1, phi2) without axial deformation.
   pure subroutine deformations(b, qx, d)
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: qx(0:)          !! (0:nf) coordinates, entry 0 is zero
-    real(wp), intent(inout) :: d(:, :)      !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero
+    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
     real(wp) :: a(6), psi, p1, p2
     integer :: e
+    if (b%chain) then
+      call chain_deformations(b%ne, b%nd, b%nf, b%edof, b%factors, qx, d)
+      return
+    end if
     do e = 1, b%ne
-      a = qx(b%edof(:, e))
-      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
-      psi = (a(5) - a(2))/b%elements(e)%length
+      call gather(b, e, qx, a)
+      psi = (a(5) - a(2))*b%factors(2, e)
       p1 = a(3) - psi
       p2 = a(6) - psi
       d(b%nd - 1, e) = p1
@@ -61,6 +66,19 @@ contains
       end if
     end do
   end subroutine deformations
+
+  !> Coordinates (or rates) of an element in its own axes.
+  pure subroutine gather(b, e, x, a)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e
+    real(wp), intent(in), contiguous :: x(0:)       !! (0:nf)
+    real(wp), intent(out) :: a(6)
+    integer :: k
+    do k = 1, 6
+      a(k) = x(b%edof(k, e))
+    end do
+    if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
+  end subroutine gather
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
@@ -101,32 +119,35 @@ contains
     type(ghm_run), intent(in) :: run
     real(wp), intent(in) :: zd(*)           !! rates of the run's dissipative coordinates
     real(wp) :: power
-    power = sum_runs(b, run, zd, 2*run%alpha*run%zeta/run%omega)
+    integer :: k
+    power = 0.0_wp
+    do k = 1, size(run%alpha)
+      power = power + 2*run%alpha(k)*run%zeta(k)/run%omega(k) &
+              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(1 + (k - 1)*run%width))
+    end do
   end function run_dissipation
 
-  !> Sum over the terms of weight_k x_k^T D x_k for one run.
-  pure function sum_runs(b, run, x, weight) result(total)
-    type(body_model), intent(in) :: b
-    type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: x(*)            !! coordinates of the run, or their rates
-    real(wp), intent(in) :: weight(:)       !! (terms)
-    real(wp) :: total, part
-    integer :: k, e, i
-    total = 0.0_wp
-    i = 0
-    do k = 1, size(weight)
-      part = 0.0_wp
-      do e = run%first, run%last
-        if (b%nd == 3) then
-          i = i + 1
-          part = part + b%elements(e)%ea_l*x(i)**2
-        end if
-        part = part + 4*b%elements(e)%ei_l*(x(i + 1)**2 + x(i + 1)*x(i + 2) + x(i + 2)**2)
-        i = i + 2
+  !> x^T D x over neighbouring elements.
+  pure function run_product(nd, n, factors, x) result(total)
+    integer, intent(in) :: nd, n            !! deformations of an element, elements
+    real(wp), intent(in) :: factors(10, n)  !! of the elements (body_model)
+    real(wp), intent(in) :: x(nd, n)        !! deformations, dissipative coordinates or rates
+    real(wp) :: total, bend, stretch
+    integer :: e
+    bend = 0.0_wp
+    stretch = 0.0_wp
+    if (nd == 3) then
+      do e = 1, n
+        stretch = stretch + factors(8, e)*x(1, e)**2
+        bend = bend + factors(9, e)*(x(2, e)*(x(2, e) + x(3, e)) + x(3, e)**2)
       end do
-      total = total + weight(k)*part
-    end do
-  end function sum_runs
+    else
+      do e = 1, n
+        bend = bend + factors(9, e)*(x(1, e)*(x(1, e) + x(2, e)) + x(2, e)**2)
+      end do
+    end if
+    total = stretch + 4*bend
+  end function run_product
 
   !> Force and end moments conjugate to the element's deformations: D ds, with the extra terms of stiffening.
   !> Returned as force along the element, the moment conjugate to the chord's turn, and the two end moments.
@@ -155,34 +176,33 @@ contains
   !> The element loop: inertia and elastic forces of every element.
   subroutine element_forces(b, ds, thetad, qmq, qmv)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: ds(:, :)        !! (nd, ne) deformations with GHM differences
+    real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations with GHM differences
     real(wp), intent(in) :: thetad          !! [rad/s]
     real(wp), intent(out) :: qmq, qmv
-    real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il, psi
+    real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il
     integer :: e, k
+    if (b%chain) then
+      call chain_forces(b%ne, b%nd, b%nf, b%edof, b%factors, ds, thetad, b%qx, b%vx, b%fx, b%tx, qmq, qmv)
+      return
+    end if
     w2 = thetad**2
     qmq = 0.0_wp
     qmv = 0.0_wp
     do e = 1, b%ne
-      a = b%qx(b%edof(:, e))
-      v = b%vx(b%edof(:, e))
-      if (.not. b%straight) then
-        call to_element(b%elements(e)%c, b%elements(e)%s, a)
-        call to_element(b%elements(e)%c, b%elements(e)%s, v)
-      end if
+      call gather(b, e, b%qx, a)
+      call gather(b, e, b%vx, v)
       call mass_times(b%elements(e)%mass, b%elements(e)%length, a, ma)
       call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, a, za)
       call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, v, zv)
-      qmq = qmq + dot_product(a, ma)
-      qmv = qmv + dot_product(v, ma)
-      f = w2*ma + 2*thetad*zv
+      do k = 1, 6
+        qmq = qmq + a(k)*ma(k)
+        qmv = qmv + v(k)*ma(k)
+        f(k) = w2*ma(k) + 2*thetad*zv(k)
+      end do
       call element_stress(b, e, b%d(:, e), ds(:, e), n, fpsi, m1, m2)
-      il = 1.0_wp/b%elements(e)%length
+      il = b%factors(2, e)
       q = (m1 + m2)*il
-      if (b%stiffening) then
-        psi = (a(5) - a(2))*il
-        q = q - n*psi
-      end if
+      if (b%stiffening) q = q - n*(a(5) - a(2))*il
       f(1) = f(1) + n
       f(4) = f(4) - n
       f(2) = f(2) - q
@@ -243,8 +263,7 @@ contains
     real(wp) :: v(6), f(6)
     integer :: e, k
     do e = 1, b%ne
-      v = b%vx(b%edof(:, e))
-      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, v)
+      call gather(b, e, b%vx, v)
       call damping_times(b, e, v, f)
       power = power + dot_product(v, f)
       if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, f)
@@ -270,7 +289,12 @@ contains
       m1 = g%ray_k*g%ei_l*(4*(v(3) - psi) + 2*(v(6) - psi))
       m2 = g%ray_k*g%ei_l*(2*(v(3) - psi) + 4*(v(6) - psi))
       q = (m1 + m2)/g%length
-      f = f + [-n, q, m1, n, -q, m2]
+      f(1) = f(1) - n
+      f(2) = f(2) + q
+      f(3) = f(3) + m1
+      f(4) = f(4) + n
+      f(5) = f(5) - q
+      f(6) = f(6) + m2
     end associate
   end subroutine damping_times
 
@@ -281,8 +305,7 @@ contains
     integer :: e
     power = 0.0_wp
     do e = 1, b%ne
-      v = b%vx(b%edof(:, e))
-      if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, v)
+      call gather(b, e, b%vx, v)
       call damping_times(b, e, v, f)
       power = power + dot_product(v, f)
     end do
@@ -299,8 +322,10 @@ contains
       i = b%dof(1, b%lumps(k)%node)
       j = b%dof(2, b%lumps(k)%node)
       mu = b%lumps(k)%mass
-      u = b%qx([i, j])
-      v = b%vx([i, j])
+      u(1) = b%qx(i)
+      u(2) = b%qx(j)
+      v(1) = b%vx(i)
+      v(2) = b%vx(j)
       qmq = qmq + mu*dot_product(u, u)
       qmv = qmv + mu*dot_product(u, v)
       b%fx(i) = b%fx(i) + mu*(thetad**2*u(1) + 2*thetad*v(2))

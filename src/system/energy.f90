@@ -13,11 +13,11 @@ contains
   !> Kinetic and potential energy at a state [J].
   subroutine energies(self, q, v, z, zd, kinetic, potential)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: q(:), v(:)        !! (nq)
-    real(wp), intent(in) :: z(:), zd(:)       !! (nz)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp), intent(out) :: kinetic, potential
     real(wp) :: p(2)
-    integer :: b, i, n, o
+    integer :: b, i, n, o, k
     call set_frames(self, q)
     call place_kinematics(self, q, v)
     kinetic = 0.0_wp
@@ -29,7 +29,10 @@ contains
         o = self%s%zo(b)
         kinetic = kinetic + kinetic_energy(bo, self%c(b), self%sn(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i + 4:i + 3 + n))
         p = bo%i1
-        if (bo%flexible) p = p + matmul(q(i + 4:i + 3 + n), bo%sbar)
+        do k = 1, n
+          p(1) = p(1) + bo%sbar(k, 1)*q(i + 3 + k)
+          p(2) = p(2) + bo%sbar(k, 2)*q(i + 3 + k)
+        end do
         p = [self%c(b)*p(1) - self%sn(b)*p(2), self%sn(b)*p(1) + self%c(b)*p(2)]
         potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) &
                     + strain_energy(bo, q(i + 4:i + 3 + n), z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz))
