@@ -40,6 +40,11 @@ contains
     integer :: e
     logical :: known
     if (.not. table%filled) call fill_table()
+    if (abs(x) <= 0.0_wp) then
+      text = '  0.0000000000000000E+000'
+      if (sign(1.0_wp, x) < 0.0_wp) text(2:2) = '-'
+      return
+    end if
     call round_to_digits(abs(x), digits, e, known)
     if (known) then
       call put_digits(digits, e, text)
