@@ -64,12 +64,14 @@ contains
     type(stiffness_system), intent(in) :: ds
     type(failure), intent(inout) :: fail
     associate (d => run%d%drives(run%d%response%drive), s => run%sys%m%s)
-      if (.not. any(ds%active == s%constraints(s%joints + run%d%response%drive)%item%first)) &
+      if (.not. any(ds%active == s%constraints(s%joints + run%d%response%drive)%item%first)) then
         call fail%raise(status_failed, 'drive "'//trim(d%name)//'" is redundant at the present position and cannot be '// &
                         'the input of a frequency response')
-      if (d%rate .and. .not. run%d%response%from > 0.0_wp) &
+      end if
+      if (d%rate .and. .not. run%d%response%from > 0.0_wp) then
         call fail%raise(status_failed, 'drive "'//trim(d%name)//'" is driven by its rate, whose response at 0 Hz is '// &
                         'unbounded; expected from > 0')
+      end if
     end associate
   end subroutine check_drive
 

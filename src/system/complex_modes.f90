@@ -288,8 +288,9 @@ contains
     do j = 1, modes%count
       if ((modes%kind(j) == undamped_mode) .neqv. (damping <= 0.0_wp)) cycle
       if (abs(lambda - modes%lambda(j)) > 1.0e-14_wp*abs(lambda)) slope = slope + 1.0_wp/(lambda - modes%lambda(j))
-      if (abs(modes%lambda(j)%im) > 0.0_wp .and. abs(lambda - conjg(modes%lambda(j))) > 1.0e-14_wp*abs(lambda)) &
+      if (abs(modes%lambda(j)%im) > 0.0_wp .and. abs(lambda - conjg(modes%lambda(j))) > 1.0e-14_wp*abs(lambda)) then
         slope = slope + 1.0_wp/(lambda - conjg(modes%lambda(j)))
+      end if
     end do
   end function known_slope
 
