@@ -14,7 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-RESULT_FILES = {"history": "history.txt", "energy": "energy.txt", "motion": "motion.txt"}
+RESULT_FILES = {
+    "history": "history.txt",
+    "energy": "energy.txt",
+    "motion": "motion.txt",
+    "static": "static.txt",
+    "modes": "modes.txt",
+    "frequency_response": "frequency_response.txt",
+}
 HEADER = "# columns:"
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 

@@ -1,0 +1,369 @@
+"""Modes: closed forms of beams, GHM poles, mechanisms against an independent dense computation, large and special systems.
+
+Largest relative error of the first three bending frequencies against the closed forms, Euler-Bernoulli beams of n elements:
+
+    n   pinned-pinned  clamped-free  clamped-pinned  free-free
+    8   1.3e-03        6.1e-04       1.8e-03         2.1e-03
+    16  8.3e-05        4.0e-05       1.1e-04         1.5e-04
+    32  5.2e-06        2.5e-06       7.2e-06         9.6e-06
+"""
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from histories import read
+from linear_oracle import LinearOracle, settle
+from oracle_probe import Twins
+
+LENGTH, YOUNG, DENSITY, AREA, INERTIA = 0.8, 7.0e10, 2700.0, 3.0e-4, 2.5e-9
+UNIT = np.sqrt(YOUNG * INERTIA / (DENSITY * AREA)) / LENGTH**2
+GHM = {
+    1: "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0",
+    2: "ghm_alpha=0.5,0.8 ghm_zeta=0.6,1.4 ghm_omega=400.0,5000.0",
+    5: "ghm_alpha=0.2,0.3,0.4,0.5,0.6 ghm_zeta=1.0,2.0,0.8,3.0,1.5 ghm_omega=60.0,300.0,1500.0,8000.0,40000.0",
+}
+ENDS = {
+    "pinned-pinned": ("pinned", "pin(1) slide(-1)"),
+    "clamped-free": ("clamped", "clamp(1)"),
+    "clamped-pinned": ("clamped", "clamp(1) slide(-1)"),
+    "free-free": ("pinned", ""),
+}
+ROOTS = {
+    "pinned-pinned": np.pi * np.array([1.0, 2.0, 3.0]),
+    "clamped-free": np.array([1.87510406871196, 4.69409113297417, 7.85475743823761]),
+    "clamped-pinned": np.array([3.92660231204792, 7.06858274562873, 10.21017612281303]),
+    "free-free": np.array([4.73004074486270, 7.85320462409584, 10.9956078380017]),
+}
+UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
+
+
+def beam(elements, ends="clamped-free", ghm="", rest="", modes=3, length=LENGTH):
+    """Return a deck of one beam with the given supports."""
+    reference, supports = ENDS[ends]
+    text = f"&scene title='beam' /\n&material name='m' density={DENSITY} young={YOUNG} {ghm} /\n"
+    text += f"&section name='s' area={AREA} inertia={INERTIA} /\n"
+    text += f"&body name='b' kind='beam' length={length} elements={elements} material='m' section='s' reference='{reference}' /\n"
+    if "clamp(1)" in supports:
+        text += "&joint name='one' type='weld' body_a='b' node_a=1 /\n"
+    if "pin(1)" in supports:
+        text += "&joint name='one' type='revolute' body_a='b' node_a=1 /\n"
+    if "slide(-1)" in supports:
+        text += f"&joint name='two' type='slider' body_a='b' node_a=-1 point_b={length},0.0 /\n"
+    return text + rest + f"&modal modes={modes} /\n"
+
+
+class Modes:
+    """The rows of modes.txt."""
+
+    def __init__(self, run):
+        self.table = read(run.folder, "modes")
+        self.kind = self.table["kind"].astype(int)
+        self.poles = self.table["real"] + 1j * self.table["imag"]
+
+    def undamped(self):
+        """Return the angular frequencies of the undamped modes [rad/s]."""
+        return self.poles[self.kind == UNDAMPED].imag
+
+    def damped(self):
+        """Return all poles of the damped system [1/s]."""
+        return self.poles[self.kind != UNDAMPED]
+
+
+@pytest.fixture
+def modes_of(run_deck):
+    """Return a function that runs a deck and returns its modes."""
+    return lambda deck, **options: Modes(run_deck(deck, **options))
+
+
+def bending(modes, count):
+    """Return the lowest bending frequencies: those of modes with transverse motion [rad/s]."""
+    shape = np.array([modes.table[name] for name in modes.table.names if name.startswith("b.") and ".y." in name])
+    chosen = (modes.kind == UNDAMPED) & (np.abs(shape).max(axis=0) > 0.1) & (modes.poles.imag > 1e-3)
+    return modes.poles[chosen].imag[:count]
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+@pytest.mark.parametrize("ends", sorted(ENDS))
+def test_euler_bernoulli_frequencies_converge_with_order_four(modes_of, ends):
+    exact = ROOTS[ends] ** 2 * UNIT
+    errors = []
+    for elements in (8, 16, 32, 64):
+        found = bending(modes_of(beam(elements, ends, modes=8), name=f"n{elements}"), 3)
+        errors.append(np.max(np.abs(found / exact - 1.0)))
+    theory = (ROOTS[ends][2] / 64) ** 4 / 1440.0  # of the element: its leading error
+    assert errors[-1] == pytest.approx(theory, rel=0.02)
+    order = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all((order > 3.6) & (order < 4.2)), errors
+
+
+def test_a_free_beam_has_three_rigid_motions(modes_of):
+    modes = modes_of(beam(6, "free-free", modes=5))
+    assert np.all(modes.poles[:3] == 0.0)
+    assert modes.poles[3].imag > 100.0
+
+
+@pytest.mark.parametrize(("ratio", "root"), [(0.1, 1.7227415205933), (1.0, 1.2479174096065), (10.0, 0.73578191938965)])
+def test_tip_mass(modes_of, ratio, root):
+    mass = ratio * DENSITY * AREA * LENGTH
+    found = bending(modes_of(beam(24, rest=f"&lump body='b' node=-1 mass={mass:.17g} /\n")), 1)
+    assert found[0] == pytest.approx(root**2 * UNIT, rel=1e-7)
+
+
+# ---------------------------------------------------------------- GHM
+
+
+@pytest.mark.parametrize("terms", sorted(GHM))
+def test_each_bending_mode_of_a_ghm_beam_solves_its_own_equation(modes_of, terms):
+    modes = modes_of(beam(6, "pinned-pinned", GHM[terms], modes=4))
+    values = {word.split("=")[0]: np.array(word.split("=")[1].split(","), float) for word in GHM[terms].split()}
+    alpha, zeta, omega = (values[f"ghm_{name}"] for name in ("alpha", "zeta", "omega"))
+    undamped = modes.undamped()
+    for mode in range(4):
+        mine = (modes.table["mode"] == mode + 1) & (modes.kind != UNDAMPED)
+        poles = modes.poles[mine]
+        for s in poles:
+            ratio = (s**2 + 2 * zeta * omega * s) / (s**2 + 2 * zeta * omega * s + omega**2)
+            parts = np.abs(s) ** 2 + undamped[mode] ** 2 * (1 + np.sum(alpha * np.abs(ratio)))
+            assert abs(s**2 + undamped[mode] ** 2 * (1 + alpha @ ratio)) < 1e-9 * parts
+        assert np.sum(np.where(np.abs(poles.imag) > 0, 2, 1)) == 2 + 2 * terms
+        gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(len(poles), np.inf))
+        assert gaps.min() > 1e-6 * np.abs(poles).max(), "a pole stands there twice"
+
+
+OSCILLATOR = """&scene title='one degree of freedom' /
+&body name='m' kind='rigid' mass=2.0 inertia=0.1 position=1.0,0.0 /
+&joint name='rail' type='prismatic' body_a='m' direction=0.0 /
+&spring name='k' type='linear' body_a='m' stiffness=2.0e6 {ghm} /
+&modal modes=3 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("ghm", "expected"),
+    [
+        ("0.5,2,1000", [-41.2761318281638 + 1231.26810998151j, -176.108304497853, -3741.33943184582]),
+        ("0.2,0.7,500", [-10.9650453313832 + 1110.01284615174j, -339.034954668617 + 296.540746077802j]),
+    ],
+)
+def test_closed_form_roots_of_one_degree_of_freedom(modes_of, ghm, expected):
+    alpha, zeta, omega = ghm.split(",")
+    modes = modes_of(OSCILLATOR.format(ghm=f"ghm_alpha={alpha} ghm_zeta={zeta} ghm_omega={omega}"))
+    assert modes.undamped() == pytest.approx([1000.0], rel=1e-14)
+    found = sorted(modes.damped(), key=lambda s: s.real)
+    np.testing.assert_allclose(found, sorted(expected, key=lambda s: s.real), rtol=1e-13)
+
+
+def test_over_damped_vibration_is_listed_as_real_poles(modes_of):
+    modes = modes_of(OSCILLATOR.replace("{ghm}", "damping=1.0e4"))
+    assert np.all(modes.kind[1:] == REAL)
+    np.testing.assert_allclose(np.sort(modes.damped().real), -2500.0 + np.array([-1, 1]) * np.sqrt(2500.0**2 - 1e6), rtol=1e-12)
+
+
+# ---------------------------------------------------------------- mechanisms
+
+MATERIAL = """&material name='soft' density=1500.0 young=4.0e9 ghm_alpha=0.4,0.9 ghm_zeta=0.7,2.0 ghm_omega=800.0,6000.0 /
+&material name='hard' density=2700.0 young=7.0e10 rayleigh_stiffness=3.0e-6 rayleigh_mass=2.0 /
+&section name='s' shape='rectangle' width=0.02 height=0.008 /
+"""
+FOUR_BAR = (
+    MATERIAL
+    + """&body name='crank' kind='rigid' mass=0.4 inertia=1.0e-3 com=0.05,0.0 angle={angle} /
+&body name='coupler' kind='beam' length=0.35 elements=2 material='soft' section='s' angle={coupler} position={x},{y} /
+&body name='rocker' kind='beam' length=0.25 elements=2 material='hard' section='s' angle={rocker} position=0.3,0.0
+  reference='clamped' /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='crank' point_a=0.1,0.0 body_b='coupler' node_b=1 /
+&joint name='c' type='revolute' body_a='coupler' node_a=-1 body_b='rocker' node_b=-1 /
+&joint name='d' type='revolute' body_a='rocker' node_a=1 point_b=0.3,0.0 /
+"""
+)
+SLIDER_CRANK = (
+    MATERIAL
+    + """&body name='crank' kind='beam' length=0.1 elements=1 material='hard' section='s' angle={angle} reference='clamped' /
+&body name='rod' kind='beam' length=0.3 elements=2 material='soft' section='s' angle={rod} position={x},{y} /
+&lump body='rod' node=-1 mass=0.3 /
+&joint name='a' type='revolute' body_a='crank' node_a=1 /
+&joint name='b' type='revolute' body_a='crank' node_a=-1 body_b='rod' node_b=1 /
+&joint name='c' type='slider' body_a='rod' node_a=-1 direction=0.0 /
+"""
+)
+HELD = {
+    "drive": "&history name='still' kind='polynomial' coefficients={angle} /\n"
+    "&drive name='hold' type='rotation' body_a='crank' history='still' /\n",
+    "spring": "&spring name='hold' type='torsional' body_a='crank' stiffness=40.0 damping=0.01 ghm_alpha=0.5 ghm_zeta=1.2"
+    " ghm_omega=300.0 /\n",
+    "free": "",
+}
+
+
+def closed_mechanism(kind, angle):
+    """Return the deck of a four-bar or slider-crank at a crank angle, positions near the closed ones."""
+    x, y = 0.1 * np.cos(angle), 0.1 * np.sin(angle)
+    if kind == "slider_crank":
+        return SLIDER_CRANK.format(angle=angle, x=x, y=y, rod=-np.arcsin(y / 0.3))
+    reach, toward = np.hypot(0.3 - x, -y), np.arctan2(-y, 0.3 - x)
+    inner = np.arccos((0.35**2 + reach**2 - 0.25**2) / (2 * 0.35 * reach))
+    coupler = toward + inner
+    rocker = np.arctan2(y + 0.35 * np.sin(coupler), x + 0.35 * np.cos(coupler) - 0.3)
+    return FOUR_BAR.format(angle=angle, x=x, y=y, coupler=coupler, rocker=rocker)
+
+
+def paired(found, expected, count):
+    """Return the largest relative distance of `found` poles to the nearest of `expected`, each of those taken once."""
+    left, worst = list(expected), 0.0
+    for s in found[:count]:
+        k = int(np.argmin(np.abs(np.array(left) - s)))
+        worst = max(worst, abs(left.pop(k) - s) / abs(s))
+    return worst
+
+
+@pytest.mark.parametrize("hold", sorted(HELD))
+@pytest.mark.parametrize("angle", [0.4, 1.6, 3.5])
+@pytest.mark.parametrize("kind", ["four_bar", "slider_crank"])
+def test_mechanisms_against_an_independent_null_space_computation(modes_of, probe, tmp_path, kind, angle, hold):
+    deck = closed_mechanism(kind, angle) + HELD[hold].format(angle=angle)
+    modes = modes_of(deck + "&modal modes=8 /\n")
+    oracle = LinearOracle(Twins(probe, tmp_path, deck).oracle)
+    expected = oracle.frequencies()
+    found = modes.undamped()
+    first = 1 if hold == "free" else 0
+    assert np.all(found[:first] == 0.0)
+    np.testing.assert_allclose(found[first:], expected[first : len(found)], rtol=1e-6)
+    poles = oracle.poles()
+    assert paired(modes.poles[modes.kind == VIBRATION], poles, 8) < 1e-6
+    assert paired(modes.damped(), poles, 99) < 2e-5
+
+
+@pytest.mark.parametrize("kind", ["four_bar", "slider_crank"])
+def test_modes_about_a_loaded_equilibrium(modes_of, probe, tmp_path, kind):
+    loads = "&scene title='t' gravity=0.0,-9.81 /\n&force name='push' type='force' body='crank' point=0.1,0.0 fx=3.0 fy=-20.0 /\n"
+    if kind == "slider_crank":
+        loads = loads.replace("point=0.1,0.0", "node=-1")
+    deck = loads + closed_mechanism(kind, 0.9) + HELD["spring"]
+    modes = modes_of(deck + "&static /\n&modal modes=6 /\n")
+    twins = Twins(probe, tmp_path, deck)
+    oracle = settle(twins.oracle, twins.q0)
+    np.testing.assert_allclose(modes.undamped(), oracle.frequencies()[:6], rtol=1e-6)
+    assert paired(modes.poles[modes.kind == VIBRATION], oracle.poles(), 6) < 1e-6
+
+
+# ---------------------------------------------------------------- turning structures
+
+
+@pytest.fixture(scope="module")
+def rotating_table():
+    """Return the published table by column name."""
+    path = ROOT / "tests" / "reference" / "published" / "rotating_beam_table.csv"
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def spinning_arm(eta, slenderness, elements=12):
+    """Return the deck of a clamped arm held at a spin by a drive; slenderness is L sqrt(A/I)."""
+    inertia = AREA * LENGTH**2 / slenderness**2
+    spin = eta * np.sqrt(YOUNG * inertia / (DENSITY * AREA)) / LENGTH**2
+    deck = beam(elements, rest="", modes=3).replace(f"inertia={INERTIA}", f"inertia={inertia:.17g}")
+    deck = deck.replace("type='weld'", "type='revolute'")
+    deck = deck.replace("reference='clamped' /", "reference='clamped' stiffening=.true. /")
+    drive = f"&history name='w' kind='polynomial' coefficients={spin:.17g} /\n"
+    drive += "&drive name='motor' type='rotation' body_a='b' history='w' rate=.true. /\n&static load_steps=4 /\n"
+    return deck.replace("&modal", drive + "&modal"), np.sqrt(YOUNG * inertia / (DENSITY * AREA)) / LENGTH**2
+
+
+@pytest.mark.parametrize("eta", [0.0, 2.0, 4.0, 6.0, 8.0, 10.0])
+def test_spinning_arm_follows_the_published_table(modes_of, rotating_table, eta):
+    row = rotating_table[np.argmin(np.abs(rotating_table["eta"] - eta))]
+    table = np.array([row["chord1"], row["chord2"], row["chord3"]])
+    found = []
+    for elements in (20, 40):
+        deck, unit = spinning_arm(eta, 8000.0, elements)
+        found.append(bending(modes_of(deck, name=f"n{elements}"), 3) / unit)
+    coarse, fine = np.abs(np.array(found) / table - 1.0)
+    assert np.all(fine < 2e-4)
+    if eta > 0.0:
+        assert np.all((coarse / fine > 3.5) & (coarse / fine < 8.0)), "the tension is constant in an element: order two"
+    np.testing.assert_allclose((4 * found[1] - found[0]) / 3, table, rtol=8e-6)
+
+
+def test_coriolis_coupling_with_stretch_lowers_the_frequency(modes_of, rotating_table):
+    deck, unit = spinning_arm(2.0, 70.0)
+    table = rotating_table["chord1"][rotating_table["eta"] == 2.0][0]
+    assert 3.6196 < bending(modes_of(deck), 1)[0] / unit < table - 1e-3
+
+
+@pytest.mark.parametrize("ghm", ["", GHM[2]])
+def test_spinning_arm_against_differences_of_the_oracles_accelerations(modes_of, probe, tmp_path, ghm):
+    deck = spinning_arm(4.0, 70.0, elements=3)[0].replace(" /\n&section", f" {ghm} /\n&section", 1)
+    modes = modes_of(deck)
+    scene = Twins(probe, tmp_path, deck).oracle
+    spin = scene.rows[-1].history.value(0.0, 1)
+    elastic = np.arange(3, scene.nq)
+    n, m = len(elastic), scene.nz
+
+    def rate(y):
+        q, v = scene.q0.copy(), np.zeros(scene.nq)
+        q[elastic], v[elastic], v[2] = y[:n], y[n : 2 * n], spin
+        z, zd = y[2 * n : 2 * n + m], y[2 * n + m :]
+        a = scene.solve(0.0, q, v, z, zd)[0]
+        return np.concatenate([v[elastic], a[elastic], zd, scene.dissipative_accelerations(q, z, zd)])
+
+    def slopes(y):
+        steps = 1e-6 * np.concatenate([np.ones(n), np.full(n, 1e3), np.ones(m), np.full(m, 1e3)])
+        return np.array([(rate(y + h) - rate(y - h)) / (2 * np.max(h)) for h in np.diag(steps)]).T
+
+    state = np.zeros(2 * n + 2 * m)
+    for _ in range(8):
+        state = state - np.linalg.solve(slopes(state), rate(state))
+    expected = np.linalg.eigvals(slopes(state))
+    found = modes.poles[modes.kind == (VIBRATION if ghm else UNDAMPED)]
+    assert np.max(np.abs(state[:n])) > 1e-5, "the arm is stretched"
+    assert paired(found, expected, 3) < 1e-6
+
+
+# ---------------------------------------------------------------- special and large systems
+
+
+def test_two_equal_arms_keep_their_double_frequencies(modes_of):
+    other = beam(8).replace("'b'", "'c'").replace("'one'", "'other'")
+    body = "\n".join(line for line in other.splitlines() if line.startswith(("&body", "&joint")))
+    alone = modes_of(beam(8, ghm=GHM[1]), name="alone")
+    both = modes_of(beam(8, ghm=GHM[1], rest=body + "\n", modes=6), name="both")
+    np.testing.assert_allclose(both.undamped(), np.repeat(alone.undamped(), 2), rtol=1e-10)
+    np.testing.assert_allclose(both.poles[both.kind == VIBRATION], np.repeat(alone.poles[alone.kind == VIBRATION], 2), rtol=1e-10)
+
+
+def test_redundant_joints_change_nothing(modes_of):
+    twice = "&joint name='again' type='revolute' body_a='b' node_a=1 /\n"
+    once = modes_of(beam(5, "pinned-pinned", GHM[2], modes=4), name="once")
+    more = modes_of(beam(5, "pinned-pinned", GHM[2], rest=twice, modes=4), name="more")
+    np.testing.assert_allclose(more.poles, once.poles, rtol=1e-10)
+
+
+def test_spring_between_two_nodes_of_bodies_and_modal_bodies(modes_of):
+    link = "&spring name='k' type='linear' body_a='b' node_a=-1 point_b=0.8,0.3 stiffness=5.0e3 damping=1.0 /\n"
+    nodal = modes_of(beam(4, ghm=GHM[1], rest=link, modes=3), name="nodal")
+    reduced = beam(4, ghm=GHM[1], rest=link, modes=3).replace("reference='clamped' /", "reference='clamped' modes=12 /")
+    whole = modes_of(reduced, name="reduced")
+    np.testing.assert_allclose(whole.undamped(), nodal.undamped(), rtol=1e-9)
+    np.testing.assert_allclose(whole.poles[whole.kind == VIBRATION], nodal.poles[nodal.kind == VIBRATION], rtol=1e-8)
+
+
+def test_large_systems_give_the_frequencies_of_the_closed_form(modes_of):
+    found = bending(modes_of(beam(150, modes=12)), 3)
+    np.testing.assert_allclose(found, ROOTS["clamped-free"] ** 2 * UNIT, rtol=1e-7)
+
+
+def test_shapes_are_those_of_the_closed_form(modes_of):
+    modes = modes_of(beam(16, "pinned-pinned"))
+    stations = np.linspace(0.0, 1.0, 17)
+    for mode in range(3):
+        shape = np.array([modes.table[f"b.{k}.y.re"][mode] for k in range(1, 18)])
+        sine = np.sin((mode + 1) * np.pi * stations)
+        np.testing.assert_allclose(shape * np.sign(shape[1]), sine / np.abs(sine).max(), atol=2e-5)
+
+
+def test_more_modes_than_freedoms_are_listed_as_far_as_they_go(run_deck):
+    run = run_deck(OSCILLATOR.format(ghm=""))
+    assert len(Modes(run).poles) == 1
+    assert "only 1 degrees of freedom" in run.summary

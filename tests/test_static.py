@@ -1,0 +1,153 @@
+"""Static equilibrium: closed forms, turning arms, closed mechanisms, large deflections, and what follows from them."""
+
+import numpy as np
+import pytest
+from histories import read
+from linear_oracle import settle
+from oracle_probe import Twins
+from test_modal import AREA, DENSITY, HELD, INERTIA, LENGTH, YOUNG, beam, closed_mechanism
+
+TIP = "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n&sensor name='wall' quantity='reaction' joint='one' /\n"
+
+
+def cantilever(rest, elements=6, ghm="", static="&static /\n"):
+    """Return the deck of a clamped beam with sensors and a static analysis."""
+    return beam(elements, ghm=ghm).replace("&modal modes=3 /\n", "") + TIP + rest + static
+
+
+@pytest.fixture
+def static_of(run_deck):
+    """Return a function that runs a deck and returns static.txt."""
+    return lambda deck, **options: read(run_deck(deck, **options).folder, "static")
+
+
+def test_cantilever_under_weight_and_tip_force(static_of):
+    gravity = "&force name='f' type='force' body='b' node=-1 fy=-2.0 /\n"
+    deck = cantilever(gravity, ghm="ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0").replace(
+        "'beam' /", "'beam' gravity=0.0,-9.81 /", 1
+    )
+    table = static_of(deck)
+    ei, weight = YOUNG * INERTIA, DENSITY * AREA * 9.81
+    expected = -weight * LENGTH**4 / (8 * ei) - 2.0 * LENGTH**3 / (3 * ei)
+    np.testing.assert_allclose(table["load"], np.arange(1, 11) / 10, rtol=1e-15)
+    np.testing.assert_allclose(table["tip.v"], expected * table["load"], rtol=1e-10)
+    np.testing.assert_allclose(table["wall.fy"][-1], 2.0 + weight * LENGTH, rtol=1e-10)
+    np.testing.assert_allclose(table["wall.m"][-1], 2.0 * LENGTH + weight * LENGTH**2 / 2, rtol=1e-10)
+    assert np.all(table["residual"] <= 1e-10)
+    np.testing.assert_allclose(table["state.b.7.y"], table["tip.v"], rtol=1e-14)
+
+
+def test_steady_stretch_of_the_spinning_arm(static_of, run_deck):
+    deck = """&scene title='steady turn' /
+&material name='m' density=3000.0 young=7.0e10 /
+&section name='s' area=4.0e-4 inertia=2.0e-7 /
+&body name='arm' kind='beam' length=10.0 elements=8 material='m' section='s' reference='clamped' stiffening=.true. /
+&joint name='hub' type='revolute' body_a='arm' node_a=1 /
+&history name='spin' kind='polynomial' coefficients=6.0 /
+&drive name='motor' type='rotation' body_a='arm' history='spin' rate=.true. /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+&sensor name='hub' quantity='reaction' joint='hub' /
+&static /
+"""
+    table = static_of(deck)
+    assert table["tip.u"][-1] == pytest.approx(5.1432e-4, rel=1e-4)
+    assert table["hub.fx"][-1] == pytest.approx(-1.2 * 36.0 * 50.0, rel=1e-4)
+    run = run_deck(deck + "&transient t_end=0.05 method='rk4' step=1.0e-4 output_step=1.0e-3 /\n", name="turning")
+    assert np.max(np.abs(run.history["tip.u"] - table["tip.u"][-1])) < 1e-9 * 5e-4
+    assert np.max(np.abs(run.history["tip.v"])) < 1e-9 * 5e-4
+
+
+@pytest.mark.parametrize("kind", ["four_bar", "slider_crank"])
+def test_closed_mechanism_against_the_oracle(static_of, run_deck, probe, tmp_path, kind):
+    push = "node=-1" if kind == "slider_crank" else "point=0.1,0.0"
+    deck = "&scene title='t' gravity=0.0,-9.81 /\n" + closed_mechanism(kind, 0.9) + HELD["spring"]
+    deck += f"&force name='push' type='force' body='crank' {push} fx=3.0 fy=-20.0 /\n"
+    deck += "&sensor name='crank' quantity='angle' body='crank' /\n&sensor name='hold' quantity='spring' spring='hold' /\n"
+    deck += "&sensor name='c' quantity='reaction' joint='c' /\n"
+    twins = Twins(probe, tmp_path, deck)
+    scene = twins.oracle
+    about = settle(scene, twins.q0)
+    expected = scene.sensor_columns(0.0, about.q, about.zero, about.z, 0 * about.z)
+    table = static_of(deck + "&static tolerance=1.0e-13 /\n")
+    for name, value in expected.items():
+        scale = max(abs(x) for other, x in expected.items() if other.split(".")[0] == name.split(".")[0])
+        assert abs(table[name][-1] - value) < 1e-8 * scale, name
+    assert abs(expected["crank"] - 0.9) > 0.01, "the equilibrium lies elsewhere than the deck's position"
+    transient = "&static tolerance=1.0e-13 /\n&transient t_end=5.0e-3 method='rk4' step=5.0e-6 output_step=1.0e-4 /\n"
+    run = run_deck(deck + transient, name="still")
+    assert np.max(np.abs(run.history["crank"] - run.history["crank"][0])) < 1e-10
+    assert np.max(np.abs(run.energy["kinetic"])) < 1e-16
+
+
+def test_large_rotation_of_welded_beams_bends_into_an_arc(static_of):
+    pieces, deck = 8, "&scene title='elastica' /\n"
+    deck += f"&material name='m' density={DENSITY} young={YOUNG} /\n&section name='s' area={AREA} inertia={INERTIA} /\n"
+    length = LENGTH / pieces
+    for k in range(pieces):
+        deck += f"&body name='b{k}' kind='beam' length={length} elements=2 material='m' section='s' position={k * length},0.0 /\n"
+        fixed = "point_b=0.0,0.0" if k == 0 else f"body_b='b{k - 1}' node_b=-1"
+        deck += f"&joint name='j{k}' type='weld' body_a='b{k}' node_a=1 {fixed} /\n"
+    turn = np.pi / 2
+    deck += f"&force name='end' type='torque' body='b7' node=-1 moment={YOUNG * INERTIA * turn / LENGTH:.17g} /\n"
+    deck += "&sensor name='tip' quantity='position' body='b7' node=-1 /\n&sensor name='end' quantity='angle' body='b7' node=-1 /\n"
+    table = static_of(deck + "&static load_steps=6 /\n")
+    radius = LENGTH / turn
+    assert table["end"][-1] == pytest.approx(turn, rel=1e-9)
+    assert table["tip.x"][-1] == pytest.approx(radius, rel=2e-3)
+    assert table["tip.y"][-1] == pytest.approx(radius, rel=2e-3)
+
+
+def test_pluck_and_release(run_deck):
+    pluck = "&force name='pluck' type='force' body='b' node=-1 fy=3.0 stage='static' /\n"
+    transient = "&transient t_end=0.02 method='rk4' step=2.0e-6 output_step=1.0e-4 /\n"
+    run = run_deck(cantilever(pluck, elements=2) + transient)
+    table = read(run.folder, "static")
+    deflection = 3.0 * LENGTH**3 / (3 * YOUNG * INERTIA)
+    assert table["tip.v"][-1] == pytest.approx(deflection, rel=1e-10)
+    assert run.history["tip.v"][0] == pytest.approx(deflection, rel=1e-10)
+    assert run.history["tip.v"].min() < 0.0, "released: it swings through"
+    held = run_deck(cantilever(pluck.replace("stage='static'", ""), elements=2) + transient, name="held")
+    assert np.max(np.abs(held.history["tip.v"] - deflection)) < 1e-9 * deflection
+
+
+def test_transient_loads_do_not_act_in_the_static_stage(static_of):
+    table = static_of(cantilever("&force name='f' type='force' body='b' node=-1 fy=3.0 stage='transient' /\n"))
+    assert np.all(table["tip.v"] == 0.0)
+
+
+FREE = """&scene title='a free one' gravity=0.0,-9.81 /
+&body name='Arm' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 /
+&body name='bracket' kind='rigid' mass=1.0 inertia=0.1 position=3.0,0.0 /
+&joint name='hub' type='revolute' body_a='arm' /
+&joint name='wall' type='weld' body_a='bracket' point_b=3.0,0.0 /
+&static /
+"""
+
+
+def test_bodies_left_free_are_refused_by_name(run_deck):
+    run = run_deck(FREE, expect=2)
+    assert '"arm"' in run.stderr.lower()
+    assert "bracket" not in run.stderr
+    assert not run.folder.exists()
+    assert run_deck(FREE, "--check", expect=2, name="check").stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "hold",
+    [
+        "&spring name='k' type='torsional' body_a='arm' stiffness=60.0 /\n",
+        "&history name='h' kind='polynomial' coefficients=0.0 /\n&drive name='d' type='rotation' body_a='arm' history='h' /\n",
+        "&joint name='tip' type='slider' body_a='arm' point_a=1.0,0.0 point_b=1.0,0.0 direction=0.0 /\n",
+    ],
+)
+def test_the_same_body_held_is_accepted(run_deck, hold):
+    deck = FREE.replace("&static /", hold + "&static /")
+    assert run_deck(deck).status == 0
+
+
+def test_more_than_the_structure_can_carry_is_a_failure_not_a_hang(run_deck):
+    push = "&force name='f' type='torque' body='arm' moment=1.0e5 /\n&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0"
+    push += " point_b=1.0,1.0 stiffness=10.0 /\n"
+    run = run_deck(FREE.replace("&static /", push + "&static /"), expect=1)
+    assert "no equilibrium" in run.stderr
+    assert (run.folder / "summary.txt").exists()
