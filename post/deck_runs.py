@@ -1,0 +1,268 @@
+"""Runs of many variants of a deck: side by side on the cores at hand, each kept, so that an interrupted study resumes.
+
+The key of a kept run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
+another run. What a run costs is read from its summary: seconds of the analyses without start-up, evaluations of the equations
+of motion, banded solves, unknowns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from histories import HistoryError, read
+
+COUNTS = {
+    "steps": r"^\s*steps: (\d+)",
+    "rejected": r"rejected: (\d+)",
+    "evaluations": r"evaluations: (\d+)",
+    "solves": r"banded solves: (\d+)",
+    "coordinates": r"^\s*coordinates: .*= (\d+)",
+    "dissipative": r"^\s*dissipative coordinates: (\d+)",
+    "multipliers": r"^\s*constraints \(multipliers\): (\d+)",
+}
+SECONDS = r"^timing: analyses took\s+([\d.]+) s"
+REPEATS = 3
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+QUICK = 0.5  # [s] runs below are timed as the median of repeats
+
+
+class RunsError(Exception):
+    """The solver or the folder cannot be used."""
+
+
+class InterruptedRunsError(Exception):
+    """Ctrl-C: what was finished is kept."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave and cost.
+
+    Attributes:
+        status: exit status of the solver, -1: stopped for taking too long
+        message: its first error line, '' where it ran
+        names: columns without the time
+        data: rows of the history, shape (rows, 1 + columns), the time first
+        seconds: median of the repeats [s], analyses only
+        counts: steps, evaluations, solves, coordinates, dissipative, multipliers
+    """
+
+    status: int
+    message: str
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    data: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    seconds: float = float("nan")
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run went to its end."""
+        return self.status == 0
+
+    @property
+    def unknowns(self) -> int:
+        """First-order unknowns: twice the coordinates and twice the dissipative ones."""
+        return 2 * (self.counts.get("coordinates", 0) + self.counts.get("dissipative", 0))
+
+    @property
+    def work(self) -> int:
+        """Evaluations times unknowns: a cost that no machine changes."""
+        return self.counts.get("evaluations", 0) * self.unknowns
+
+
+@dataclass
+class Runner:
+    """Runs decks and keeps what they gave.
+
+    Attributes:
+        biela: the solver
+        folder: where runs are kept
+        jobs: how many run at a time
+        longest: a run that takes longer is stopped [s]
+    """
+
+    biela: Path
+    folder: Path
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    longest: float = 300.0
+    quiet: bool = False
+
+    def __post_init__(self) -> None:
+        try:
+            self.digest = hashlib.sha256(self.biela.read_bytes()).hexdigest()
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as fault:
+            raise RunsError(f"{fault.filename}: {fault.strerror} (`make` builds the solver)") from None
+        self.children: set[subprocess.Popen] = set()
+        self.stopped = threading.Event()
+        self.drawing = threading.Lock()
+        self.made = self.found = 0
+        self.started = time.monotonic()
+
+    def one(self, text: str) -> Outcome:
+        """Run one deck."""
+        return self.all([text])[0]
+
+    def all(self, texts: Iterable[str], stage: str = "") -> list[Outcome]:
+        """Run decks side by side; the outcomes in their order. InterruptedRunsError after Ctrl-C."""
+        texts = list(texts)
+        pool = ThreadPoolExecutor(self.jobs)
+        jobs = {text: pool.submit(self._kept, text) for text in dict.fromkeys(texts)}
+        try:
+            open_jobs = set(jobs.values())
+            while open_jobs:
+                done, open_jobs = wait(open_jobs, timeout=0.25, return_when=FIRST_COMPLETED)
+                self._show(stage, len(jobs) - len(open_jobs), len(jobs))
+                for job in done:
+                    job.result()
+            return [jobs[text].result() for text in texts]
+        except KeyboardInterrupt:
+            self.stop()
+            raise InterruptedRunsError from None
+        finally:
+            for job in jobs.values():
+                job.cancel()
+            pool.shutdown(wait=True)
+
+    def spread(self, task: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Return task(item) of each item, several at a time; tasks may call `all`. InterruptedRunsError after Ctrl-C."""
+        pool = ThreadPoolExecutor(self.jobs)
+        jobs = [pool.submit(task, item) for item in items]
+        try:
+            return [job.result() for job in jobs]
+        except KeyboardInterrupt:
+            self.stop()
+            raise InterruptedRunsError from None
+        finally:
+            for job in jobs:
+                job.cancel()
+            pool.shutdown(wait=True)
+
+    def stop(self) -> None:
+        """End the solvers that run; nothing is started any more."""
+        self.stopped.set()
+        for child in list(self.children):
+            _end(child)
+
+    def timed(self, text: str, repeats: int = REPEATS) -> Outcome:
+        """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
+        return self.all([f"! timed alone, {repeats} times\n{text}"])[0]
+
+    def _kept(self, text: str) -> Outcome:
+        """Return a kept run or make it."""
+        key = hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
+        kept = self.folder / f"{key}.npz"
+        with contextlib.suppress(OSError, ValueError, KeyError, EOFError):
+            outcome = _load(kept)
+            self.found += 1
+            return outcome
+        if self.stopped.is_set():
+            raise InterruptedRunsError
+        outcome = self._made(text, key)
+        if self.stopped.is_set() and not outcome.ok:
+            raise InterruptedRunsError
+        _save(kept, outcome)
+        self.made += 1
+        return outcome
+
+    def _made(self, text: str, key: str) -> Outcome:
+        """Run a deck, several times where it is quick."""
+        place = self.folder / f"{key}.{os.getpid()}.run"
+        place.mkdir(exist_ok=True)
+        try:
+            (place / "deck.nml").write_text(text, encoding="utf-8")
+            first = self._run(place)
+            alone = re.match(r"! timed alone, (\d+)", text)
+            again = int(alone[1]) - 1 if alone else (REPEATS - 1 if first.ok and first.seconds < QUICK else 0)
+            seconds = [first.seconds, *(self._run(place).seconds for _ in range(again if first.ok else 0))]
+            return Outcome(**{**first.__dict__, "seconds": float(np.median(seconds))})
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+
+    def _run(self, place: Path) -> Outcome:
+        """Call the solver on the deck in a folder."""
+        command = [str(self.biela.resolve()), "--quiet", "--output", "out", "deck.nml"]
+        child = subprocess.Popen(
+            command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self.children.add(child)
+        if self.stopped.is_set():
+            _end(child)
+        try:
+            _, told = child.communicate(timeout=self.longest)
+            status = child.returncode
+        except subprocess.TimeoutExpired:
+            _end(child)
+            _, told = child.communicate()
+            status, told = -1, f"deck.nml: stopped after {self.longest:g} s"
+        finally:
+            self.children.discard(child)
+        lines = [line for line in told.splitlines() if "warning" not in line]
+        message = lines[0].removeprefix("deck.nml: ").removeprefix("deck.nml:") if lines else ""
+        if status:
+            return Outcome(status, message or f"the solver ended with status {status}")
+        try:
+            history = read(place / "out")
+            summary = (place / "out" / "summary.txt").read_text(encoding="utf-8")
+        except (HistoryError, OSError) as fault:
+            return Outcome(-2, str(fault))
+        counts = {k: int(m[1]) for k, p in COUNTS.items() if (m := re.search(p, summary, re.MULTILINE))}
+        seconds = re.search(SECONDS, summary, re.MULTILINE)
+        units = tuple(history.units[name] for name in history.names[1:])
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, float(seconds[1]) if seconds else 0.0, counts)
+
+    def _show(self, stage: str, done: int, count: int) -> None:
+        """Draw the progress bar on a terminal."""
+        if self.quiet or not sys.stderr.isatty():
+            return
+        bar = ("#" * (20 * done // max(count, 1))).ljust(20, ".")
+        seconds = time.monotonic() - self.started
+        line = f"[{bar}] {stage}: {done}/{count}   {self.made} runs made, {self.found} kept ones used, {seconds:.0f} s"
+        with self.drawing:
+            print("\r" + line[:118].ljust(118), end="", file=sys.stderr, flush=True)
+
+    def clear_line(self) -> None:
+        """Take the progress bar away."""
+        if not self.quiet and sys.stderr.isatty():
+            print("\r" + " " * 118 + "\r", end="", file=sys.stderr, flush=True)
+
+
+def _end(child: subprocess.Popen) -> None:
+    """Stop a solver that was started here."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+
+
+def _save(path: Path, outcome: Outcome) -> None:
+    """Keep a run, never half of it: written beside and renamed."""
+    plain = {k: v for k, v in outcome.__dict__.items() if k != "data"}
+    new = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.new")
+    with new.open("wb") as file:
+        np.savez_compressed(file, data=outcome.data, rest=np.array(json.dumps(plain)))
+    new.replace(path)
+
+
+def _load(path: Path) -> Outcome:
+    """Return a kept run."""
+    with np.load(path) as kept:
+        rest = json.loads(str(kept["rest"]))
+        rest["names"], rest["units"] = tuple(rest["names"]), tuple(rest["units"])
+        return Outcome(data=kept["data"], **rest)

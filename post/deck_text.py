@@ -1,0 +1,211 @@
+"""Edits a deck as text: values change, everything else, comments and layout included, stays as it was written.
+
+A deck is split into groups and assignments with their places in the text (the grammar of biela's namelist files: `&name ... /`,
+`!` comments, quotes). An edit returns a new `DeckText`; the old one stays valid.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+GROUP = re.compile(r"&([A-Za-z_]\w*)")
+ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*=")
+REPEATED = re.compile(r"(\d+)\*(.+)")
+
+
+class DeckError(Exception):
+    """A deck that cannot be read or edited."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group and where it stands.
+
+    Attributes:
+        kind: its name in lower case: 'body', 'joint', ...
+        start: index of its `&`
+        end: index behind its closing slash
+        spans: (first index of the name, first and last index of the value) of each assignment, by name in lower case
+        values: the values as written, comments taken out
+    """
+
+    kind: str
+    start: int
+    end: int
+    spans: dict[str, tuple[int, int, int]]
+    values: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """The group's own name in lower case, '' where it has none."""
+        return self.word("name")
+
+    def word(self, key: str, default: str = "") -> str:
+        """Return a word without its quotes, in lower case."""
+        return self.values.get(key, default).strip().strip("'\"").strip().lower()
+
+    def items(self, key: str) -> list[str]:
+        """Return the items of a list as written, repeat counts (3*0.5) written out."""
+        found = []
+        for item in re.split(r"[,\s]+", self.values.get(key, "").strip().strip(",")):
+            repeated = REPEATED.fullmatch(item)
+            found += [repeated[2]] * int(repeated[1]) if repeated else [item] * bool(item)
+        return found
+
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of numbers; DeckError where an item is none."""
+        try:
+            return [float(item.lower().replace("d", "e")) for item in self.items(key)]
+        except ValueError:
+            raise DeckError(f"&{self.kind} {self.name}: {key} = {self.values[key].strip()} is no list of numbers") from None
+
+    def number(self, key: str, default: float = 0.0) -> float:
+        """Return one number."""
+        return (self.numbers(key) or [default])[0]
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return a logical value."""
+        written = self.values.get(key, "").strip().lower().lstrip(".")
+        return default if not written else written.startswith("t")
+
+
+@dataclass(frozen=True)
+class DeckText:
+    """A deck's text and its groups, in the order of the file."""
+
+    text: str
+    groups: tuple[Group, ...]
+
+    def all(self, *kinds: str) -> list[Group]:
+        """Return the groups of some kinds."""
+        return [group for group in self.groups if group.kind in kinds]
+
+    def one(self, kind: str, name: str = "") -> Group:
+        """Return the group of that kind and name; DeckError where there is none."""
+        for group in self.groups:
+            if group.kind == kind and (not name or group.name == name):
+                return group
+        raise DeckError(f"the deck has no &{kind}{' ' + name if name else ''}")
+
+    def set(self, group: Group, **values: str) -> DeckText:
+        """Return the deck with values of a group set, as text; None takes an assignment away."""
+        text = self.text
+        where = sorted(values, key=lambda key: group.spans.get(key, (0, 0, -1))[1], reverse=True)
+        for key in (key for key in where if key in group.spans):
+            start, first, last = group.spans[key]
+            kept = _comments(text[first:last])
+            if values[key] is None:
+                text = text[:start] + kept + text[last:].lstrip(" ,\t")
+            else:
+                text = text[:first] + values[key] + (" " + kept if kept else "") + text[last:]
+        new = "".join(f" {key}={values[key]}" for key in values if key not in group.spans and values[key] is not None)
+        if new:
+            at = parse(text).groups[self.groups.index(group)]
+            end = max([last for _, _, last in at.spans.values()], default=at.start + 1 + len(at.kind))
+            text = text[:end] + new + text[end:]
+        return parse(text)
+
+    def drop(self, group: Group, why: str) -> DeckText:
+        """Return the deck with a group made a comment, with the reason in front."""
+        body = self.text[group.start : group.end].replace("\n", "\n! ")
+        tail = self.text[group.end :]
+        rest = tail.split("\n", 1)[0]
+        gap = "\n" if rest.strip() and not rest.strip().startswith("!") else ""
+        lead = "" if self.text[: group.start].endswith("\n") or group.start == 0 else "\n"
+        return parse(f"{self.text[: group.start]}{lead}! {why}: {body}{gap}{tail}")
+
+
+def _comments(text: str) -> str:
+    """Return the comments inside a value, each with its end of line."""
+    hidden = mask(text)
+    found = [line[k:] for line, k in ((text[a:b], c - a) for a, b, c in _comment_spans(text, hidden))]
+    return "".join(comment + "\n" for comment in found)
+
+
+def _comment_spans(text: str, hidden: str) -> list[tuple[int, int, int]]:
+    """Return (start of line, end of line, index of the comment's `!`) of each comment."""
+    spans, start = [], 0
+    for line in text.split("\n"):
+        shown = hidden[start : start + len(line)]
+        if "\x00" in shown:
+            spans.append((start, start + len(line), start + shown.index("\x00")))
+        start += len(line) + 1
+    return spans
+
+
+def mask(text: str) -> str:
+    r"""Return text of the same length with quoted characters as `q` and comments as NUL characters."""
+    out, quote, comment = [], "", False
+    for c in text:
+        if c == "\n":
+            quote, comment = "", False
+            out.append(c)
+        elif comment:
+            out.append("\x00")
+        elif quote:
+            out.append("q")
+            quote = "" if c == quote else quote
+        elif c in "'\"":
+            quote = c
+            out.append("q")
+        elif c == "!":
+            comment = True
+            out.append("\x00")
+        else:
+            out.append(c)
+    return "".join(out)
+
+
+def parse(text: str) -> DeckText:
+    """Split a deck's text; DeckError where a group has no end."""
+    hidden = mask(text)
+    groups, place = [], 0
+    while found := GROUP.search(hidden, place):
+        end = hidden.find("/", found.end()) + 1
+        if end == 0:
+            raise DeckError(f"the group &{found[1]} has no closing slash")
+        groups.append(_group(text, hidden, found, end))
+        place = end
+    return DeckText(text, tuple(groups))
+
+
+def _group(text: str, hidden: str, head: re.Match, end: int) -> Group:
+    """Return the group between its head and its slash."""
+    marks = list(ASSIGNMENT.finditer(hidden, head.end(), end - 1))
+    spans, values = {}, {}
+    for mark, following in zip(marks, [*(m.start() for m in marks[1:]), end - 1]):
+        shown = hidden[mark.end() : following].replace("\x00", " ")
+        last = mark.end() + len(shown.rstrip(" ,\t\r\n"))
+        first = mark.end() + len(shown) - len(shown.lstrip()) if shown.strip() else last
+        key = mark[1].lower()
+        spans[key] = (mark.start(), first, max(first, last))
+        values[key] = "".join(c for c, h in zip(text[first:last], hidden[first:last]) if h != "\x00")
+    return Group(head[1].lower(), head.start(), end, spans, values)
+
+
+def read(path: Path) -> DeckText:
+    """Read a deck with what it includes put in place of its `&include` lines.
+
+    Raises:
+        DeckError: a file is missing or is no text, or includes itself.
+    """
+    return parse(_inlined(path, ()))
+
+
+def _inlined(path: Path, above: tuple[Path, ...]) -> str:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DeckError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as fault:
+        raise DeckError(f"{path}: cannot be read as text ({fault})") from None
+    here = (*above, path.resolve())
+    deck = parse(text)
+    for group in reversed(deck.all("include")):
+        inner = path.parent / group.values.get("file", "").strip().strip("'\"")
+        if inner.resolve() in here:
+            raise DeckError(f"{path}: {inner} includes itself")
+        text = f"{text[: group.start]}! from {inner.name}:\n{_inlined(inner, here)}{text[group.end :]}"
+    return text

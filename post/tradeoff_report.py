@@ -1,0 +1,167 @@
+"""The table of a study, in words and figures: tradeoff.txt and the head of recommended.nml."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass, field
+
+from tradeoff_errors import Gap, gap, plain_truth
+from tradeoff_search import Curve, Point, Study
+from tradeoff_settings import FAMILIES
+
+WIDTH = 120
+
+
+@dataclass
+class Result:
+    """What a study ends with.
+
+    Attributes:
+        deck_name: name of the deck
+        kind: 'deck' or 'refined'
+        notes: lines about the truth
+        curves: work-precision curves of the full model
+        written: the deck as written, timed alone
+        path: cheapest adequate points, model by model
+        chosen: what is recommended, as verified by running recommended.nml, None where nothing can be
+        taken: removals that the recommended model has
+        meets: whether the verified error is within the tolerance
+        budget: solver seconds that the recommended run may take, infinite without [s]
+        parts: (what, time, mesh, model) parts of errors
+    """
+
+    deck_name: str
+    kind: str
+    notes: list[str]
+    curves: list[Curve]
+    written: Point
+    path: list[Point]
+    chosen: Point | None = None
+    taken: list[str] = field(default_factory=list)
+    meets: bool = False
+    budget: float = math.inf
+    parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
+
+
+def pareto(points: list[Point]) -> set[int]:
+    """Return the indices of the points that no other one beats in both cost and error."""
+    front, lowest = set(), math.inf
+    for k in sorted(range(len(points)), key=lambda k: (points[k].cost, points[k].gap.largest)):
+        if points[k].gap.largest < lowest:
+            lowest = points[k].gap.largest
+            front.add(k)
+    return front
+
+
+def setting_words(study: Study, point: Point) -> str:
+    """Return a point's setting as text."""
+    if point.setting:
+        return point.setting.words(study.grid)
+    transient = point.deck.one("transient")
+    size = "tolerance" if "tolerance" in transient.values else "step"
+    return f"{transient.word('method', 'rk4')} {size} {transient.number(size):.3g}" + " s" * (size == "step")
+
+
+def orders(study: Study, made: Curve) -> list[float]:
+    """Return the observed orders of a fixed-step curve against its own finest run, where errors are far above that one's."""
+    if FAMILIES[made.family][1] == "tolerance":
+        return []
+    finest = plain_truth(made.outcomes[-1], study.truth)
+    errors = [gap(outcome, finest).largest for outcome in made.outcomes[:-1]]
+    return [math.log2(a / b) for a, b in zip(errors, errors[1:]) if b > 10.0 * made.left and a < 0.3]
+
+
+def _line(study: Study, point: Point, mark: str = "") -> str:
+    o, below = point.outcome, point.gap.largest < study.truth.uncertainty
+    left = f"{setting_words(study, point):34}  {point.gap.largest:9.2e}{'<' if below else ' '} {point.gap.rms:9.2e}"
+    right = f"{point.cost:10.4f} {o.counts.get('evaluations', 0):>11} {o.counts.get('solves', 0):>11} {o.unknowns:>8}"
+    return f"{left}  {point.gap.column:22.22} {right}  {mark:2}{point.model}"
+
+
+def _points(study: Study) -> list[str]:
+    head = (
+        f"{'setting':34}  {'error max':>9}  {'error rms':>9}  {'worst column':22} {'seconds':>10} {'evaluations':>11} "
+        f"{'solves':>11} {'unknowns':>8}  model"
+    )
+    front = pareto(study.points)
+    order = sorted(range(len(study.points)), key=lambda k: (study.points[k].model, study.points[k].cost))
+    return [head, *(_line(study, study.points[k], "*" if k in front else "") for k in order)]
+
+
+def _removals(study: Study) -> list[str]:
+    lines = [f"{'round':>5}  {'without':44} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
+    for s in study.steps:
+        seconds = f"{s.best.cost:9.4f}" if s.best else " " * 9
+        note = "taken" if s.taken else (s.note[:60] if s.note else ("" if s.effect.largest <= study.room else "too much"))
+        column = "" if s.note else s.effect.column
+        lines.append(f"{s.round:5}  {s.label:44} {s.effect.largest:9.2e} {s.effect.rms:9.2e}  {column:22.22} {seconds}  {note}")
+    return lines
+
+
+def speed_up(written: Point, chosen: Point) -> tuple[float, float]:
+    """Return how many times cheaper the second is: in seconds, in evaluations times unknowns."""
+    return written.cost / max(chosen.cost, 1.0e-6), written.outcome.work / max(chosen.outcome.work, 1)
+
+
+def verdict(study: Study, result: Result) -> str:
+    """Return the paragraph: the cheapest setting that meets the tolerance, what it costs and what it leaves out."""
+    tolerance = f"{study.tolerance:g} of each sensor's range"
+    own = f"The deck as written has an error of {result.written.gap.largest:.1e} and takes {result.written.cost:.4f} s."
+    if result.chosen is None:
+        return f"No setting that was tried meets {tolerance}. {own} The truth itself is known to {study.truth.uncertainty:.1e}."
+    seconds, work = speed_up(result.written, result.chosen)
+    model = "the model " + (" and ".join(["without: " + "; ".join(result.taken)]) if result.taken else "in full")
+    said = (
+        f"{'The cheapest setting that meets' if result.meets else 'The most accurate setting within the budget, which misses'} "
+        f"{tolerance} is {setting_words(study, result.chosen)} with {model}. "
+        f"recommended.nml was run: its error is {result.chosen.gap.largest:.1e} (worst column {result.chosen.gap.column}; the "
+        f"truth is known to {study.truth.uncertainty:.1e}), it takes {result.chosen.cost:.4f} s. {own[:-1]}: the speed-up is {seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns."
+    )
+    if math.isfinite(result.budget):
+        said += f" The budget was {result.budget:g} s."
+    return said
+
+
+def head(study: Study, result: Result) -> str:
+    """Return the comment on top of recommended.nml."""
+    lines = textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
+    lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(sorted(study.asked))}.", WIDTH - 2)
+    if not study.grid.stated:
+        lines += textwrap.wrap(
+            f"The deck as written states no output_step: a row each step. Here a row stands each {study.grid.interval:g} s.",
+            WIDTH - 2,
+        )
+    return "".join(f"! {line}\n" for line in lines) + "\n"
+
+
+def table(study: Study, result: Result) -> str:
+    """Return the text of tradeoff.txt."""
+    truth = study.truth
+    lines = [
+        f"Speed against accuracy of {result.deck_name}",
+        "",
+        *textwrap.wrap(verdict(study, result), WIDTH),
+        "",
+        f"truth ({result.kind}): {truth.words}",
+        f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (the finest levels, Richardson)",
+        *(f"  {note}" for note in result.notes),
+        f"sensors: {', '.join(sorted(study.asked))}; tolerance {study.tolerance:g} of each column's range",
+        f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
+        "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
+        "seconds: analyses alone, without start-up, median of repeats where short; evaluations of the equations of motion",
+        "",
+        "Observed orders of the fixed-step methods on the full model",
+    ]
+    for made in result.curves:
+        seen = orders(study, made)
+        if seen:
+            lines.append(f"  {made.family}: " + ", ".join(f"{order:.2f}" for order in seen))
+    if result.parts:
+        lines += ["", f"{'Parts of the error':44} {'time':>9} {'mesh':>9} {'model':>9}"]
+        lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
+    lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *_removals(study)]
+    lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study), _line(study, result.written)]
+    if result.chosen:
+        lines.append(_line(study, result.chosen))
+    return "\n".join(lines) + "\n"
