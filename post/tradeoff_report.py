@@ -116,7 +116,8 @@ def verdict(study: Study, result: Result) -> str:
         f"{'The cheapest setting that meets' if result.meets else 'The most accurate setting within the budget, which misses'} "
         f"{tolerance} is {setting_words(study, result.chosen)} with {model}. "
         f"recommended.nml was run: its error is {result.chosen.gap.largest:.1e} (worst column {result.chosen.gap.column}; the "
-        f"truth is known to {study.truth.uncertainty:.1e}), it takes {result.chosen.cost:.4f} s. {own[:-1]}: the speed-up is {seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns."
+        f"truth is known to {study.truth.uncertainty:.1e}), it takes {result.chosen.cost:.4f} s. {own[:-1]}: the speed-up is "
+        f"{seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns."
     )
     if math.isfinite(result.budget):
         said += f" The budget was {result.budget:g} s."

@@ -1,0 +1,208 @@
+"""post/tradeoff.py: what it recommends holds against references that it never saw; its edits keep the deck's words."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import deck_models
+import deck_text
+import numpy as np
+import pytest
+from compare import differences
+from conftest import REFERENCE, ROOT
+from histories import read
+
+TOOL = ROOT / "post" / "tradeoff.py"
+CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
+
+
+@pytest.fixture
+def study(biela: Path, tmp_path: Path):
+    """Return a function that runs the tool on a deck: (status, folder, stdout, stderr)."""
+
+    def run(deck: Path, *options: str, status: int | None = 0) -> tuple[int, Path, str, str]:
+        folder = tmp_path / "study"
+        command = [sys.executable, str(TOOL), str(deck), *options, "--biela", str(biela), "--output", str(folder), "--quiet"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        assert status is None or done.returncode == status, done.stdout + done.stderr
+        return done.returncode, folder, done.stdout, done.stderr
+
+    return run
+
+
+def promised(folder: Path) -> tuple[float, float, float]:
+    """Return error, speed-up in seconds and in counts from the head of recommended.nml."""
+    words = " ".join(line.lstrip("! ") for line in (folder / "recommended.nml").read_text().splitlines() if line.startswith("!"))
+    error = re.search(r"its error is ([\d.e+-]+) ", words)
+    speed = re.search(r"speed-up is ([\d.e+-]+) in seconds, ([\d.e+-]+) in evaluations", words)
+    return float(error[1]), float(speed[1]), float(speed[2])
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
+def test_recommended_deck_meets_the_tolerance_against_an_independent_solution(study, run_deck, tolerance):
+    _, folder, _, _ = study(CRANK, "--sensor", "rod", "pin", "--tolerance", str(tolerance), "--methods", "rk4")
+    done = run_deck(folder / "recommended.nml")
+    found = differences(done.history, read(REFERENCE / "vrl_ghm" / "expected.csv"), tolerance, columns=["rod", "pin.*"])
+    assert all(d.passed for d in found), found
+    error, _, counts = promised(folder)
+    assert error == pytest.approx(max(d.error for d in found), rel=0.05, abs=2e-8)
+    if tolerance == 1e-2:
+        assert counts > 5.0
+
+
+def test_all_sensors_of_the_joint_spring_scene(study, run_deck):
+    deck = REFERENCE / "viscoelastic_joint" / "deck.nml"
+    _, folder, _, _ = study(deck, "--tolerance", "1e-2", "--methods", "rk4")
+    done = run_deck(folder / "recommended.nml")
+    found = differences(done.history, read(deck.parent / "expected.csv"), 1e-2)
+    assert all(d.passed for d in found), found
+    assert promised(folder)[2] > 5.0
+
+
+def test_refined_truth_splits_the_error_and_is_met(study, run_deck):
+    _, folder, _, _ = study(CRANK, "--sensor", "rod", "pin", "--tolerance", "1e-2", "--truth", "refined", "--methods", "rk4")
+    text = (folder / "tradeoff.txt").read_text()
+    row = re.search(r"^recommended\.nml +([\d.e+-]+) +([\d.e+-]+) +([\d.e+-]+)$", text, re.MULTILINE)
+    assert 0.0 < sum(float(row[k]) for k in (1, 2, 3)) < 1.5e-2
+    fine = deck_models.refined(deck_text.read(CRANK), 3, {"rod", "pin"})
+    transient = fine.one("transient")
+    reference = run_deck(fine.set(transient, step="4e-7").text, name="fine")
+    found = differences(run_deck(folder / "recommended.nml").history, reference.history, 1e-2, columns=["rod", "pin.*"])
+    assert all(d.passed for d in found), found
+
+
+def test_curve_has_the_slope_of_the_methods_order(study):
+    _, folder, _, _ = study(CRANK, "--sensor", "mid", "--tolerance", "1e-5", "--methods", "rk4")
+    text = (folder / "tradeoff.txt").read_text()
+    seen = [float(word) for word in re.search(r"^  rk4: (.*)$", text, re.MULTILINE)[1].split(", ")]
+    assert any(abs(order - 4.0) < 0.3 for order in seen), seen
+    assert (folder / "work_precision.png").stat().st_size > 10_000
+
+
+def test_points_below_the_truths_own_uncertainty_are_marked(study):
+    _, folder, _, _ = study(CRANK, "--sensor", "rod", "--tolerance", "1e-3", "--methods", "rk4")
+    text = (folder / "tradeoff.txt").read_text()
+    uncertainty = float(re.search(r"its own uncertainty: ([\d.e+-]+) ", text)[1])
+    rows = re.findall(r"^rk4 step \S+ s +([\d.e+-]+)(<?) ", text, re.MULTILINE)
+    assert len(rows) > 10
+    for error, mark in rows:
+        assert (mark == "<") == (float(error) < uncertainty) or float(error) == pytest.approx(uncertainty, rel=0.1)
+
+
+def test_budget_takes_the_most_accurate_run_that_fits(study):
+    _, folder, told, _ = study(CRANK, "--tolerance", "1e-7", "--budget", "0.2", "--methods", "rk4", status=1)
+    assert "most accurate setting within the budget" in told.replace("\n", " ")
+    assert 1e-7 < promised(folder)[0] < 1e-1
+
+
+def test_second_study_uses_the_kept_runs(study):
+    began = time.monotonic()
+    _, folder, first, _ = study(CRANK, "--sensor", "rod", "--tolerance", "1e-3", "--methods", "rk4")
+    middle = time.monotonic()
+    kept = {path.name for path in (folder / "kept").iterdir()}
+    _, _, second, _ = study(CRANK, "--sensor", "rod", "--tolerance", "1e-3", "--methods", "rk4")
+    assert second == first
+    assert {path.name for path in (folder / "kept").iterdir()} == kept
+    assert time.monotonic() - middle < middle - began + 2.0
+
+
+def test_interrupt_keeps_what_was_run(biela: Path, tmp_path: Path):
+    command = [sys.executable, str(TOOL), str(REFERENCE / "four_bar" / "deck.nml"), "--biela", str(biela), "--output", "study"]
+    child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+    kept = tmp_path / "study" / "kept"
+    for _ in range(200):
+        time.sleep(0.05)
+        if kept.is_dir() and any(kept.glob("*.npz")):
+            break
+    child.send_signal(signal.SIGINT)
+    _, told = child.communicate(timeout=20)
+    assert child.returncode == 130
+    assert told.splitlines()[-1].startswith("tradeoff: interrupted")
+    assert "Traceback" not in told
+    assert not list(kept.glob("*.run"))
+    assert list(kept.glob("*.npz"))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "fault"),
+    [
+        (None, [], "no such file"),
+        ("&scene /\n", [], "no &sensor"),
+        ("&scene \n", [], "no closing slash"),
+        ("&sensor name='a' quantity='angle' body='b' /\n", [], "no &transient"),
+        ("good", ["--sensor", "nonsense"], "no sensor 'nonsense'"),
+        ("faulty", [], "does not run"),
+    ],
+)
+def test_faults_are_one_line(study, tmp_path, text, options, fault):
+    deck = tmp_path / "deck.nml"
+    if text in ("good", "faulty"):
+        deck.write_text(CRANK.read_text().replace("young=2.1e10", "young=2.1e10" if text == "good" else "yonug=2.1e10"))
+    elif text is not None:
+        deck.write_text(text)
+    _, _, _, told = study(deck, *options, status=2)
+    lines = told.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("tradeoff: ")
+    assert fault in lines[0] or "no method converged" in lines[0]
+
+
+COMMENTED = """! head
+&include file='inner.nml' /   ! the material
+&body name='rod' kind='beam' length=0.3 elements=4   ! four / of them & more
+      material='steel' section='s' /  ! end
+&section name='s' area=1e-4 inertia=1e-9 /
+&sensor name='a' quantity='angle' body='rod' / ! keep
+&sensor name='q' quantity='coordinate' body='rod' index=3 /
+&transient t_end=1.0 ! s
+           method='rk4' ! explicit
+           step=1e-4 /
+"""
+
+
+INNER = """&material name='steel' density=7800.0 young=2e11
+ ghm_alpha=0.5, ! slow
+ 0.2 ! fast
+ /
+"""
+
+
+def test_edits_keep_comments_and_layout(tmp_path):
+    (tmp_path / "deck.nml").write_text(COMMENTED)
+    (tmp_path / "inner.nml").write_text(INNER)
+    deck = deck_text.read(tmp_path / "deck.nml")
+    again = deck_models.with_elements(deck, "rod", 2, {"a"})
+    again = again.set(again.one("transient"), step="2e-4", output_step="1e-2")
+    again = again.set(again.one("material"), ghm_alpha="0.1")
+    for words in ("! head", "! the material", "! four / of them & more", "! end", "! keep", "! explicit", "! slow", "elements=2"):
+        assert words in again.text
+    assert again.one("transient").number("step") == 2e-4
+    assert again.one("material").numbers("ghm_alpha") == [0.1]
+    assert again.one("material").number("young") == 2e11
+    assert [s.name for s in again.all("sensor")] == ["a"]
+    assert "! dropped" in again.text
+    with pytest.raises(deck_models.ImpossibleError):
+        deck_models.with_elements(deck, "rod", 3, {"q"})
+
+
+def test_refinement_keeps_what_sensors_show(run_deck):
+    deck = deck_text.read(CRANK)
+    fine = deck_models.refined(deck, 2, {s.name for s in deck.all("sensor")})
+    coarse, finer = run_deck(deck.text), run_deck(fine.set(fine.one("transient"), step="1e-6").text, name="fine")
+    for column in ("mid.v", "qf4.q"):
+        scale = np.ptp(finer.history[column])
+        assert np.abs(coarse.history[column] - finer.history[column]).max() < 0.3 * scale
+
+
+def test_frame_cut_in_two_is_the_same_structure(run_deck):
+    deck = deck_text.read(REFERENCE / "viscoelastic_joint" / "deck.nml")
+    cut = deck_models.split_frame(deck, "lower", {"tip", "upper"})
+    one, two = run_deck(deck.text), run_deck(cut.set(cut.one("transient"), step="5e-6").text, name="cut")
+    found = differences(two.history, one.history, 1e-3, columns=["tip.*", "upper"])
+    assert all(d.passed for d in found), found
