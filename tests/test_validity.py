@@ -1,0 +1,126 @@
+"""The validity watch warns where the model no longer holds, names the body, and is silent on the near side of each limit."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+LENGTH, AREA, INERTIA, YOUNG, DENSITY = 1.0, 1.0e-4, 8.0e-10, 2.0e9, 1000.0
+EI = YOUNG * INERTIA
+FIRST = 1.87510406871196**2 * math.sqrt(EI / (DENSITY * AREA)) / LENGTH**2  # of the cantilever [rad/s]
+SILENT = "validity: deflections, spins and excited frequencies stay within what the model can tell"
+HEAD = f"""&scene title='v' /
+&material name='m' density={DENSITY} young={YOUNG} /
+&section name='s' area={AREA} inertia={INERTIA} /
+"""
+
+
+def body(name: str, more: str, elements: int = 4) -> str:
+    """Return a beam on its own ground pivot, which its node 1 keeps."""
+    return f"&body name='{name}' kind='beam' length={LENGTH} elements={elements} material='m' section='s' {more} /\n"
+
+
+def transient(t_end: float, step: float, output_step: float) -> str:
+    """Return a &transient group."""
+    return f"&transient t_end={t_end!r} method='rk4' step={step!r} output_step={output_step!r} /\n"
+
+
+def slow_force(size: float, node: int) -> str:
+    """Return a force on the beam 'b' across it, applied slowly against its first period."""
+    return (
+        "&history name='slow' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=6.0 /\n"
+        f"&force name='f' type='force' body='b' node={node} fy={size!r} history='slow' /\n"
+    )
+
+
+def told(run) -> list[str]:
+    """Return the warnings; those of the summary are the same, and where there are none it says that all is well."""
+    warnings = [line for line in run.stderr.splitlines() if "warning:" in line]
+    assert [line for line in run.summary.splitlines() if line.startswith("warning: body")] == warnings
+    assert (SILENT in run.summary) == (not warnings)
+    return warnings
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.097, False), (0.103, True)])
+def test_deflection_beyond_a_tenth_of_the_length(run_deck, share, warned):
+    force = 3 * EI * share / LENGTH**2
+    other = body("quiet", "axial=.false. reference='clamped' position=0.0,2.0") + (
+        "&joint name='o' type='weld' body_a='quiet' node_a=1 point_b=0.0,2.0 /\n"
+    )
+    deck = HEAD + body("b", "axial=.false. reference='clamped'") + "&joint name='w' type='weld' body_a='b' node_a=1 /\n"
+    lines = told(run_deck(deck + other + slow_force(force, -1) + transient(6.5, 5.0e-4, 0.02)))
+    assert len(lines) == warned
+    if warned:
+        found = re.fullmatch(r'warning: body "b" deflects by (\S+) % of its length: .*', lines[0])
+        assert float(found[1]) == pytest.approx(100 * share, rel=0.02)
+
+
+@pytest.mark.parametrize(("rotation", "warned"), [(0.195, False), (0.205, True)])
+def test_rotations_beyond_a_fifth(run_deck, rotation, warned):
+    """Pinned at both ends, pressed in the middle: the ends turn by F L^2/(16 E I)."""
+    deck = HEAD + body("b", "axial=.false.") + "&joint name='p' type='revolute' body_a='b' node_a=1 /\n"
+    deck += "&joint name='r' type='slider' body_a='b' node_a=-1 /\n"
+    lines = told(run_deck(deck + slow_force(16 * EI * rotation / LENGTH**2, 3) + transient(6.5, 5.0e-4, 0.02)))
+    assert len(lines) == warned
+    if warned:
+        found = re.fullmatch(r'warning: body "b" turns a section by (\S+) rad in its frame: .*', lines[0])
+        assert float(found[1]) == pytest.approx(rotation, abs=0.006)  # told to two digits
+
+
+@pytest.mark.parametrize(
+    ("share", "more", "warned"),
+    [
+        (0.325, "axial=.false.", False),
+        (0.345, "axial=.false.", True),
+        (0.345, "modes=3", True),
+        (0.325, "modes=3", False),
+        (0.6, "stiffening=.true.", False),
+    ],
+)
+def test_spin_beyond_a_third_of_the_first_frequency(run_deck, share, more, warned):
+    """Without stiffening; with it a fast spin is in order. The spin grows slowly, so that nothing else is passed."""
+    deck = HEAD + body("b", f"reference='clamped' {more}", elements=2) + "&joint name='p' type='revolute' body_a='b' node_a=1 /\n"
+    deck += f"&history name='s' kind='ramp' start_value=0.0 end_value={share * FIRST!r} start=0.0 finish=20.0 /\n"
+    deck += "&drive name='m' type='rotation' body_a='b' node_a=1 history='s' rate=.true. /\n"
+    lines = told(run_deck(deck + transient(21.0, 2.5e-4, 0.1)))
+    assert len(lines) == warned
+    if warned:
+        found = re.fullmatch(r'warning: body "b" spins at (\S+) of its lowest bending frequency without stiffening.*', lines[0])
+        assert float(found[1]) == pytest.approx(share, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("elements", "more", "share", "warned"),
+    [(2, "", 1.3, True), (2, "", 0.3, False), (5, "", 1.3, False), (4, "modes=2", 3.0, True), (4, "modes=5", 3.0, False)],
+)
+def test_motion_that_the_mesh_cannot_carry(run_deck, elements, more, share, warned):
+    """The base is shaken at a share of the frequency whose half wave is one of two elements (or at one beyond two modes)."""
+    carried = (math.pi / (LENGTH / 2)) ** 2 * math.sqrt(EI / (DENSITY * AREA))
+    if more == "modes=2":
+        carried = 4.69409113297417**2 * math.sqrt(EI / (DENSITY * AREA))
+    frequency = share * carried / (2 * math.pi)
+    deck = HEAD + body("b", f"reference='clamped' axial=.false. {more}", elements)
+    deck += "&joint name='guide' type='prismatic' body_a='b' node_a=1 direction=1.5707963267948966 /\n"
+    deck += f"&history name='s' kind='sine' offset=1.0e-4 amplitude=1.0e-4 frequency={frequency!r}\n phase=-1.5707963267948966 /\n"
+    deck += "&drive name='m' type='position' body_a='b' node_a=1 direction=1.5707963267948966 history='s' /\n"
+    lines = told(run_deck(deck + transient(1.0, 1.0e-4, 1.0e-3)))
+    assert len(lines) == warned
+    if warned:
+        found = re.fullmatch(r'warning: body "b" moves elastically at (\S+) rad/s, faster than its mesh or modes can .*', lines[0])
+        assert float(found[1]) > carried
+
+
+def test_one_mode_that_rings_is_carried(run_deck):
+    """A body kept with one mode rings at that mode's frequency: no warning, whatever part of a period the run ends in."""
+    deck = HEAD + body("b", "reference='clamped' modes=1")
+    deck += "&joint name='w' type='weld' body_a='b' node_a=1 /\n&force name='f' type='force' body='b' node=-1 fy=1.0e-2 /\n"
+    period = 2 * math.pi / FIRST
+    for part in (0.3, 0.6, 0.9, 1.25, 5.0):
+        assert told(run_deck(deck + transient(part * period, 1.0e-3, part * period / 50), name=f"part{part}")) == []
+
+
+def test_rigid_bodies_are_never_warned_of(run_deck):
+    deck = HEAD + body("b", "flexible=.false. angular_velocity=500.0") + "&joint name='p' type='revolute' body_a='b' node_a=1 /\n"
+    assert told(run_deck(deck + transient(0.1, 1.0e-4, 1.0e-3))) == []
