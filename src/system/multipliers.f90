@@ -69,7 +69,7 @@ contains
     self%singular = .true.
     self%f = self%s
     self%f(0, :) = self%f(0, :) + max(shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
-    call factor_band(self%n, self%kd, self%f, self%s, -huge(1.0_wp), good)
+    call factor_band(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor
 
   !> L D L^T of a band matrix in place; good is false at the first pivot below tol times its diagonal entry.
