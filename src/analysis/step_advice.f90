@@ -120,6 +120,11 @@ contains
     d%bodies(b)%nodes = d%bodies(b)%elements + 1
     d%bodies(b)%element_material = d%bodies(b)%element_material(1:d%bodies(b)%elements)
     d%bodies(b)%element_section = d%bodies(b)%element_section(1:d%bodies(b)%elements)
+    if (d%bodies(b)%reference == 'explicit') then
+      do k = 1, size(d%bodies(b)%reference_node)
+        call move(b, d%bodies(b)%reference_node(k))
+      end do
+    end if
     do k = 1, size(d%lumps)
       call move(d%lumps(k)%place%body, d%lumps(k)%place%node)
     end do
