@@ -12,7 +12,7 @@ node; z and zd (nz,) the dissipative coordinates in the order of `Scene.layout`.
 from dataclasses import dataclass, field
 
 import numpy as np
-from oracle_parts import Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck
+from oracle_parts import Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck, section_properties
 
 TINY = 1e-30  # complex step
 CIRCLE = np.exp(2j * np.pi * np.arange(16) / 16)
@@ -548,6 +548,8 @@ class Scene:
         name, quantity = record["name"], record["quantity"]
         if quantity == "reaction":
             return self.reaction(name, record.get("joint", record.get("drive")), q, multipliers)
+        if quantity == "internal":
+            return self.internal(name, record, q, v, z)
         if quantity == "spring":
             spring = next(s for s in self.springs if s.name == record["spring"])
             d, speed = float(spring.deformation(q)), gradient(spring.deformation, q) @ v
@@ -575,6 +577,27 @@ class Scene:
         radius = 0.1 / speed if speed > 0 else 1.0
         samples = place.position(q + radius * CIRCLE[:, None] * v)
         return gradient(place.position, q).T @ a + 2 * np.real((samples * CIRCLE[:, None] ** -2).mean(axis=0)) / radius**2
+
+    def internal(self, column, record, q, v, z):
+        """Return normal force, shear force, end moments and outer-fibre stress of an element: D (delta + GHM lag + b delta')."""
+        body, element = self.body[record["body"]], record["element"] - 1
+        qf, rate = self.parts(body, q)[2], self.parts(body, v)[2]
+        strain = body.deformation(qf)[element]
+        total = strain + body.drag_stiffness[element] * np.append(body.stretch[element] @ rate, body.lift[element] @ rate)
+        if body.ghm:
+            units, numbers, _, alpha, *_ = self.slots[body.name]
+            for slot in np.flatnonzero(units == element):
+                first = body.components[0] - 1
+                total[first:] = total[first:] + alpha[slot] * (strain[first:] - z[numbers[slot]])
+        normal, first_end, second_end = body.d_matrix[element] @ total
+        values = {".n": normal, ".q": -(first_end + second_end) / body.length[element], ".m1": -first_end, ".m2": second_end}
+        names = as_list(body.record["section"])
+        section = by_name(self.groups, "section")[names[element if len(names) > 1 else 0]]
+        if "shape" in section:
+            area, second = section_properties(section)
+            fibre = section[{"rectangle": "height", "circle": "diameter", "tube": "outer"}[section["shape"]]] / 2
+            values[".s"] = abs(normal) / area + max(abs(first_end), abs(second_end)) * fibre / second
+        return {column + key: value for key, value in values.items()}
 
     def reaction(self, column, name, q, multipliers):
         """Return force and moment (about place a) of a joint or drive on body_a, global axes."""

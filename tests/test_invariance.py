@@ -45,7 +45,8 @@ def test_beam_is_a_straight_frame(more, run_deck):
     as_beam = run_deck(SLIDER_CRANK.format(rod=BEAM_ROD, more=more), name="beam").history
     as_frame = run_deck(SLIDER_CRANK.format(rod=FRAME_ROD, more=more), name="frame").history
     assert np.ptp(as_beam["mid.v"]) > 1e-4
-    assert_same(as_frame, as_beam, 1e-9, MOVING)
+    assert_same(as_frame, as_beam, 1e-9, ["crank", "rod", "tip.x", "mid.*"])
+    assert_same(as_frame, as_beam, 1e-8, MOVING)
 
 
 @pytest.mark.parametrize("reference", ["pinned", "clamped"])
@@ -53,7 +54,8 @@ def test_all_modes_are_the_nodal_coordinates(reference, run_deck):
     more = f"reference='{reference}'"
     nodal = run_deck(SLIDER_CRANK.format(rod=BEAM_ROD, more=more), name="nodal").history
     modal = run_deck(SLIDER_CRANK.format(rod=BEAM_ROD, more=more + " modes=9"), name="modal").history
-    assert_same(modal, nodal, 1e-9, MOVING)
+    assert_same(modal, nodal, 1e-9, ["crank", "rod", "tip.x", "mid.*"])
+    assert_same(modal, nodal, 1e-8, MOVING)
     few = [run_deck(SLIDER_CRANK.format(rod=BEAM_ROD, more=f"{more} modes={n}"), name=f"modes{n}").history for n in (1, 3, 5)]
     errors = [np.abs(run["mid.v"] - nodal["mid.v"]).max() / np.ptp(nodal["mid.v"]) for run in few]
     assert errors[0] > errors[1] > errors[2] > 1e-9
