@@ -1,0 +1,244 @@
+#!/usr/bin/env python3
+"""Draw what a modal analysis and a frequency response left in a results folder, as PNG and PDF; no window is needed.
+
+STEM_modes: the shapes over the mechanism at the place about which they were computed (with --deck joints, links and springs
+too). STEM_poles: the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from animate import Picture
+from histories import RESULT_FILES, History, HistoryError, read
+from mechanism import Mechanism, add_deck, from_motion
+from plot import COLOURS, LOOK, axis_label, save
+
+UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
+SIZE = 0.12
+ROUNDING = 1.0e-11
+POSITIONS = "# positions:"
+KINDS = {
+    UNDAMPED: ("undamped", "o", "none"),
+    VIBRATION: ("vibration", "o", COLOURS[0]),
+    FURTHER: ("further pole of GHM", "D", COLOURS[3]),
+    REAL: ("real pole", "s", COLOURS[1]),
+}
+
+
+def positions(path: Path) -> np.ndarray:
+    """Return where frames and nodes are, from the comment of a modes file, in the order of the shapes' columns [m, rad].
+
+    Raises:
+        HistoryError: the file has no such line.
+    """
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith(POSITIONS):
+            return np.array(line[len(POSITIONS) :].split(), dtype=float)
+        if not line.startswith("#"):
+            break
+    raise HistoryError(f"{path}: has no line {POSITIONS!r}: is it a modes.txt?")
+
+
+def shapes(table: History) -> tuple[list[str], np.ndarray]:
+    """Return the names of the shapes' columns without .re, and the complex shapes, shape (rows, columns)."""
+    names = [name[: -len(".re")] for name in table.names if name.endswith(".re")]
+    return names, np.column_stack([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names])
+
+
+def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list[int]:
+    """Return the rows to draw: of each wanted mode the vibration, or where there is none the undamped mode.
+
+    Raises:
+        HistoryError: a wanted mode is not in the file.
+    """
+    rows = []
+    modes = table["mode"].astype(int)
+    kinds = table["kind"].astype(int)
+    for mode in wanted or sorted(set(modes))[:most]:
+        mine = [k for k in np.flatnonzero(modes == mode) if kinds[k] in (UNDAMPED, VIBRATION)]
+        if not mine:
+            raise HistoryError(f"{table.path}: has no mode {mode}, it has 1 to {modes.max()}")
+        rows.append(max(mine, key=lambda k: kinds[k]))
+    return rows
+
+
+def moved(table: History, row: int, deck: Path | None) -> Mechanism:
+    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2).
+
+    Raises:
+        HistoryError: the file or the deck cannot be read.
+    """
+    names, shape = shapes(table)
+    rest = positions(table.path)
+    if len(rest) != len(names):
+        raise HistoryError(f"{table.path}: {len(rest)} positions for {len(names)} shape columns")
+    points = np.array([rest[[k, k + 1]] for k, name in enumerate(names) if name.endswith(".x")])
+    extent = max(np.max(np.ptp(points, axis=0)), 1.0e-9)
+    part = SIZE * extent * shape[row].real / max(np.max(np.abs(shape[row].real)), 1.0e-300)
+    rows = np.array([[0.0, *rest], [1.0, *(rest + part)], [2.0, *(rest - part)]])
+    scene = from_motion(History(table.path, ["t", *names], {}, rows))
+    if deck:
+        add_deck(scene, deck)
+    return scene
+
+
+def caption(table: History, row: int) -> str:
+    """Return frequency and damping ratio of a row in words."""
+    frequency, ratio = table["frequency"][row], table["damping_ratio"][row]
+    text = f"mode {int(table['mode'][row])}: {frequency:.4g} Hz"
+    return text if table["kind"][row] == UNDAMPED else text + f", ζ = {ratio:.3g}"
+
+
+def draw_shapes(table: History, rows: list[int], deck: Path | None = None, title: str = "") -> plt.Figure:
+    """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
+    columns = min(3, len(rows))
+    lines = -(-len(rows) // columns)
+    with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
+        figure, axes = plt.subplots(lines, columns, figsize=(3.4 * columns, 2.7 * lines + 0.6), squeeze=False, layout="constrained")
+        for axis, row in zip(axes.flat, rows):
+            scene = moved(table, row, deck)
+            picture = Picture(axis, scene, 0.12)
+            picture.show(2)
+            ghosts = [line.get_xydata().copy() for line in picture.bodies]
+            picture.show(0)
+            ghosts += [line.get_xydata().copy() for line in picture.bodies]
+            picture.show(1)
+            picture.stamp.set_text("")
+            for k, ghost in enumerate(ghosts):
+                still = k >= len(picture.bodies)
+                axis.plot(*ghost.T, "-" if still else "--", color="#bbbbbb", lw=1.6 if still else 1.0, zorder=1)
+            axis.set_title(caption(table, row), fontsize=9)
+        for axis in axes.flat[len(rows) :]:
+            axis.axis("off")
+        figure.supxlabel("x [m]", fontsize=9)
+        figure.supylabel("y [m]", fontsize=9)
+        if title:
+            figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def smallest(values: np.ndarray, floor: np.ndarray) -> float:
+    """Return the smallest of the values above their floor, 1 where there is none."""
+    above = values[values > floor]
+    return float(above.min()) if above.size else 1.0
+
+
+def draw_poles(table: History, title: str = "") -> plt.Figure:
+    """Return a figure of the poles in the upper half plane, both axes symmetric-logarithmic."""
+    kinds = table["kind"].astype(int)
+    real, imag = table["real"], table["imag"]
+    with plt.rc_context(LOOK):
+        figure, axis = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
+        axis.set_xscale("symlog", linthresh=0.5 * smallest(np.abs(real), 1.0e-9 * np.hypot(real, imag)))
+        axis.set_yscale("symlog", linthresh=0.5 * smallest(imag, 1.0e-9 * np.hypot(real, imag)))
+        for kind, (label, marker, fill) in KINDS.items():
+            mine = kinds == kind
+            if mine.any():
+                edge = "#666666" if kind == UNDAMPED else fill
+                axis.plot(real[mine], imag[mine], marker, mfc=fill, mec=edge, ls="none", ms=6, label=label)
+        for k in np.flatnonzero(kinds == (VIBRATION if (kinds == VIBRATION).any() else UNDAMPED)):
+            axis.annotate(str(int(table["mode"][k])), (real[k], imag[k]), xytext=(5, 3), textcoords="offset points", fontsize=8)
+        axis.axvline(0.0, color="#999999", lw=0.8)
+        axis.margins(0.08)
+        axis.set_ylim(bottom=-0.15 * smallest(imag, 0.0 * imag))
+        axis.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title=title)
+        axis.legend(loc="best")
+    return figure
+
+
+def sensors(table: History, patterns: list[str] | None) -> list[str]:
+    """Return the sensor columns of a frequency response that patterns select; without patterns all that are more than rounding."""
+    names = [name[: -len(".amplitude")] for name in table.match([f"{p}.amplitude" for p in patterns or ["*"]])]
+    if patterns:
+        return names
+    largest: dict[str, float] = {}
+    for name in names:
+        unit = table.units[f"{name}.amplitude"]
+        largest[unit] = max(largest.get(unit, 0.0), float(np.max(table[f"{name}.amplitude"])))
+    return [name for name in names if np.max(table[f"{name}.amplitude"]) > ROUNDING * largest[table.units[f"{name}.amplitude"]]]
+
+
+def draw_response(table: History, names: list[str], title: str = "") -> plt.Figure:
+    """Return a figure with a column of panels for each unit: amplitude (logarithmic) above, phase below."""
+    f = table["f"]
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(table.units[f"{name}.amplitude"], []).append(name)
+    logarithmic = f[0] > 0.0 and f[-1] / f[0] > 5.0
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(
+            2 * len(groups),
+            1,
+            figsize=(8.0, 0.8 + 3.4 * len(groups)),
+            sharex=True,
+            squeeze=False,
+            layout="constrained",
+            height_ratios=[3, 2] * len(groups),
+        )
+        for k, (unit, group) in enumerate(groups.items()):
+            upper, lower = axes[2 * k : 2 * k + 2, 0]
+            for j, name in enumerate(group):
+                amplitude = np.where(table[f"{name}.amplitude"] > 0.0, table[f"{name}.amplitude"], np.nan)
+                upper.plot(f, amplitude, color=COLOURS[j % len(COLOURS)], label=name)
+                lower.plot(f, np.degrees(np.unwrap(table[f"{name}.phase"])), color=COLOURS[j % len(COLOURS)])
+            upper.set_yscale("log")
+            upper.set_ylabel(axis_label("amplitude", unit))
+            upper.legend(ncols=min(len(group), 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+            lower.set_ylabel("phase [°]")
+            lower.yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, steps=[1, 1.8, 4.5, 9, 10]))
+        if logarithmic:
+            axes[-1, 0].set_xscale("log")
+        axes[-1, 0].set_xlabel(axis_label("f", "Hz"))
+        axes[-1, 0].margins(x=0.01)
+        if title:
+            figure.suptitle(title)
+    return figure
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = argparse.ArgumentParser(prog="modes.py", description=__doc__.split("\n")[0])
+    parser.add_argument("run", type=Path, metavar="RUN", help="results folder with modes.txt, frequency_response.txt or both")
+    parser.add_argument("--deck", type=Path, help="its deck: joints, links, springs and rigid outlines are drawn too")
+    parser.add_argument("--modes", nargs="+", type=int, metavar="N", help="modes whose shapes are drawn (the first six)")
+    parser.add_argument("--columns", nargs="+", metavar="NAME", help="sensors of the response, wildcards allowed (all)")
+    parser.add_argument("--title", default="", help="written above the pictures")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="first part of the pictures' names (RUN/modal)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw as the command line asks; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    stem = args.output or args.run / "modal"
+    paths = []
+    try:
+        there = [kind for kind in ("modes", "frequency_response") if (args.run / RESULT_FILES[kind]).is_file()]
+        if not there:
+            raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
+        if "modes" in there:
+            table = read(args.run, "modes")
+            figure = draw_shapes(table, chosen_rows(table, args.modes), args.deck, args.title)
+            paths += save(figure, stem.with_name(stem.name + "_modes"))
+            paths += save(draw_poles(table, args.title), stem.with_name(stem.name + "_poles"))
+        if "frequency_response" in there:
+            table = read(args.run, "frequency_response")
+            figure = draw_response(table, sensors(table, args.columns), args.title)
+            paths += save(figure, stem.with_name(stem.name + "_response"))
+    except HistoryError as fault:
+        print(f"modes: {fault}", file=sys.stderr)
+        return 2
+    print("wrote " + ", ".join(map(str, paths)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
