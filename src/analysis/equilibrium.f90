@@ -19,6 +19,7 @@ module equilibrium
   integer, parameter :: most_halvings = 10
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
+  real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
   real(wp), parameter :: elastic_weight = 1.0e20_wp  !! keeps elastic coordinates out of the prescribed motion [-]
 
   !> What Newton's method did.
@@ -242,10 +243,12 @@ contains
       weight(i) = 1.0_wp/size_s
       associate (bo => run%sys%m%s%bodies(b))
         if (allocated(bo%dof) .and. .not. bo%modal) call rotations(bo%dof, i, 1.0_wp/size_s, weight)
+        x(i - 2:i - 1) = size_s                        ! positions are known to rounding of the size
+        x(i) = 1.0_wp
         x(i + 1:i + bo%nf) = abs(run%y(i + 1:i + bo%nf))
       end associate
     end do
-    scale = max(largest_force(run%sys%m), tiny(1.0_wp))
+    scale = maxval([least_force, largest_force(run%sys%m), abs(weight*force)])
     x = ds%times(cmplx(abs(ds%k), 0.0_wp, wp), x)
     report%noise = 8*epsilon(1.0_wp)*maxval([0.0_wp, weight*real(x(1:ds%n), wp)])/scale
     report%residual = maxval([0.0_wp, abs(weight*force)])/scale
