@@ -6,6 +6,7 @@ module mechanism_ode
   use mechanism, only: mechanism_model
   use ode_system, only: ode
   use projection, only: project
+  use singular, only: smooth_accelerations
   implicit none (type, external)
   private
 
@@ -34,6 +35,8 @@ contains
     nz = self%m%s%nz
     self%m%left = left
     call evaluate(self%m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    if (self%m%schur%singular .and. .not. self%m%redundant) call smooth_accelerations(self%m, t, y(1:nq), &
+      y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = self%m%a
     dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)

@@ -373,8 +373,9 @@ contains
     report%rank = count(.not. weak)
     report%freedoms = self%s%nq - report%rank
     if (.not. any(weak)) return
-    self%schur%singular = .true.
-    call self%schur%factor()
+    self%redundant = stays_redundant(self, q, v)
+    if (self%redundant) self%schur%shift = 1.0e-9_wp
+    call evaluate(self, 0.0_wp, q, v, none, none)
     do k = 1, self%s%rows
       if (.not. weak(k)) cycle
       call null_vector(self, k, x)
@@ -385,6 +386,36 @@ contains
       end do
     end do
   end subroutine count_freedoms
+
+  !> Whether rows depend on others also a little away from the start: along the velocities, or, at rest, along a motion that
+  !> the constraints allow. Otherwise the start is only a singular position.
+  logical function stays_redundant(self, q, v) result(yes)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), allocatable :: motion(:), none(:)
+    logical, allocatable :: weak(:)
+    real(wp) :: reach
+    integer :: k
+    allocate (none(self%s%nz), source=0.0_wp)
+    allocate (weak(self%s%rows))
+    motion = v
+    if (.not. maxval(abs(v)) > 0.0_wp) then
+      motion = [(sin(1.7_wp*k) + 0.2_wp, k=1, size(q))]
+      call evaluate(self, 0.0_wp, q, motion, none, none)
+      call row_rates(self, self%lambda)
+      call self%schur%solve(self%lambda)
+      call apply_multipliers(self, self%lambda, self%a)
+      motion = motion + self%a
+    end if
+    call evaluate(self, 0.0_wp, q, motion, none, none)
+    reach = maxval(abs(self%p%v))
+    yes = .true.
+    if (.not. reach > 1.0e-9_wp*self%s%size) return
+    motion = q + 2.0e-3_wp*self%s%size/reach*motion
+    call evaluate(self, 0.0_wp, motion, v, none, none)
+    call self%schur%weak_rows(redundant, weak)
+    yes = any(weak)
+  end function stays_redundant
 
   !> The part of the unit vector of a dependent row that lies in the null space of S.
   subroutine null_vector(self, k, x)

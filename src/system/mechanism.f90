@@ -65,6 +65,7 @@ module mechanism
     integer(ip) :: evaluations = 0              !! right-hand sides
     integer(ip) :: solves = 0                   !! banded solves of bodies
     integer(ip) :: factorisations = 0           !! of body mass matrices
+    logical :: redundant = .false.              !! some rows depend on others everywhere, not only in a singular position
     logical :: broken = .false.                 !! a condensed mass matrix lost positive definiteness
   end type mechanism_model
 

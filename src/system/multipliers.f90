@@ -9,7 +9,6 @@ module multipliers
   public :: multiplier_system
 
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot below which S is treated as singular [-]
-  real(wp), parameter :: shift = 1.0e-9_wp        !! eps of theory.md, section 6, relative to the mean diagonal [-]
   integer, parameter :: most_passes = 8           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
@@ -20,6 +19,8 @@ module multipliers
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
     real(wp), allocatable :: f(:, :)           !! (0:kd, n) L below the diagonal, 1/D on it
+    real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
+                                               !! everywhere; larger in passing, where the weak direction must not move [-]
     logical :: singular = .false.              !! the factor is that of S + eps 1
     real(wp), allocatable :: x(:), r(:), best(:)   !! (n) work
   contains
@@ -68,7 +69,7 @@ contains
     if (good) return
     self%singular = .true.
     self%f = self%s
-    self%f(0, :) = self%f(0, :) + max(shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
+    self%f(0, :) = self%f(0, :) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
     call factor_band(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor
 

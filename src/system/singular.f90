@@ -1,0 +1,94 @@
+!> Accelerations where a mechanism passes through a singular position: constraint rows become dependent for an instant (a
+!> parallelogram in line), the minimum-norm solution then also follows the other branch of motion. The motion that arrives
+!> there has a smooth acceleration; it is recovered from states a little before and after on the same branch, by symmetric
+!> differences of fourth order. Rows that are redundant everywhere are not of this kind and keep their minimum norm.
+module singular
+  use kinds, only: wp
+  use dynamics, only: evaluate
+  use mechanism, only: mechanism_model
+  use projection, only: project
+  implicit none (type, external)
+  private
+  public :: smooth_accelerations
+
+  real(wp), parameter :: reach = 4.0e-3_wp      !! motion to the neighbouring states, relative to the scene's size [-]
+  real(wp), parameter :: steady = 0.05_wp       !! largest change of velocity on the way, relative to the velocity [-]
+  integer, parameter :: rounds = 3              !! the accelerations used to get there are improved as often
+  real(wp), parameter :: offsets(4) = [-1.0_wp, 1.0_wp, -2.0_wp, 2.0_wp]               !! of the states, in steps [-]
+  real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
+
+contains
+
+  !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
+  !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes.
+  subroutine smooth_accelerations(m, t, q, v, z, zd)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                   !! [s]
+    real(wp), intent(in) :: q(:), v(:)          !! (nq) the evaluated state
+    real(wp), intent(in) :: z(:), zd(:)         !! (nz)
+    real(wp), allocatable :: a(:), lambda(:)
+    real(wp) :: s, power, speed
+    logical :: ok
+    integer :: round
+    speed = maxval(abs(m%p%v))
+    if (.not. speed > 0.0_wp) return
+    s = reach*m%s%size/speed
+    a = m%a
+    lambda = m%lambda
+    power = m%input_power
+    if (s*maxval(abs(frame_part(m, a))) > steady*speed) return
+    do round = 1, rounds
+      call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
+      if (.not. ok) exit
+    end do
+    call evaluate(m, t, q, v, z, zd)
+    if (.not. ok) return
+    m%a = a
+    m%lambda = lambda
+    m%input_power = power
+  end subroutine smooth_accelerations
+
+  !> Accelerations of the frames as velocities' changes: positions, and angles times the size.
+  pure function frame_part(m, a) result(x)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: a(:)
+    real(wp) :: x(3*size(m%s%bodies))           !! [m/s2]
+    integer :: b
+    do b = 1, size(m%s%bodies)
+      x(3*b - 2:3*b) = a(m%s%qo(b) + 1:m%s%qo(b) + 3)
+      x(3*b) = x(3*b)*m%s%size
+    end do
+  end function frame_part
+
+  !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
+  subroutine mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
+    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
+    real(wp), intent(inout) :: a(:)             !! accelerations, improved
+    real(wp), intent(out) :: lambda(:)          !! multipliers [N]
+    real(wp), intent(out) :: power              !! [W]
+    logical, intent(out) :: ok
+    real(wp), allocatable :: qn(:), vn(:), zn(:), mean(:)
+    real(wp) :: h
+    integer :: k
+    allocate (mean(size(a)), source=0.0_wp)
+    lambda = 0.0_wp
+    power = 0.0_wp
+    do k = 1, size(offsets)
+      h = offsets(k)*s
+      qn = q + h*v + 0.5_wp*h**2*a
+      vn = v + h*a
+      zn = z + h*zd
+      call evaluate(m, t + h, qn, vn, zn, zd)
+      ok = .not. m%schur%singular .and. .not. m%broken
+      if (ok) call project(m, t + h, qn, vn, zn, zd, ok)
+      if (.not. ok) return
+      call evaluate(m, t + h, qn, vn, zn, zd)
+      mean = mean + weights(k)*m%a
+      lambda = lambda + weights(k)*m%lambda
+      power = power + weights(k)*m%input_power
+    end do
+    a = mean
+  end subroutine mean_of_neighbours
+end module singular
