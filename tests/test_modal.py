@@ -349,6 +349,16 @@ def test_spring_between_two_nodes_of_bodies_and_modal_bodies(modes_of):
     np.testing.assert_allclose(whole.poles[whole.kind == VIBRATION], nodal.poles[nodal.kind == VIBRATION], rtol=1e-8)
 
 
+def test_the_finest_mesh_does_not_lose_the_lowest_mode_to_rounding(modes_of):
+    modes = modes_of(beam(400, ghm=GHM[1], modes=3))
+    undamped = bending(modes, 3)
+    np.testing.assert_allclose(undamped, ROOTS["clamped-free"] ** 2 * UNIT, rtol=1e-9)
+    for s in modes.damped():
+        ratio = 0.5 * (s**2 + 4000.0 * s) / (s**2 + 4000.0 * s + 1e6)
+        parts = np.abs(s**2 + undamped**2 * (1.0 + ratio)) / (abs(s) ** 2 + undamped**2 * (1.0 + abs(ratio)))
+        assert np.min(parts) < 1e-9
+
+
 def test_large_systems_give_the_frequencies_of_the_closed_form(modes_of):
     found = bending(modes_of(beam(150, modes=12)), 3)
     np.testing.assert_allclose(found, ROOTS["clamped-free"] ** 2 * UNIT, rtol=1e-7)

@@ -4,7 +4,7 @@
 !> has been found before is divided out (Maehly).
 module complex_modes
   use kinds, only: wp
-  use dynamic_stiffness, only: stiffness_system
+  use dynamic_stiffness, only: stiffness_system, modulus_ratio, modulus_slope
   use lapack, only: dgeev
   use natural_modes, only: natural_subspace, rounding_level
   use scalar_modes, only: scalar_roots
@@ -276,7 +276,39 @@ contains
       before = abs(step)
     end do
     x = u(1:size(x))/norm2(abs(u(1:size(x))))
+    if (ok .and. ds%symmetric) call rayleigh(ds, padded(ds, x), damping, lambda)
   end subroutine newton
+
+  !> The root of x^T T(lambda) x near lambda: of second order in the error of x where T is symmetric, and free of the
+  !> rounding that the factorisation of a nearly singular T leaves in Newton's root.
+  subroutine rayleigh(ds, x, damping, lambda)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: x(:)                    !! (n+rows), multipliers zero
+    real(wp), intent(in) :: damping
+    complex(wp), intent(inout) :: lambda
+    complex(wp) :: m, c, k, part(size(ds%groups)), f, df, step
+    integer :: pass, r
+    m = sum(x*ds%times(cmplx(ds%m, 0.0_wp, wp), x))
+    c = damping*sum(x*ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), x))
+    k = sum(x*ds%stiffness_product(x, 0))
+    do r = 1, size(part)
+      part(r) = damping*sum(x*ds%stiffness_product(x, r))
+    end do
+    do pass = 1, 4
+      f = m*lambda**2 + c*lambda + k
+      df = 2*m*lambda + c
+      do r = 1, size(part)
+        associate (p => ds%groups(r))
+          f = f + part(r)*modulus_ratio(p%alpha, p%zeta, p%omega, lambda)
+          df = df + part(r)*modulus_slope(p%alpha, p%zeta, p%omega, lambda)
+        end associate
+      end do
+      step = -f/df
+      if (.not. abs(step) <= 1.0e-4_wp*abs(lambda)) return   ! no polish: the shape is not that of this root
+      lambda = lambda + step
+      if (abs(step) <= epsilon(1.0_wp)*abs(lambda)) return
+    end do
+  end subroutine rayleigh
 
   !> Sum of 1/(lambda - known poles).
   pure complex(wp) function known_slope(modes, lambda, damping) result(slope)

@@ -7,6 +7,7 @@
 !> pattern; each s costs one structured factorisation (`bordered`).
 module dynamic_stiffness
   use kinds, only: wp
+  use accurate_product, only: add_accurate
   use bordered, only: bordered_system
   use linearisation, only: linear_mechanism
   use mechanism, only: mechanism_model
@@ -16,6 +17,8 @@ module dynamic_stiffness
   private
   public :: stiffness_system, ghm_group, modulus_ratio, modulus_slope
 
+  integer, parameter :: whole = 0, static_part = 1, symmetric_part = 2   !! T(s); K + shift M; its symmetric part
+
   !> Entries that one set of GHM terms multiplies.
   type :: ghm_group
     real(wp), allocatable :: alpha(:)          !! [-]
@@ -23,6 +26,7 @@ module dynamic_stiffness
     real(wp), allocatable :: omega(:)          !! [rad/s]
     integer, allocatable :: entry(:)           !! entries of the pattern
     real(wp), allocatable :: value(:)          !! K_r there
+    real(wp), allocatable :: low(:)            !! what rounding took from it
   end type ghm_group
 
   !> The system.
@@ -34,6 +38,7 @@ module dynamic_stiffness
     integer, allocatable :: row(:), col(:)     !! (entries), sorted by column, then row
     integer, allocatable :: mirror(:)          !! (entries) the transposed entry
     real(wp), allocatable :: m(:), c(:), k(:)  !! (entries) mass, damping with gyroscopic terms, stiffness at E_R
+    real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed
     real(wp), allocatable :: gyro(:)           !! (entries) skew part of c
     real(wp), allocatable :: joint(:)          !! (entries) J and J^T
     type(ghm_group), allocatable :: groups(:)
@@ -43,6 +48,9 @@ module dynamic_stiffness
     logical :: symmetric = .false.             !! no gyroscopic terms, K symmetric
     logical :: damped = .false.                !! C has a symmetric part, or there are GHM terms
     integer :: factorisations = 0
+    complex(wp), private :: s = (0.0_wp, 0.0_wp)        !! present s [1/s]
+    real(wp), private :: damping = 0.0_wp      !! present fraction of damping [-]
+    integer, private :: part = whole           !! what is set: one of the three below
   contains
     procedure :: build
     procedure :: set
@@ -50,6 +58,9 @@ module dynamic_stiffness
     procedure :: factor
     procedure :: solve
     procedure :: times
+    procedure :: balance
+    procedure :: stiffness_times
+    procedure :: stiffness_product
     procedure :: entry
   end type stiffness_system
 
@@ -96,12 +107,12 @@ contains
     allocate (number_of(lin%rows), source=0)
     number_of(self%active) = [(self%n + k, k=1, self%rows)]
     call make_pattern(self, lin, number_of)
-    allocate (self%m(size(self%row)), self%c(size(self%row)), self%k(size(self%row)), self%joint(size(self%row)), &
-              source=0.0_wp)
+    allocate (self%m(size(self%row)), self%c(size(self%row)), self%k(size(self%row)), self%k_low(size(self%row)), &
+              self%joint(size(self%row)), source=0.0_wp)
     allocate (self%values(size(self%row)), self%slope(size(self%row)))
     call gather(self, lin%mass, self%m)
     call gather(self, lin%damping, self%c)
-    call gather(self, lin%stiffness, self%k)
+    call gather(self, lin%stiffness, self%k, self%k_low)
     do k = 1, lin%jacobian%count
       if (number_of(lin%jacobian%rows(k)) == 0) cycle
       b = self%entry(number_of(lin%jacobian%rows(k)), lin%jacobian%cols(k))
@@ -188,15 +199,21 @@ contains
     e = low
   end function entry
 
-  !> Sums a matrix's entries on the pattern.
-  subroutine gather(self, a, values)
+  !> Sums a matrix's entries on the pattern, and where asked what rounding takes away (Knuth's error-free sum).
+  subroutine gather(self, a, values, low)
     class(stiffness_system), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
     real(wp), intent(inout) :: values(:)
+    real(wp), intent(inout), optional :: low(:)
+    real(wp) :: x, s, t
     integer :: k, e
     do k = 1, a%count
       e = self%entry(a%rows(k), a%cols(k))
-      values(e) = values(e) + a%values(k)
+      x = a%values(k)
+      s = values(e) + x
+      t = s - values(e)
+      if (present(low)) low(e) = low(e) + ((values(e) - (s - t)) + (x - t))
+      values(e) = s
     end do
   end subroutine gather
 
@@ -205,11 +222,11 @@ contains
     class(stiffness_system), intent(inout) :: self
     type(linear_mechanism), intent(in) :: lin
     type(ghm_group), allocatable :: groups(:)
-    real(wp), allocatable :: values(:)
+    real(wp), allocatable :: values(:), low(:)
     logical, allocatable :: done(:)
     integer :: k, j, n, e
     allocate (groups(size(lin%runs)), done(size(lin%runs)))
-    allocate (values(size(self%row)), source=0.0_wp)
+    allocate (values(size(self%row)), low(size(self%row)), source=0.0_wp)
     done = .false.
     n = 0
     do k = 1, size(lin%runs)
@@ -219,13 +236,15 @@ contains
       groups(n)%zeta = lin%runs(k)%zeta
       groups(n)%omega = lin%runs(k)%omega
       values = 0.0_wp
+      low = 0.0_wp
       do j = k, size(lin%runs)
         if (done(j) .or. .not. same_terms(lin, k, j)) cycle
         done(j) = .true.
-        call gather(self, lin%runs(j)%stiffness, values)
+        call gather(self, lin%runs(j)%stiffness, values, low)
       end do
       groups(n)%entry = pack([(e, e=1, size(values))], abs(values) > 0.0_wp)
       groups(n)%value = values(groups(n)%entry)
+      groups(n)%low = low(groups(n)%entry)
     end do
     self%groups = groups(1:n)
   end subroutine make_groups
@@ -262,6 +281,9 @@ contains
     real(wp), intent(in) :: damping            !! 1: all, 0: the undamped system [-]
     complex(wp) :: g, dg
     integer :: r, k
+    self%s = s
+    self%damping = damping
+    self%part = whole
     associate (c => self%gyro + damping*(self%c - self%gyro))
       self%values = s**2*self%m + s*c + self%k + self%joint
       self%slope = 2*s*self%m + c
@@ -284,6 +306,9 @@ contains
     class(stiffness_system), intent(inout) :: self
     real(wp), intent(in) :: shift              !! [1/s2]
     logical, intent(in) :: symmetric
+    self%s = sqrt(cmplx(shift, 0.0_wp, wp))
+    self%damping = 0.0_wp
+    self%part = merge(symmetric_part, static_part, symmetric)
     if (symmetric) then
       self%values = shift*self%m + 0.5_wp*(self%k + self%k(self%mirror)) + self%joint
     else
@@ -307,11 +332,37 @@ contains
     b = x
     call self%solver%solve(x)
     do pass = 1, 2
-      r = b - self%times(self%values, x)
+      r = b - self%balance(x)
       call self%solver%solve(r)
       x = x + r
     end do
   end subroutine solve
+
+  !> The bordered matrix times x, the stiffness summed in twice the working precision.
+  pure function balance(self, x) result(y)
+    class(stiffness_system), intent(in) :: self
+    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    complex(wp) :: y(size(x)), g
+    integer :: r
+    if (self%part == whole) then
+      y = self%times(self%s**2*self%m + self%s*(self%gyro + self%damping*(self%c - self%gyro)) + self%joint, x)
+    else
+      y = self%times(cmplx(real(self%s**2, wp)*self%m + self%joint, 0.0_wp, wp), x)
+    end if
+    if (self%part == symmetric_part) then
+      call add_accurate(self%row, self%col, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
+      call add_accurate(self%col, self%row, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
+    else
+      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
+    end if
+    if (self%damping <= 0.0_wp) return
+    do r = 1, size(self%groups)
+      associate (p => self%groups(r))
+        g = self%damping*modulus_ratio(p%alpha, p%zeta, p%omega, self%s)
+        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%low, g, x, y)
+      end associate
+    end do
+  end function balance
 
   !> A x for entries given on the pattern.
   pure function times(self, values, x) result(y)
@@ -327,4 +378,38 @@ contains
       end do
     end do
   end function times
+
+  !> K x, or K_r x of a group, summed in twice the working precision.
+  pure function stiffness_product(self, x, group) result(y)
+    class(stiffness_system), intent(in) :: self
+    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    integer, intent(in) :: group               !! 0: K at E_R
+    complex(wp) :: y(size(x))
+    y = 0.0_wp
+    if (group == 0) then
+      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
+    else
+      associate (p => self%groups(group))
+        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%low, (1.0_wp, 0.0_wp), x, y)
+      end associate
+    end if
+  end function stiffness_product
+
+  !> K x of mechanical unknowns, accurately; the transpose's where asked.
+  pure function stiffness_times(self, x, transposed) result(y)
+    class(stiffness_system), intent(in) :: self
+    real(wp), intent(in) :: x(:)               !! (n)
+    logical, intent(in) :: transposed
+    real(wp) :: y(size(x))
+    complex(wp) :: z(self%n + self%rows), kz(self%n + self%rows)
+    z = 0.0_wp
+    z(1:self%n) = x
+    kz = 0.0_wp
+    if (transposed) then
+      call add_accurate(self%col, self%row, self%k, self%k_low, (1.0_wp, 0.0_wp), z, kz)
+    else
+      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), z, kz)
+    end if
+    y = real(kz(1:self%n), wp)
+  end function stiffness_times
 end module dynamic_stiffness

@@ -58,7 +58,7 @@ contains
       end associate
     end do
     do pass = 1, p                            ! what Rayleigh-Ritz blurs by the largest frequency
-      omega2(pass) = dot_product(x(:, pass), real_product(ds, ds%k, x(:, pass)))
+      omega2(pass) = dot_product(x(:, pass), ds%stiffness_times(x(:, pass), .false.))
     end do
     ok = settled_yet
   end subroutine natural_subspace
@@ -126,7 +126,7 @@ contains
     call orthonormalise(ds, x, ok)
     if (.not. ok) return
     do j = 1, p
-      kx(:, j) = 0.5_wp*(real_product(ds, ds%k, x(:, j)) + real_product(ds, ds%k(ds%mirror), x(:, j)))
+      kx(:, j) = 0.5_wp*(ds%stiffness_times(x(:, j), .false.) + ds%stiffness_times(x(:, j), .true.))
     end do
     h = matmul(transpose(x), kx)
     h = 0.5_wp*(h + transpose(h))

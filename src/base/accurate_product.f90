@@ -1,0 +1,52 @@
+!> Sparse products summed in twice the working precision (Dekker 1971, Knuth: error-free product and sum). The stiffness of a
+!> fine mesh cancels almost wholly in K x: plain sums lose n^4 roundings of the lowest mode of n elements, these lose none.
+module accurate_product
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+  public :: add_accurate
+
+  real(wp), parameter :: splitter = 134217729.0_wp    !! 2^27 + 1 [-]
+
+contains
+
+  !> y = y + scale A x for a real matrix given by its entries.
+  pure subroutine add_accurate(rows, cols, values, rest, scale, x, y)
+    integer, intent(in) :: rows(:), cols(:)           !! (entries)
+    real(wp), intent(in) :: values(:)                 !! (entries)
+    real(wp), intent(in) :: rest(:)                   !! (entries) what rounding took from the values
+    complex(wp), intent(in) :: scale                  !! [-]
+    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(inout) :: y(:)
+    real(wp) :: high(2, size(y)), low(2, size(y))
+    integer :: k
+    high = 0.0_wp
+    low = 0.0_wp
+    do k = 1, size(values)
+      if (abs(values(k)) <= 0.0_wp) cycle
+      call add_product(values(k), x(cols(k))%re, high(1, rows(k)), low(1, rows(k)))
+      call add_product(values(k), x(cols(k))%im, high(2, rows(k)), low(2, rows(k)))
+      low(1, rows(k)) = low(1, rows(k)) + rest(k)*x(cols(k))%re
+      low(2, rows(k)) = low(2, rows(k)) + rest(k)*x(cols(k))%im
+    end do
+    y = y + scale*cmplx(high(1, :) + low(1, :), high(2, :) + low(2, :), wp)
+  end subroutine add_accurate
+
+  !> high + low = high + low + a b, the roundings of product and sum kept in low.
+  pure elemental subroutine add_product(a, b, high, low)
+    real(wp), intent(in) :: a, b
+    real(wp), intent(inout) :: high, low
+    real(wp) :: p, s, t, ah, al, bh, bl
+    p = a*b
+    ah = splitter*a
+    ah = ah - (ah - a)
+    al = a - ah
+    bh = splitter*b
+    bh = bh - (bh - b)
+    bl = b - bh
+    s = high + p
+    t = s - high
+    low = low + (((high - (s - t)) + (p - t)) + (((ah*bh - p) + ah*bl + al*bh) + al*bl))
+    high = s
+  end subroutine add_product
+end module accurate_product
