@@ -5,6 +5,7 @@ module build_scene
   use deck_records, only: deck, place_record, joint_record, drive_record, history_record, force_record, spring_record
   use build_bodies, only: build_body
   use body, only: body_model
+  use body_setup, only: body_length
   use constraint, only: constraint_model
   use distance_joint, only: distance_model
   use history, only: history_function, corner, fit_table, kind_polynomial, kind_sine, kind_ramp, kind_cycloid, &
@@ -122,61 +123,98 @@ contains
   end function find_place
 
   !> The scene's size S: the largest distance between two places, nodes or mass centres of one body, or between two
-  !> places on the ground (deck.md).
+  !> places on the ground (deck.md). Frames on which drives, torques and torsional springs act are not places.
   function scene_size(d, s) result(size_s)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
     real(wp) :: size_s                      !! [m]
-    real(wp), allocatable :: box(:, :)      !! (4, 0:nb) extremes of the points of each body [m]
-    integer :: k
-    allocate (box(4, 0:size(s%bodies)))
-    box(1:2, :) = huge(1.0_wp)
-    box(3:4, :) = -huge(1.0_wp)
-    do k = 1, size(s%bodies)
-      call widen(box(:, k), s%bodies(k)%i1/s%bodies(k)%mass)
-    end do
-    do k = 1, size(d%joints)
-      call widen_place(box, d%joints(k)%a)
-      call widen_place(box, d%joints(k)%b)
-    end do
-    do k = 1, size(d%drives)
-      call widen_place(box, d%drives(k)%a)
-      call widen_place(box, d%drives(k)%b)
-    end do
-    do k = 1, size(d%springs)
-      call widen_place(box, d%springs(k)%a)
-      call widen_place(box, d%springs(k)%b)
-    end do
-    do k = 1, size(d%forces)
-      call widen_place(box, d%forces(k)%place)
-    end do
-    do k = 1, size(d%sensors)
-      if (d%sensors(k)%place%body > 0) call widen_place(box, d%sensors(k)%place)
-    end do
+    real(wp), allocatable :: points(:, :)   !! (2, n) points of one body [m]
+    type(place_record), allocatable :: list(:)
+    integer, allocatable :: first(:), sorted(:)
+    integer :: b, k, n
+    call list_points(d, list)
+    call sort_by_body(list%body, size(s%bodies), first, sorted)
     size_s = 0.0_wp
-    do k = 0, size(s%bodies)
-      if (k > 0) size_s = max(size_s, s%bodies(k)%length)
-      if (box(1, k) <= box(3, k)) size_s = max(size_s, hypot(box(3, k) - box(1, k), box(4, k) - box(2, k)))
+    do b = 0, size(s%bodies)
+      n = first(b + 1) - first(b)
+      allocate (points(2, n + 1))
+      do k = 1, n
+        points(:, k) = list(sorted(first(b) + k - 1))%point
+      end do
+      if (b > 0) then
+        points(:, n + 1) = s%bodies(b)%i1/s%bodies(b)%mass
+        size_s = max(size_s, body_length(reshape([s%bodies(b)%x, points], [2, s%bodies(b)%nn + n + 1])))
+      else
+        size_s = max(size_s, body_length(points(:, 1:n)))
+      end if
+      deallocate (points)
     end do
     if (size_s > 0.0_wp) return
     size_s = maxval(sqrt(s%bodies%i11/s%bodies%mass))     ! one body held at its mass centre: radius of gyration
     if (.not. size_s > 0.0_wp) size_s = 1.0_wp
   end function scene_size
 
-  !> Widens a body's box by a place that is a point.
-  pure subroutine widen_place(box, r)
-    real(wp), intent(inout) :: box(:, 0:)
-    type(place_record), intent(in) :: r
-    if (r%node == 0) call widen(box(:, r%body), r%point)
-  end subroutine widen_place
+  !> All places that are points, nodes left out (bodies know their nodes).
+  subroutine list_points(d, list)
+    type(deck), intent(in) :: d
+    type(place_record), allocatable, intent(out) :: list(:)
+    integer :: k, n
+    allocate (list(2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces) + size(d%sensors)))
+    n = 0
+    do k = 1, size(d%joints)
+      call put(d%joints(k)%a)
+      call put(d%joints(k)%b)
+    end do
+    do k = 1, size(d%drives)
+      if (d%drives(k)%type == 'rotation') cycle
+      call put(d%drives(k)%a)
+      call put(d%drives(k)%b)
+    end do
+    do k = 1, size(d%springs)
+      if (d%springs(k)%type == 'torsional') cycle
+      call put(d%springs(k)%a)
+      call put(d%springs(k)%b)
+    end do
+    do k = 1, size(d%forces)
+      if (d%forces(k)%type /= 'torque') call put(d%forces(k)%place)
+    end do
+    do k = 1, size(d%sensors)
+      if (any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration'])) &
+        call put(d%sensors(k)%place)
+    end do
+    list = list(1:n)
+  contains
+    !> Adds a place that is a point.
+    subroutine put(place)
+      type(place_record), intent(in) :: place
+      if (place%node > 0) return
+      n = n + 1
+      list(n) = place
+    end subroutine put
+  end subroutine list_points
 
-  !> Widens a box by a point.
-  pure subroutine widen(box, x)
-    real(wp), intent(inout) :: box(4)
-    real(wp), intent(in) :: x(2)
-    box(1:2) = min(box(1:2), x)
-    box(3:4) = max(box(3:4), x)
-  end subroutine widen
+  !> Numbers of the entries of each body (0: the ground), body after body.
+  pure subroutine sort_by_body(body, nb, first, sorted)
+    integer, intent(in) :: body(:), nb
+    integer, allocatable, intent(out) :: first(:)    !! (0:nb+1) first entry of each body in sorted
+    integer, allocatable, intent(out) :: sorted(:)
+    integer, allocatable :: fill(:)
+    integer :: k
+    allocate (first(0:nb + 1), source=0)
+    allocate (sorted(size(body)))
+    do k = 1, size(body)
+      first(body(k) + 1) = first(body(k) + 1) + 1
+    end do
+    first(0) = 1
+    do k = 1, nb + 1
+      first(k) = first(k) + first(k - 1)
+    end do
+    allocate (fill(0:nb), source=first(0:nb))
+    do k = 1, size(body)
+      sorted(fill(body(k))) = k
+      fill(body(k)) = fill(body(k)) + 1
+    end do
+  end subroutine sort_by_body
 
   !> Joints, then drives, with their rows numbered.
   subroutine build_constraints(d, s, places, faults)

@@ -263,20 +263,17 @@ contains
     b%runs = runs(1:n)
   end subroutine sort_runs
 
-  !> Largest distance between two nodes [m] (of the box for bodies of many nodes: within a factor sqrt 2 there).
+  !> Largest distance between two points [m].
   pure function body_length(x) result(length)
     real(wp), intent(in) :: x(:, :)      !! (2, n) [m]
-    real(wp) :: length
+    real(wp) :: length, far
     integer :: i, j
-    length = 0.0_wp
-    if (size(x, 2) <= 2000) then
-      do i = 1, size(x, 2)
-        do j = 1, i - 1
-          length = max(length, hypot(x(1, i) - x(1, j), x(2, i) - x(2, j)))
-        end do
+    far = 0.0_wp
+    do i = 2, size(x, 2)
+      do j = 1, i - 1
+        far = max(far, (x(1, i) - x(1, j))**2 + (x(2, i) - x(2, j))**2)
       end do
-    else if (size(x, 2) > 0) then
-      length = hypot(maxval(x(1, :)) - minval(x(1, :)), maxval(x(2, :)) - minval(x(2, :)))
-    end if
+    end do
+    length = sqrt(far)
   end function body_length
 end module body_setup
