@@ -30,20 +30,27 @@ contains
     real(wp), intent(in) :: y(:)
     logical, intent(in) :: left
     real(wp), intent(out) :: dy(:)
-    integer :: nq, nz
-    nq = self%m%s%nq
-    nz = self%m%s%nz
     self%m%left = left
-    call evaluate(self%m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
-    if (self%m%schur%singular .and. .not. self%m%redundant) call smooth_accelerations(self%m, t, y(1:nq), &
-      y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
-    dy(1:nq) = y(nq + 1:2*nq)
-    dy(nq + 1:2*nq) = self%m%a
-    dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)
-    dy(2*nq + nz + 1:2*nq + 2*nz) = self%m%zdd
-    dy(2*nq + 2*nz + 1) = self%m%dissipated_power
-    dy(2*nq + 2*nz + 2) = self%m%input_power
+    call state_rates(self%m, self%m%s%nq, self%m%s%nz, t, y, dy)
   end subroutine mechanism_derivative
+
+  !> The same, with the parts of the state apart.
+  subroutine state_rates(m, nq, nz, t, y, dy)
+    type(mechanism_model), intent(inout) :: m
+    integer, intent(in) :: nq, nz
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in) :: y(2*nq + 2*nz + 2)
+    real(wp), intent(out) :: dy(2*nq + 2*nz + 2)
+    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, t, y(1:nq), y(nq + 1:2*nq), &
+                                                           y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    dy(1:nq) = y(nq + 1:2*nq)
+    dy(nq + 1:2*nq) = m%a
+    dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)
+    dy(2*nq + nz + 1:2*nq + 2*nz) = m%zdd
+    dy(2*nq + 2*nz + 1) = m%dissipated_power
+    dy(2*nq + 2*nz + 2) = m%input_power
+  end subroutine state_rates
 
   !> Projects an accepted state; refuses states that are not finite.
   subroutine mechanism_accept(self, t, y, ok)

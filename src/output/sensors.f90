@@ -102,9 +102,9 @@ contains
   subroutine read_sensors(list, m, q, v, z, values)
     type(sensor_list), intent(inout) :: list
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)        !! (nq)
-    real(wp), intent(in) :: z(:)              !! (nz)
-    real(wp), intent(out) :: values(:)        !! (columns)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: z(:)          !! (nz)
+    real(wp), intent(out), contiguous :: values(:)        !! (columns)
     integer :: k, b, i, n
     do k = 1, size(list%records)
       associate (r => list%records(k), x => values(list%first(k):))

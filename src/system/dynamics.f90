@@ -4,10 +4,12 @@
 module dynamics
   use kinds, only: wp
   use banded, only: band_solve_two
-  use mechanism, only: mechanism_model, flexible_attachments
+  use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frame, &
+                          push_elastic, apply_multipliers, solve_frame
+  use mechanism, only: mechanism_model, factor_frame
   use modal_kernel, only: modal_forces
   use nodal_kernel, only: nodal_forces
-  use place, only: place_model, place_states
+  use place_motion, only: set_frames, place_kinematics, one_place
   implicit none (type, external)
   private
   public :: evaluate, place_kinematics, one_place, constraint_values, row_rates, condense_constraints, &
@@ -19,8 +21,8 @@ contains
   subroutine evaluate(self, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: q(:), v(:)      !! (nq) positions and velocities
-    real(wp), intent(in) :: z(:), zd(:)     !! (nz) dissipative coordinates and rates
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
     integer :: b
     self%evaluations = self%evaluations + 1
     self%t = t
@@ -29,11 +31,12 @@ contains
     self%dissipated_power = 0.0_wp
     self%input_power = 0.0_wp
     call applied_forces(self, t, q, z, zd)
-    do b = 1, size(self%s%bodies)
-      if (self%s%bodies(b)%flexible) then
+    do b = 1, size(self%c)
+      if (self%flexible(b)) then
         call flexible_body(self, b, q, v, z, zd)
       else
-        call rigid_body(self, b, v(self%s%qo(b) + 3))
+        call rigid_body(self%rigid(:, b), self%c(b), self%sn(b), self%s%gravity, v(self%s%qo(b) + 3), self%pin(:, b), &
+                        self%rhs(:, b), self%low(:, b), self%dinv(:, b))
       end if
     end do
     call point_forces(self)
@@ -45,76 +48,12 @@ contains
     call accelerations(self)
   end subroutine evaluate
 
-  !> Cosines and sines of the frame angles.
-  pure subroutine set_frames(self, q)
-    type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: q(:)            !! (nq)
-    integer :: b
-    do b = 1, size(self%s%bodies)
-      self%c(b) = cos(q(self%s%qo(b) + 3))
-      self%sn(b) = sin(q(self%s%qo(b) + 3))
-    end do
-  end subroutine set_frames
-
-  !> States of all places.
-  pure subroutine place_kinematics(self, q, v)
-    type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: q(:), v(:)      !! (nq)
-    integer :: k, b, i, n
-    do k = 1, size(self%s%places)
-      b = self%s%places(k)%body
-      if (b == 0) cycle
-      i = self%s%qo(b)
-      n = self%s%bodies(b)%nf
-      call one_place(self%s%places(k), self%c(b), self%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
-                     v(i + 4:i + 3 + n), self%p, k)
-    end do
-  end subroutine place_kinematics
-
-  !> State of one place (theory.md, section 6).
-  pure subroutine one_place(place, c, s, q, v, qf, vf, p, k)
-    type(place_model), intent(in) :: place
-    real(wp), intent(in) :: c, s            !! of the frame angle [-]
-    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates
-    real(wp), intent(in) :: qf(:), vf(:)    !! elastic coordinates and rates
-    type(place_states), intent(inout) :: p
-    integer, intent(in) :: k                !! entry of p to fill
-    real(wp) :: u(3), ud(3), rho(2), rel(2), bias(2)
-    integer :: i
-    u = 0.0_wp
-    ud = 0.0_wp
-    if (allocated(place%psi)) then
-      do i = 1, size(qf)
-        u = u + place%psi(:, i)*qf(i)
-        ud = ud + place%psi(:, i)*vf(i)
-      end do
-    else
-      do i = 1, 3
-        if (place%dof(i) == 0) cycle
-        u(i) = qf(place%dof(i))
-        ud(i) = vf(place%dof(i))
-      end do
-    end if
-    rho = place%x + u(1:2)
-    rel = [ud(1) - v(3)*rho(2), ud(2) + v(3)*rho(1)]
-    bias = [-v(3)**2*rho(1) - 2*v(3)*ud(2), -v(3)**2*rho(2) + 2*v(3)*ud(1)]
-    p%rho(:, k) = rho
-    p%r(1, k) = q(1) + c*rho(1) - s*rho(2)
-    p%r(2, k) = q(2) + s*rho(1) + c*rho(2)
-    p%v(1, k) = v(1) + c*rel(1) - s*rel(2)
-    p%v(2, k) = v(2) + s*rel(1) + c*rel(2)
-    p%bias(1, k) = c*bias(1) - s*bias(2)
-    p%bias(2, k) = s*bias(1) + c*bias(2)
-    p%angle(k) = q(3) + u(3)
-    p%rate(k) = v(3) + ud(3)
-  end subroutine one_place
-
   !> Springs and loads as wrenches on their places; adds to the powers.
   subroutine applied_forces(self, t, q, z, zd)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: q(:)            !! (nq)
-    real(wp), intent(in) :: z(:), zd(:)     !! (nz)
+    real(wp), intent(in), contiguous :: q(:)          !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: d, dd, e(2), f, power, force(2), moment, angle, scale
     integer :: k, b
     self%wrench = 0.0_wp
@@ -136,7 +75,7 @@ contains
     do k = 1, size(self%s%loads)
       associate (l => self%s%loads(k))
         if (.not. l%acts(self%stage)) cycle
-        b = self%s%places(l%place)%body
+        b = self%place_body(l%place)
         angle = 0.0_wp
         if (b > 0) angle = q(self%s%qo(b) + 3)
         scale = l%scale(t, self%left)*self%load_factor
@@ -154,7 +93,7 @@ contains
     real(wp), intent(in) :: force(2)        !! [N]
     real(wp), intent(in) :: moment          !! [N m]
     integer :: b
-    b = self%s%places(k)%body
+    b = self%place_body(k)
     if (b == 0) return
     self%wrench(1, k) = self%wrench(1, k) + self%c(b)*force(1) + self%sn(b)*force(2)
     self%wrench(2, k) = self%wrench(2, k) - self%sn(b)*force(1) + self%c(b)*force(2)
@@ -162,46 +101,31 @@ contains
   end subroutine add_wrench
 
   !> Condensed mass and inertia forces of a rigid body (constant mass in body axes).
-  pure subroutine rigid_body(self, b, thetad)
-    type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: b
+  pure subroutine rigid_body(constants, c, s, gravity, thetad, p, rhs, low, dinv)
+    real(wp), intent(in) :: constants(9)    !! mass, I1, L and 1/D (mechanism_model)
+    real(wp), intent(in) :: c, s            !! of the frame angle [-]
+    real(wp), intent(in) :: gravity(2)      !! [m/s2]
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp) :: g(2), p(2), m
-    associate (bo => self%s%bodies(b))
-      p = bo%i1
-      m = bo%mass
-      g(1) = self%c(b)*self%s%gravity(1) + self%sn(b)*self%s%gravity(2)
-      g(2) = -self%sn(b)*self%s%gravity(1) + self%c(b)*self%s%gravity(2)
-      self%pin(:, b) = p
-      self%rhs(1:2, b) = m*g + thetad**2*p
-      self%rhs(3, b) = p(1)*g(2) - p(2)*g(1)
-      call factor_frame(m, 0.0_wp, m, -p(2), p(1), bo%i11, self%low(:, b), self%dinv(:, b))
-    end associate
+    real(wp), intent(out) :: p(2), rhs(3), low(3), dinv(3)
+    real(wp) :: g(2)
+    p = constants(2:3)
+    g(1) = c*gravity(1) + s*gravity(2)
+    g(2) = c*gravity(2) - s*gravity(1)
+    rhs(1:2) = constants(1)*g + thetad**2*p
+    rhs(3) = p(1)*g(2) - p(2)*g(1)
+    low = constants(4:6)
+    dinv = constants(7:9)
   end subroutine rigid_body
-
-  !> L D L^T of the condensed 3 x 3 mass matrix [[a, b, d], [b, c, e], [d, e, f]].
-  pure subroutine factor_frame(a, b, c, d, e, f, low, dinv)
-    real(wp), intent(in) :: a, b, c, d, e, f
-    real(wp), intent(out) :: low(3), dinv(3)   !! l21, l31, l32 and 1/D
-    real(wp) :: d2
-    dinv(1) = 1.0_wp/a
-    low(1) = b*dinv(1)
-    low(2) = d*dinv(1)
-    d2 = c - low(1)*b
-    dinv(2) = 1.0_wp/d2
-    low(3) = (e - low(2)*b)*dinv(2)
-    dinv(3) = 1.0_wp/(f - low(2)*d - low(3)**2*d2)
-  end subroutine factor_frame
 
   !> Elastic forces, the two banded solves and the condensed mass and forces of a flexible body.
   subroutine flexible_body(self, b, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
-    real(wp), intent(in) :: q(:), v(:)      !! (nq)
-    real(wp), intent(in) :: z(:), zd(:)     !! (nz)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sv(2), i1q, i1v, tt
     real(wp) :: sx(2), sy(2), tx, ty
-    integer :: i, o, n, k
+    integer :: i, o, n
     i = self%s%qo(b) + 3
     o = self%s%zo(b)
     thetad = v(i)
@@ -209,20 +133,9 @@ contains
       n = bo%nf
       g(1) = self%c(b)*self%s%gravity(1) + self%sn(b)*self%s%gravity(2)
       g(2) = -self%sn(b)*self%s%gravity(1) + self%c(b)*self%s%gravity(2)
-      bo%qx(1:n) = q(i + 1:i + n)
-      bo%vx(1:n) = v(i + 1:i + n)
-      p = bo%i1
-      sv = 0.0_wp
-      i1q = 0.0_wp
-      i1v = 0.0_wp
-      do k = 1, n       ! Q_f without elastic and velocity-product terms, and the products with q_f and its rate
-        bo%fx(k) = thetad**2*bo%i1f(k) + bo%sbar(k, 1)*g(1) + bo%sbar(k, 2)*g(2)
-        bo%tx(k) = bo%c0(k)
-        p = p + bo%sbar(k, :)*bo%qx(k)
-        sv = sv + bo%sbar(k, :)*bo%vx(k)
-        i1q = i1q + bo%i1f(k)*bo%qx(k)
-        i1v = i1v + bo%i1f(k)*bo%vx(k)
-      end do
+      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), bo%sbar, bo%i1f, bo%c0, g, thetad, bo%qx, bo%vx, bo%fx, &
+                          bo%tx, p, sv, i1q, i1v)
+      p = p + bo%i1
       if (bo%modal) then
         call modal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
       else
@@ -245,6 +158,37 @@ contains
     end associate
     if (.not. all(self%dinv(:, b) > 0.0_wp)) self%broken = .true.
   end subroutine flexible_body
+
+  !> Copies the coordinates and their rates; Q_f without elastic and velocity-product terms; products with q_f and q_f'.
+  pure subroutine frame_products(n, q, v, sbar, i1f, c0, g, thetad, qx, vx, fx, tx, sq, sv, i1q, i1v)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: q(n), v(n)
+    real(wp), intent(in) :: sbar(n, 2), i1f(n), c0(n)
+    real(wp), intent(in) :: g(2)            !! gravity in body axes [m/s2]
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(inout) :: qx(0:n), vx(0:n), fx(0:n), tx(0:n)
+    real(wp), intent(out) :: sq(2), sv(2)   !! S-bar q_f [kg m], S-bar q_f'
+    real(wp), intent(out) :: i1q, i1v       !! I1f q_f [kg m2], I1f q_f'
+    integer :: k
+    do k = 1, n
+      qx(k) = q(k)
+      vx(k) = v(k)
+      fx(k) = thetad**2*i1f(k) + sbar(k, 1)*g(1) + sbar(k, 2)*g(2)
+      tx(k) = c0(k)
+    end do
+    sq = 0.0_wp
+    sv = 0.0_wp
+    i1q = 0.0_wp
+    i1v = 0.0_wp
+    do k = 1, n
+      sq(1) = sq(1) + sbar(k, 1)*q(k)
+      sq(2) = sq(2) + sbar(k, 2)*q(k)
+      sv(1) = sv(1) + sbar(k, 1)*v(k)
+      sv(2) = sv(2) + sbar(k, 2)*v(k)
+      i1q = i1q + i1f(k)*q(k)
+      i1v = i1v + i1f(k)*v(k)
+    end do
+  end subroutine frame_products
 
   !> Wrenches on places act on the elastic coordinates there.
   pure subroutine elastic_point_forces(self, b)
@@ -277,14 +221,7 @@ contains
     integer :: n, k, j
     associate (bo => self%s%bodies(b), at => self%attached(b))
       n = bo%nf
-      sx = 0.0_wp
-      sy = 0.0_wp
-      do k = 1, n       ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x, before the solve
-        sx = sx + bo%pmat(k, :)*bo%fx(k)
-        sy = sy + bo%pmat(k, :)*bo%tx(k)
-      end do
-      tx = 0.0_wp
-      ty = 0.0_wp
+      call products(n, bo%pmat, bo%fx(1:n), bo%tx(1:n), sx, sy)   ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
       if (bo%modal) then
         tx = dot_product(bo%tx(1:n), bo%fx(1:n))
         ty = dot_product(bo%tx(1:n), bo%tx(1:n))
@@ -292,6 +229,8 @@ contains
         bo%qx(1:n) = bo%tx(1:n)
         call band_solve_two(bo%mff, bo%fx(1:n), bo%tx(1:n))
         self%solves = self%solves + 2
+        tx = 0.0_wp
+        ty = 0.0_wp
         do k = 1, n
           tx = tx + bo%qx(k)*bo%fx(k)
           ty = ty + bo%qx(k)*bo%tx(k)
@@ -300,8 +239,7 @@ contains
       do j = 1, size(at%place)
         associate (place => self%s%places(at%place(j)))
           if (allocated(place%psi)) then
-            at%ex(:, j) = matmul(place%psi, bo%fx(1:n))
-            at%ey(:, j) = matmul(place%psi, bo%tx(1:n))
+            call products3(n, place%psi, bo%fx(1:n), bo%tx(1:n), at%ex(:, j), at%ey(:, j))
           else
             do k = 1, 3
               if (place%dof(k) == 0) cycle
@@ -314,13 +252,43 @@ contains
     end associate
   end subroutine solve_elastic
 
+  !> x^T P and y^T P.
+  pure subroutine products(n, p, x, y, px, py)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: p(n, 2), x(n), y(n)
+    real(wp), intent(out) :: px(2), py(2)
+    integer :: k
+    px = 0.0_wp
+    py = 0.0_wp
+    do k = 1, n
+      px(1) = px(1) + p(k, 1)*x(k)
+      px(2) = px(2) + p(k, 2)*x(k)
+      py(1) = py(1) + p(k, 1)*y(k)
+      py(2) = py(2) + p(k, 2)*y(k)
+    end do
+  end subroutine products
+
+  !> Psi x and Psi y.
+  pure subroutine products3(n, psi, x, y, px, py)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: psi(3, n), x(n), y(n)
+    real(wp), intent(out) :: px(3), py(3)
+    integer :: k
+    px = 0.0_wp
+    py = 0.0_wp
+    do k = 1, n
+      px = px + psi(:, k)*x(k)
+      py = py + psi(:, k)*y(k)
+    end do
+  end subroutine products3
+
   !> Wrenches on places act on the frames: A^T F, (H rho).A^T F + M.
   pure subroutine point_forces(self)
     type(mechanism_model), intent(inout) :: self
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
-      b = self%s%places(k)%body
+      b = self%place_body(k)
       self%rhs(1:2, b) = self%rhs(1:2, b) + self%wrench(1:2, k)
       self%rhs(3, b) = self%rhs(3, b) + self%wrench(3, k) + self%p%rho(1, k)*self%wrench(2, k) &
                        - self%p%rho(2, k)*self%wrench(1, k)
@@ -331,150 +299,20 @@ contains
   pure subroutine free_accelerations(self)
     type(mechanism_model), intent(inout) :: self
     integer :: b
-    do b = 1, size(self%s%bodies)
+    do b = 1, size(self%c)
       self%free(:, b) = self%rhs(:, b)
       call solve_frame(self%low(:, b), self%dinv(:, b), self%free(:, b))
     end do
   end subroutine free_accelerations
 
-  !> Solves the factored 3 x 3 system in place.
-  pure subroutine solve_frame(low, dinv, x)
-    real(wp), intent(in) :: low(3), dinv(3)
-    real(wp), intent(inout) :: x(3)
-    x(2) = x(2) - low(1)*x(1)
-    x(3) = x(3) - low(2)*x(1) - low(3)*x(2)
-    x = x*dinv
-    x(2) = x(2) - low(3)*x(3)
-    x(1) = x(1) - low(1)*x(2) - low(2)*x(3)
-  end subroutine solve_frame
-
-  !> Phi, its gradients and the other parts of every constraint, from the places' states.
-  subroutine constraint_values(self, t)
-    type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: t               !! [s]
-    integer :: k
-    do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
-    end do
-  end subroutine constraint_values
-
-  !> Rates of all rows, Phi_q v + Phi_t [m/s].
-  pure subroutine row_rates(self, rate)
-    type(mechanism_model), intent(in) :: self
-    real(wp), intent(out) :: rate(:)        !! (rows)
-    integer :: k, i
-    do k = 1, size(self%s%constraints)
-      associate (c => self%s%constraints(k)%item, r => self%rows)
-        do i = c%first, c%first + c%rows - 1
-          rate(i) = dot_product(r%na(:, i), self%p%v(:, c%ia)) + dot_product(r%nb(:, i), self%p%v(:, c%ib)) &
-                    + r%sa(i)*self%p%rate(c%ia) + r%sb(i)*self%p%rate(c%ib) + r%phi_t(i)
-        end do
-      end associate
-    end do
-  end subroutine row_rates
-
-  !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
-  subroutine condense_constraints(self)
-    type(mechanism_model), intent(inout) :: self
-    integer :: b, e
-    call self%schur%clear()
-    do b = 1, size(self%s%bodies)
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        call unit_wrench(self, b, e)
-      end do
-      call add_compliance(self, b)
-    end do
-  end subroutine condense_constraints
-
-  !> One end: w in body axes, J^T w and L^-1 J^T w.
-  pure subroutine unit_wrench(self, b, e)
-    type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: b, e
-    real(wp) :: n(2), s, w(3), jw(3)
-    integer :: i, k, j
-    i = self%end_row(e)
-    k = self%end_place(e)
-    if (self%end_is_a(e)) then
-      n = self%rows%na(:, i)
-      s = self%rows%sa(i)
-    else
-      n = self%rows%nb(:, i)
-      s = self%rows%sb(i)
-    end if
-    w(1) = self%c(b)*n(1) + self%sn(b)*n(2)
-    w(2) = -self%sn(b)*n(1) + self%c(b)*n(2)
-    w(3) = s
-    jw(1) = w(1)
-    jw(2) = w(2)
-    jw(3) = s + self%p%rho(1, k)*w(2) - self%p%rho(2, k)*w(1)
-    if (self%s%bodies(b)%flexible .and. .not. self%frozen) then
-      j = self%end_local(e)
-      associate (at => self%attached(b))
-        jw(1) = jw(1) - (at%ep(1, 1, j)*w(1) + at%ep(2, 1, j)*w(2) + at%ep(3, 1, j)*s)
-        jw(2) = jw(2) - (at%ep(1, 2, j)*w(1) + at%ep(2, 2, j)*w(2) + at%ep(3, 2, j)*s)
-        jw(3) = jw(3) - (at%ey(1, j)*w(1) + at%ey(2, j)*w(2) + at%ey(3, j)*s)
-      end associate
-    end if
-    self%w(:, e) = w
-    self%jw(:, e) = jw
-    self%g(1, e) = jw(1)
-    self%g(2, e) = jw(2) - self%low(1, b)*jw(1)
-    self%g(3, e) = jw(3) - self%low(2, b)*jw(1) - self%low(3, b)*self%g(2, e)
-  end subroutine unit_wrench
-
-  !> One body's part of S.
-  pure subroutine add_compliance(self, b)
-    type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: b
-    real(wp) :: h(3), x
-    integer :: e, f, i, j
-    associate (first => self%end_first(b), last => self%end_first(b + 1) - 1)
-      do e = first, last
-        h = self%g(:, e)*self%dinv(:, b)
-        i = self%schur%position(self%end_row(e))
-        do f = first, e
-          x = h(1)*self%g(1, f) + h(2)*self%g(2, f) + h(3)*self%g(3, f)
-          if (self%s%bodies(b)%flexible .and. .not. self%frozen) then
-            x = x + elastic_compliance(self%attached(b), self%end_local(e), self%end_local(f), self%w(:, e), self%w(:, f))
-          end if
-          j = self%schur%position(self%end_row(f))
-          x = x*self%schur%scale(self%end_row(e))*self%schur%scale(self%end_row(f))
-          if (i == j .and. f < e) x = 2*x      ! both places of one row on the same body
-          self%schur%s(abs(i - j), min(i, j)) = self%schur%s(abs(i - j), min(i, j)) + x
-        end do
-      end do
-    end associate
-  end subroutine add_compliance
-
-  !> w_i . (E_i m_ff^-1 E_j^T) w_j.
-  pure function elastic_compliance(at, i, j, wi, wj) result(x)
-    type(flexible_attachments), intent(in) :: at
-    integer, intent(in) :: i, j             !! attachments
-    real(wp), intent(in) :: wi(3), wj(3)    !! unit wrenches
-    real(wp) :: x
-    integer :: c
-    x = 0.0_wp
-    do c = 1, 3
-      x = x + wj(c)*(wi(1)*at%compliance(1, c, i, j) + wi(2)*at%compliance(2, c, i, j) + wi(3)*at%compliance(3, c, i, j))
-    end do
-  end function elastic_compliance
-
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
   subroutine multiplier_forces(self, v)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: v(:)            !! (nq)
+    real(wp), intent(in), contiguous :: v(:)          !! (nq)
     integer :: k, i
     if (self%s%rows == 0) return
-    do k = 1, size(self%s%constraints)
-      associate (c => self%s%constraints(k)%item, r => self%rows)
-        do i = c%first, c%first + c%rows - 1
-          self%lambda(i) = r%extra(i) + dot_product(r%na(:, i), self%p%bias(:, c%ia)) &
-                           + dot_product(r%nb(:, i), self%p%bias(:, c%ib))
-        end do
-      end associate
-    end do
+    call joint_accelerations(self)
     if (any(self%baumgarte > 0.0_wp)) call add_baumgarte(self)
-    call add_free_rows(self)
     call self%schur%solve(self%lambda)
     do k = self%s%joints + 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
@@ -492,107 +330,36 @@ contains
     self%lambda = self%lambda + 2*self%baumgarte(1)*self%schur%r + self%baumgarte(2)**2*self%rows%phi
   end subroutine add_baumgarte
 
-  !> Adds Phi_q times the free accelerations of the places.
-  pure subroutine add_free_rows(self)
-    type(mechanism_model), intent(inout) :: self
-    integer :: b, e, i, j
-    do b = 1, size(self%s%bodies)
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        i = self%end_row(e)
-        self%lambda(i) = self%lambda(i) + dot_product(self%jw(:, e), self%free(:, b))
-        if (self%s%bodies(b)%flexible) then
-          j = self%end_local(e)
-          self%lambda(i) = self%lambda(i) + dot_product(self%w(:, e), self%attached(b)%ex(:, j))
-        end if
-      end do
-    end do
-  end subroutine add_free_rows
-
   !> Accelerations of frames (global) and elastic coordinates from the free ones and the multipliers.
   subroutine accelerations(self)
     type(mechanism_model), intent(inout) :: self
     real(wp) :: x(3)
-    integer :: b, i, n, k
-    do b = 1, size(self%s%bodies)
+    integer :: b, i, n
+    do b = 1, size(self%c)
       call push_frame(self, b, self%lambda, x)
       x = self%free(:, b) - x
       i = self%s%qo(b)
       self%a(i + 1) = self%c(b)*x(1) - self%sn(b)*x(2)
       self%a(i + 2) = self%sn(b)*x(1) + self%c(b)*x(2)
       self%a(i + 3) = x(3)
-      if (.not. self%s%bodies(b)%flexible) cycle
+      if (.not. self%flexible(b)) cycle
       associate (bo => self%s%bodies(b))
         n = bo%nf
-        do k = 1, n
-          self%a(i + 3 + k) = bo%fx(k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
-        end do
-        call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
+        call elastic_accelerations(n, bo%fx(1:), bo%pmat, bo%tx(1:), x, self%a(i + 4:i + 3 + n))
       end associate
+      call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
     end do
   end subroutine accelerations
 
-  !> Mc^-1 J^T w lambda of one body's frame, body axes.
-  pure subroutine push_frame(self, b, lambda, x)
-    type(mechanism_model), intent(in) :: self
-    integer, intent(in) :: b
-    real(wp), intent(in) :: lambda(:)       !! (rows)
-    real(wp), intent(out) :: x(3)
-    integer :: e
-    x = 0.0_wp
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      x = x + self%jw(:, e)*lambda(self%end_row(e))
+  !> m_ff^-1 (Q_f - m_fR a' - m_f_theta theta'').
+  pure subroutine elastic_accelerations(n, fx, pmat, tx, x, a)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: fx(n), pmat(n, 2), tx(n)
+    real(wp), intent(in) :: x(3)            !! accelerations of the frame, body axes
+    real(wp), intent(out) :: a(n)
+    integer :: k
+    do k = 1, n
+      a(k) = fx(k) - pmat(k, 1)*x(1) - pmat(k, 2)*x(2) - tx(k)*x(3)
     end do
-    call solve_frame(self%low(:, b), self%dinv(:, b), x)
-  end subroutine push_frame
-
-  !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
-  subroutine push_elastic(self, b, lambda, a)
-    type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: b
-    real(wp), intent(in) :: lambda(:)       !! (rows)
-    real(wp), intent(inout) :: a(:)         !! (nf)
-    integer :: e, c, j, k
-    associate (at => self%attached(b))
-      at%load = 0.0_wp
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        j = self%end_local(e)
-        do c = 1, 3
-          k = at%column(c, j)
-          if (k > 0) at%load(k) = at%load(k) + self%w(c, e)*lambda(self%end_row(e))
-        end do
-      end do
-      do k = 1, size(at%load)
-        a = a - at%load(k)*at%columns(:, k)
-      end do
-    end associate
-  end subroutine push_elastic
-
-  !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
-  subroutine apply_multipliers(self, mu, dq)
-    type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: mu(:)           !! (rows)
-    real(wp), intent(out) :: dq(:)          !! (nq), global axes
-    real(wp) :: x(3)
-    integer :: b, i, n, k
-    do b = 1, size(self%s%bodies)
-      call push_frame(self, b, mu, x)
-      x = -x
-      i = self%s%qo(b)
-      dq(i + 1) = self%c(b)*x(1) - self%sn(b)*x(2)
-      dq(i + 2) = self%sn(b)*x(1) + self%c(b)*x(2)
-      dq(i + 3) = x(3)
-      if (.not. self%s%bodies(b)%flexible) cycle
-      if (self%frozen) then
-        dq(i + 4:i + 3 + self%s%bodies(b)%nf) = 0.0_wp
-        cycle
-      end if
-      associate (bo => self%s%bodies(b))
-        n = bo%nf
-        do k = 1, n
-          dq(i + 3 + k) = -bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
-        end do
-        call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
-      end associate
-    end do
-  end subroutine apply_multipliers
+  end subroutine elastic_accelerations
 end module dynamics

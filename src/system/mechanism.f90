@@ -9,7 +9,7 @@ module mechanism
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: mechanism_model, flexible_attachments, set_up_mechanism
+  public :: mechanism_model, flexible_attachments, set_up_mechanism, factor_frame
 
   !> Attached places of a flexible body: columns m_ff^-1 E_k^T and the compliances between them (constant).
   type :: flexible_attachments
@@ -30,6 +30,12 @@ module mechanism
     type(constraint_rows) :: rows
     type(multiplier_system) :: schur
     type(flexible_attachments), allocatable :: attached(:)   !! (nb), empty for rigid bodies
+    ! what loops over many bodies need, apart from the bulky models
+    logical, allocatable :: flexible(:)         !! (nb)
+    real(wp), allocatable :: rigid(:, :)        !! (9, nb) rigid bodies: mass [kg], I1 [kg m], L and 1/D of the frame's mass
+    integer, allocatable :: place_body(:)       !! (places) body of each place, 0: the ground
+    integer, allocatable :: flexible_places(:)  !! places on flexible bodies
+    integer, allocatable :: row_place(:, :)     !! (2, rows) places a and b of each row
     ! ends of constraint rows on moving bodies, grouped by body
     integer, allocatable :: end_first(:)        !! (nb+1) first end of each body
     integer, allocatable :: end_row(:)          !! row of each end
@@ -79,6 +85,7 @@ contains
     self%s = s
     nb = size(s%bodies)
     call self%p%allocate(size(s%places))
+    call compact_models(self)
     call fixed_places(self)
     call allocate_rows(self%rows, s%rows)
     call collect_ends(self)
@@ -90,6 +97,46 @@ contains
               self%spring_force(size(s%springs)), source=0.0_wp)
     self%factorisations = count(s%bodies%flexible .and. .not. s%bodies%modal)
   end subroutine set_up_mechanism
+
+  !> Copies what loops over many rigid bodies and places need, so that they need not touch the models.
+  pure subroutine compact_models(self)
+    type(mechanism_model), intent(inout) :: self
+    integer :: b, k
+    self%flexible = self%s%bodies%flexible
+    self%place_body = self%s%places%body
+    allocate (self%rigid(9, size(self%flexible)), source=0.0_wp)
+    do b = 1, size(self%flexible)
+      associate (bo => self%s%bodies(b), r => self%rigid(:, b))
+        if (bo%flexible) cycle
+        r(1) = bo%mass
+        r(2:3) = bo%i1
+        call factor_frame(bo%mass, 0.0_wp, bo%mass, -bo%i1(2), bo%i1(1), bo%i11, r(4:6), r(7:9))
+      end associate
+    end do
+    allocate (self%flexible_places(count(self%place_body > 0)))
+    b = 0
+    do k = 1, size(self%place_body)
+      if (self%place_body(k) == 0) cycle
+      if (.not. self%flexible(self%place_body(k))) cycle
+      b = b + 1
+      self%flexible_places(b) = k
+    end do
+    self%flexible_places = self%flexible_places(1:b)
+  end subroutine compact_models
+
+  !> L D L^T of the condensed 3 x 3 mass matrix [[a, b, d], [b, c, e], [d, e, f]].
+  pure subroutine factor_frame(a, b, c, d, e, f, low, dinv)
+    real(wp), intent(in) :: a, b, c, d, e, f
+    real(wp), intent(out) :: low(3), dinv(3)   !! l21, l31, l32 and 1/D
+    real(wp) :: d2
+    dinv(1) = 1.0_wp/a
+    low(1) = b*dinv(1)
+    low(2) = d*dinv(1)
+    d2 = c - low(1)*b
+    dinv(2) = 1.0_wp/d2
+    low(3) = (e - low(2)*b)*dinv(2)
+    dinv(3) = 1.0_wp/(f - low(2)*d - low(3)**2*d2)
+  end subroutine factor_frame
 
   !> Places on the ground never move.
   pure subroutine fixed_places(self)
@@ -114,7 +161,7 @@ contains
     integer, allocatable :: fill(:), rows(:), cols(:)
     integer :: nb, k, i, side, body, place, e, f, n
     nb = size(self%s%bodies)
-    allocate (self%end_first(nb + 1), fill(nb), self%of_row(2, self%s%rows))
+    allocate (self%end_first(nb + 1), fill(nb), self%of_row(2, self%s%rows), self%row_place(2, self%s%rows))
     self%of_row = 0
     self%end_first = 0
     do k = 1, size(self%s%constraints)
@@ -137,6 +184,7 @@ contains
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         do i = c%first, c%first + c%rows - 1
+          self%row_place(:, i) = [c%ia, c%ib]
           do side = 1, 2
             place = merge(c%ia, c%ib, side == 1)
             body = self%s%places(place)%body
@@ -173,7 +221,9 @@ contains
   subroutine attach_places(self)
     type(mechanism_model), intent(inout) :: self
     logical, allocatable :: positions(:), angles(:)
+    integer, allocatable :: local(:)
     integer :: k, b
+    allocate (local(size(self%s%places)), source=0)
     allocate (positions(size(self%s%places)), angles(size(self%s%places)), source=.false.)
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
@@ -183,18 +233,17 @@ contains
       end associate
     end do
     do b = 1, size(self%s%bodies)
-      if (self%s%bodies(b)%flexible) call attach_body(self, b, positions, angles)
+      if (self%s%bodies(b)%flexible) call attach_body(self, b, positions, angles, local)
     end do
   end subroutine attach_places
 
   !> The same for one flexible body.
-  subroutine attach_body(self, b, positions, angles)
+  subroutine attach_body(self, b, positions, angles, local)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
     logical, intent(in) :: positions(:), angles(:)   !! whether constraints act on a place's position, its angle
-    integer, allocatable :: local(:)
+    integer, intent(inout) :: local(:)               !! work space: zero on the places of this body
     integer :: k, n, nc, e, c, i, j
-    allocate (local(size(self%s%places)), source=0)
     associate (t => self%attached(b), bo => self%s%bodies(b))
       n = 0
       do e = self%end_first(b), self%end_first(b + 1) - 1
@@ -209,10 +258,12 @@ contains
       t%column = 0
       t%ex = 0.0_wp
       t%ey = 0.0_wp
+      do e = self%end_first(b), self%end_first(b + 1) - 1
+        t%place(self%end_local(e)) = self%end_place(e)
+      end do
       nc = 0
-      do k = 1, size(local)
-        if (local(k) == 0) cycle
-        t%place(local(k)) = k
+      do i = 1, n
+        k = t%place(i)
         do c = 1, 3
           if (bo%modal) then
             if (.not. allocated(self%s%places(k)%psi)) cycle
@@ -222,7 +273,7 @@ contains
           if (c < 3 .and. .not. positions(k)) cycle
           if (c == 3 .and. .not. angles(k)) cycle
           nc = nc + 1
-          t%column(c, local(k)) = nc
+          t%column(c, i) = nc
         end do
       end do
       allocate (t%columns(bo%nf, nc), t%load(nc), source=0.0_wp)

@@ -19,8 +19,8 @@ contains
   subroutine project(self, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(inout) :: q(:), v(:)    !! (nq)
-    real(wp), intent(in) :: z(:), zd(:)      !! (nz)
+    real(wp), intent(inout), contiguous :: q(:), v(:)   !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz)
     logical, intent(out) :: ok
     ok = .true.
     if (self%s%rows == 0) return
@@ -32,8 +32,8 @@ contains
   subroutine project_positions(self, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t
-    real(wp), intent(inout) :: q(:)
-    real(wp), intent(in) :: v(:), z(:), zd(:)
+    real(wp), intent(inout), contiguous :: q(:)
+    real(wp), intent(in), contiguous :: v(:), z(:), zd(:)
     logical, intent(out) :: ok
     real(wp) :: worst, before, goal, enough
     integer :: pass
@@ -63,8 +63,8 @@ contains
   !> Corrections of the velocities at fixed positions.
   subroutine project_velocities(self, q, v)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: q(:)
-    real(wp), intent(inout) :: v(:)
+    real(wp), intent(in), contiguous :: q(:)
+    real(wp), intent(inout), contiguous :: v(:)
     real(wp) :: worst, before, goal
     integer :: pass
     before = huge(1.0_wp)
@@ -85,7 +85,7 @@ contains
   subroutine violations(self, t, q, v, position, velocity)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t
-    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in), contiguous :: q(:), v(:)
     real(wp), intent(out) :: position, velocity
     position = 0.0_wp
     velocity = 0.0_wp
