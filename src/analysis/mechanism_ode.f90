@@ -58,12 +58,19 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout) :: y(:)
     logical, intent(out) :: ok
-    integer :: nq, nz
-    nq = self%m%s%nq
-    nz = self%m%s%nz
     ok = all(abs(y) <= 1.0e150_wp) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
-    call project(self%m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
-    if (ok) ok = all(abs(y(1:2*nq)) <= 1.0e150_wp)
+    call project_state(self%m, self%m%s%nq, self%m%s%nz, t, y, ok)
   end subroutine mechanism_accept
+
+  !> The same, with the parts of the state apart.
+  subroutine project_state(m, nq, nz, t, y, ok)
+    type(mechanism_model), intent(inout) :: m
+    integer, intent(in) :: nq, nz
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
+    logical, intent(out) :: ok
+    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
+    if (ok) ok = all(abs(y(1:2*nq)) <= 1.0e150_wp)
+  end subroutine project_state
 end module mechanism_ode

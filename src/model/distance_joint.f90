@@ -30,7 +30,7 @@ contains
     i = self%first
     d = p%r(:, self%ia) - p%r(:, self%ib)
     dd = p%v(:, self%ia) - p%v(:, self%ib)
-    l = max(hypot(d(1), d(2)), tiny(1.0_wp))
+    l = max(sqrt(d(1)**2 + d(2)**2), tiny(1.0_wp))
     e = d/l
     if (self%pending) e = 0.0_wp
     r%na(:, i) = e

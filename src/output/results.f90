@@ -102,7 +102,7 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(inout) :: m
     type(sensor_list), intent(inout) :: list
-    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
+    real(wp), intent(in), contiguous :: q(:), v(:), z(:), zd(:)
     real(wp), intent(in) :: dissipated, work  !! [J]
     real(wp) :: kinetic, potential, position, velocity
     call read_sensors(list, m, q, v, z, self%values)
@@ -125,7 +125,7 @@ contains
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq)
+    real(wp), intent(in), contiguous :: q(:)  !! (nq)
     self%nodes(1) = t
     self%nodes(2:) = motion_row(m, q)
     call self%motion%row(self%nodes)
@@ -134,7 +134,7 @@ contains
   !> Frames (x, y, angle) and node positions (x, y) of every body [m, rad].
   pure function motion_row(m, q) result(row)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq)
+    real(wp), intent(in), contiguous :: q(:)  !! (nq)
     real(wp) :: row(sum(3 + 2*m%s%bodies%nn)), u(3), x(2), c, s
     integer :: b, k, i, j
     j = 0

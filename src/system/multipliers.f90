@@ -18,11 +18,12 @@ module multipliers
     integer, allocatable :: position(:)        !! (n) reordered place of each row
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
-    real(wp), allocatable :: f(:, :)           !! (0:kd, n) L below the diagonal, 1/D on it
+    real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal, 1/D on it; columns beyond n are zero
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
     logical :: singular = .false.              !! the factor is that of S + eps 1
-    real(wp), allocatable :: x(:), r(:), best(:)   !! (n) work
+    real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
+    real(wp), allocatable :: r(:), best(:)     !! (n) work
   contains
     procedure :: set_up
     procedure :: clear
@@ -42,14 +43,14 @@ contains
     integer :: k
     self%n = n
     call reverse_cuthill_mckee(n, rows, cols, order, starts)
-    allocate (self%position(n), self%scale(n), self%x(n), self%r(n), self%best(n))
+    allocate (self%position(n), self%scale(n), self%r(n), self%best(n))
     self%position(order) = [(k, k=1, n)]
     self%scale = 1.0_wp
     self%kd = 0
     do k = 1, size(rows)
       self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
     end do
-    allocate (self%s(0:self%kd, n), self%f(0:self%kd, n), source=0.0_wp)
+    allocate (self%s(0:self%kd, n), self%f(0:self%kd, n + self%kd), self%x(n + self%kd), source=0.0_wp)
   end subroutine set_up
 
   !> Forgets S before it is summed anew.
@@ -64,44 +65,103 @@ contains
     logical :: good
     self%singular = .false.
     if (self%n == 0) return
-    self%f = self%s
-    call factor_band(self%n, self%kd, self%f, self%s, weak_pivot, good)
+    call take_matrix(self)
+    call eliminate(self%n, self%kd, self%f, self%s, weak_pivot, good)
     if (good) return
     self%singular = .true.
-    self%f = self%s
-    self%f(0, :) = self%f(0, :) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
-    call factor_band(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
+    call take_matrix(self)
+    self%f(0, 1:self%n) = self%f(0, 1:self%n) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
+    call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor
 
+  !> f = S, with zeros beyond its last column.
+  subroutine take_matrix(self)
+    class(multiplier_system), intent(inout) :: self
+    integer :: i, j
+    do j = 1, self%n
+      do i = 0, self%kd
+        self%f(i, j) = self%s(i, j)
+      end do
+    end do
+    self%f(:, self%n + 1:) = 0.0_wp
+  end subroutine take_matrix
+
   !> L D L^T of a band matrix in place; good is false at the first pivot below tol times its diagonal entry.
-  pure subroutine factor_band(n, kd, f, diagonal, tol, good)
+  pure subroutine eliminate(n, kd, f, s, tol, good)
     integer, intent(in) :: n, kd
-    real(wp), intent(inout) :: f(0:kd, n)
-    real(wp), intent(in) :: diagonal(0:kd, n)
+    real(wp), intent(inout) :: f(0:kd, n + kd)
+    real(wp), intent(in) :: s(0:kd, n)
     real(wp), intent(in) :: tol               !! [-]; negative: never give up
+    logical, intent(out) :: good
+    if (kd == 3) then
+      call factor_band3(n, f, s, tol, good)
+    else
+      call factor_band(n, kd, f, s, tol, good)
+    end if
+  end subroutine eliminate
+
+  !> Any half band width. Columns beyond n are zero, so no row needs a bound.
+  pure subroutine factor_band(n, kd, f, s, tol, good)
+    integer, intent(in) :: n, kd
+    real(wp), intent(inout) :: f(0:kd, n + kd)
+    real(wp), intent(in) :: s(0:kd, n)
+    real(wp), intent(in) :: tol
     logical, intent(out) :: good
     real(wp) :: d, l
     integer :: i, j, k
     good = .true.
     do j = 1, n
       d = f(0, j)
-      if (.not. d > tol*diagonal(0, j)) then
+      if (.not. d > tol*s(0, j)) then
         good = .false.
         return
       end if
-      if (d <= 0.0_wp) d = max(diagonal(0, j), tiny(1.0_wp))     ! rounding below the shift
+      if (d <= 0.0_wp) d = max(s(0, j), tiny(1.0_wp))     ! rounding below the shift
       f(0, j) = 1.0_wp/d
-      do i = 1, min(kd, n - j)
+      do i = 1, kd
         l = f(i, j)*f(0, j)
-        do k = i, min(kd, n - j)
+        do k = i, kd
           f(k - i, j + i) = f(k - i, j + i) - l*f(k, j)
         end do
       end do
-      do i = 1, min(kd, n - j)
+      do i = 1, kd
         f(i, j) = f(i, j)*f(0, j)
       end do
     end do
   end subroutine factor_band
+
+  !> Half band width 3: a chain of revolute joints.
+  pure subroutine factor_band3(n, f, s, tol, good)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: f(0:3, n + 3)
+    real(wp), intent(in) :: s(0:3, n)
+    real(wp), intent(in) :: tol
+    logical, intent(out) :: good
+    real(wp) :: d, u1, u2, u3, l1, l2, l3
+    integer :: j
+    good = .true.
+    do j = 1, n
+      d = f(0, j)
+      if (.not. d > tol*s(0, j)) then
+        good = .false.
+        return
+      end if
+      if (d <= 0.0_wp) d = max(s(0, j), tiny(1.0_wp))     ! rounding below the shift
+      d = 1.0_wp/d
+      u1 = f(1, j); u2 = f(2, j); u3 = f(3, j)
+      l1 = u1*d; l2 = u2*d; l3 = u3*d
+      f(0, j) = d
+      f(1, j) = l1
+      f(2, j) = l2
+      f(3, j) = l3
+      f(0, j + 1) = f(0, j + 1) - l1*u1
+      f(1, j + 1) = f(1, j + 1) - l1*u2
+      f(2, j + 1) = f(2, j + 1) - l1*u3
+      f(0, j + 2) = f(0, j + 2) - l2*u2
+      f(1, j + 2) = f(1, j + 2) - l2*u3
+      f(0, j + 3) = f(0, j + 3) - l3*u3
+    end do
+  end subroutine factor_band3
 
   !> Solves S lambda = r in place (minimum norm where S is singular).
   subroutine solve(self, lambda)
@@ -127,20 +187,20 @@ contains
     class(multiplier_system), intent(inout) :: self
     real(wp) :: size_now, size_before
     integer :: pass
-    associate (b => self%r, x => self%best)
-      b = self%x
+    associate (b => self%r, x => self%best, w => self%x(1:self%n))
+      b(:) = w
       x = 0.0_wp
       size_before = huge(1.0_wp)
       do pass = 1, most_passes
-        size_now = maxval(abs(self%x))
+        size_now = maxval(abs(w))
         if (size_now >= 0.5_wp*size_before) exit
         size_before = size_now
         call substitute(self%n, self%kd, self%f, self%x)
-        x = x + self%x
-        self%x = b
-        call subtract_product(self%n, self%kd, self%s, x, self%x)
+        x(:) = x + w
+        w(:) = b
+        call subtract_product(self%n, self%kd, self%s, x, w)
       end do
-      self%x = x
+      w(:) = x
     end associate
   end subroutine correct
 
@@ -162,21 +222,54 @@ contains
   !> Forward and backward substitution.
   pure subroutine substitute(n, kd, f, x)
     integer, intent(in) :: n, kd
-    real(wp), intent(in) :: f(0:kd, n)
-    real(wp), intent(inout) :: x(n)
+    real(wp), intent(in) :: f(0:kd, n + kd)
+    real(wp), intent(inout) :: x(n + kd)      !! zero beyond n, before and after
     integer :: i, j
+    if (kd == 3) then
+      call substitute3(n, f, x)
+      return
+    end if
     do j = 1, n
-      do i = 1, min(kd, n - j)
+      do i = 1, kd
         x(j + i) = x(j + i) - f(i, j)*x(j)
       end do
     end do
     do j = n, 1, -1
       x(j) = x(j)*f(0, j)
-      do i = 1, min(kd, n - j)
+      do i = 1, kd
         x(j) = x(j) - f(i, j)*x(j + i)
       end do
     end do
   end subroutine substitute
+
+  !> The same with half band width 3: the last three unknowns stay in registers.
+  pure subroutine substitute3(n, f, x)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: f(0:3, n + 3)
+    real(wp), intent(inout) :: x(n + 3)
+    real(wp) :: a, b, c, y
+    integer :: j
+    a = x(1)
+    b = x(2)
+    c = x(3)
+    do j = 1, n
+      y = a
+      x(j) = y
+      a = b - f(1, j)*y
+      b = c - f(2, j)*y
+      c = x(j + 3) - f(3, j)*y
+    end do
+    a = 0.0_wp
+    b = 0.0_wp
+    c = 0.0_wp
+    do j = n, 1, -1
+      y = ((x(j)*f(0, j) - f(3, j)*c) - f(2, j)*b) - f(1, j)*a
+      x(j) = y
+      c = b
+      b = a
+      a = y
+    end do
+  end subroutine substitute3
 
   !> Rows that depend on earlier ones, by elimination of the present S: a pivot below tol of its diagonal entry.
   subroutine weak_rows(self, tol, dependent)
