@@ -7,7 +7,7 @@ from histories import read
 from linear_oracle import LinearOracle, settle
 from oracle_probe import Twins
 from scipy.optimize import brentq
-from test_modal import AREA, DENSITY, INERTIA, LENGTH, YOUNG, beam, closed_mechanism
+from test_modal import AREA, DENSITY, GHM, INERTIA, LENGTH, YOUNG, TurningArm, beam, closed_mechanism, spinning_arm
 
 S1 = "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0"
 FORCE = "&force name='tip' type='force' body='b' node=-1 fy=1.0 /\n&sensor name='tip' quantity='deflection' body='b' node=-1 /\n"
@@ -220,6 +220,22 @@ def test_every_sensor_of_a_loaded_four_bar_against_the_oracle(response_of, probe
             group = [j for j, other in enumerate(names) if other.split(".")[0] == name.split(".")[0]]
             cancelled = 1e-6 * np.max(np.abs(direct[group]))  # accelerations: what is left of large forces in the oracle
             assert abs(response[name][k] - value) < 1e-5 * np.max(np.abs(expected[group])) + cancelled, (name, s)
+
+
+def test_response_of_a_turning_arm_against_the_oracle(response_of, probe, tmp_path):
+    deck = spinning_arm(6.0, 70.0, elements=2)[0].replace(" /\n&section", f" {GHM[2]} /\n&section", 1)
+    deck += FORCE.replace("fy=1.0", "fx=0.5 fy=1.0 axes='body' history='sine'")
+    deck += "&history name='sine' kind='sine' amplitude=1.0 frequency=1.0 /\n"
+    arm = TurningArm(Twins(probe, tmp_path, deck).oracle)
+    moment = 1.0e-4
+    size = np.sin(2 * np.pi * moment)
+    drive = (arm.rate(arm.state, moment) - arm.rate(arm.state, -moment)) / (2 * size)
+    jacobian = arm.slopes()
+    response = response_of(deck + sweep(1.0, 900.0, 12))
+    for k, s in enumerate(response.s):
+        expected = np.linalg.solve(s * np.eye(len(jacobian)) - jacobian, drive)[arm.n - 3 : arm.n]
+        found = [response[f"tip.{name}"][k] for name in "uvr"]
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 * np.max(np.abs(expected)))
 
 
 def test_internal_forces_balance_the_reaction(response_of):

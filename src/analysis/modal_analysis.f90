@@ -8,9 +8,12 @@ module modal_analysis
   use mode_file, only: write_modes, mode_figures
   use scene_run, only: run_state
   use summary, only: add_line, number
+  use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
   private
   public :: run_modal
+
+  real(wp), parameter :: at_rest = 1.0e-6_wp   !! accelerations of an equilibrium, over those without joints [-]
 
 contains
 
@@ -23,6 +26,7 @@ contains
     type(mode_set) :: modes
     logical :: ok, failed
     call linear_system(run, ds)
+    call warn_of_motion(run, text)
     call find_modes(ds, run%d%modal%modes, modes, ok)
     if (.not. ok) then
       call fail%raise(status_failed, 'the modal analysis did not converge: the mass matrix or the stiffness about the '// &
@@ -33,6 +37,22 @@ contains
     if (failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call modal_lines(modes, ds, run%d%modal%modes, text)
   end subroutine run_modal
+
+  !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
+  subroutine warn_of_motion(run, text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable, intent(inout) :: text
+    character(*), parameter :: words = 'warning: the state about which modes are computed is no equilibrium (it would '// &
+                               'accelerate from rest): they are those of the frozen instant; &static finds the equilibrium'
+    integer :: nq
+    associate (m => run%sys%m)
+      nq = m%s%nq
+      if (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. m%s%rows == nq) return
+      if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%s%gravity), maxval(abs(m%free)))) return
+    end associate
+    call add_line(text, words)
+    write (error_unit, '(a)') run%d%path//': '//words
+  end subroutine warn_of_motion
 
   !> The table of modes for the summary.
   subroutine modal_lines(modes, ds, wanted, text)
