@@ -231,6 +231,7 @@ contains
           y(:, j) = y(:, j) - dot_product(rigid(:, i), mass_product(b, y(:, j)))*rigid(:, i)
         end do
       end do
+      call orthogonalise_pair(b, y, my)
       do j = 1, p
         kk(:, j) = matmul(transpose(y), my(:, j))
       end do
@@ -250,6 +251,31 @@ contains
       call orthogonalise(b, rigid, x(:, j))
     end do
   end subroutine subspace_modes
+
+  !> Makes the columns of y = K^-1 f mass-orthonormal, f with them: inverse iteration leaves them nearly parallel on fine
+  !> meshes, and their products then lose the small differences.
+  subroutine orthogonalise_pair(b, y, f)
+    type(body_model), intent(in) :: b
+    real(wp), intent(inout) :: y(:, :)                   !! displacements
+    real(wp), intent(inout) :: f(:, :)                   !! the forces that cause them
+    real(wp), allocatable :: my(:)
+    real(wp) :: c
+    integer :: i, j, pass
+    do j = 1, size(y, 2)
+      do pass = 1, 2
+        my = mass_product(b, y(:, j))
+        do i = 1, j - 1
+          c = dot_product(y(:, i), my)
+          y(:, j) = y(:, j) - c*y(:, i)
+          f(:, j) = f(:, j) - c*f(:, i)
+        end do
+      end do
+      my = mass_product(b, y(:, j))
+      c = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(c)))
+      y(:, j) = c*y(:, j)
+      f(:, j) = c*f(:, j)
+    end do
+  end subroutine orthogonalise_pair
 
   !> Factor of K, or of K + shift M where rigid motions are free.
   subroutine factor_shifted(b, shifted, factor, shift, bad)

@@ -9,7 +9,7 @@ module multipliers
   public :: multiplier_system
 
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot below which S is treated as singular [-]
-  integer, parameter :: most_passes = 8           !! corrections of the regularised solve
+  integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
   type :: multiplier_system
@@ -193,7 +193,7 @@ contains
       size_before = huge(1.0_wp)
       do pass = 1, most_passes
         size_now = maxval(abs(w))
-        if (size_now >= 0.5_wp*size_before) exit
+        if (size_now >= 0.9_wp*size_before) exit
         size_before = size_now
         call substitute(self%n, self%kd, self%f, self%x)
         x(:) = x + w
