@@ -1,0 +1,347 @@
+"""One factor at a time: what is made extreme, and what must happen."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+import numpy as np
+from extreme_cases import Case, Ran, call, safe_bound
+from extreme_scenes import (
+    FIRST,
+    cantilever,
+    crank,
+    double_pendulum,
+    double_pendulum_exact,
+    oscillator,
+    oscillator_bound,
+    oscillator_exact,
+    parallelogram,
+    pendulum,
+    spinning_arm,
+    transient,
+)
+
+LONG = 200_000  # steps above which an explicit run is not asked for
+REFUSAL = r"above the safe bound of rk4"
+UNSTABLE = r"diverged|cannot be kept closed"
+SHARE = 12.0 / FIRST**4  # of a cantilever's static tip deflection that its first mode carries
+Term = tuple[float, float, float]
+
+
+def away(column: str, exact: Callable[[np.ndarray], np.ndarray], scale: float) -> Callable[[Ran], float]:
+    """Return a measure: the largest difference of a column from an exact function of time, over a scale."""
+    return lambda ran: float(np.abs(ran.history[column] - exact(ran.history.time)).max() / scale)
+
+
+def same(column: str, kept: np.ndarray, scale: float) -> Callable[[Ran], float]:
+    """Return a measure: the largest difference of a column over a scale from the same scene at an ordinary size."""
+    return lambda ran: float(np.abs(ran.history[column] / scale - kept).max())
+
+
+def residual(ran: Ran) -> float:
+    """Return the largest energy residual over the largest energy."""
+    return ran.residual
+
+
+def opening(ran: Ran) -> float:
+    """Return the largest violation of the joints [m]."""
+    return float(np.abs(ran.energy["position_violation"]).max())
+
+
+def largest(ran: Ran) -> float:
+    """Return the largest value of any sensor."""
+    return float(np.abs(ran.history.data[:, 1:]).max())
+
+
+def steps_at_the_limit() -> list[Case]:
+    """Return runs at 0.95 and 1.05 of the advised step: limited by an axial mode, a real and a complex GHM pole."""
+    scenes = {
+        "disc": oscillator([]),
+        "real GHM pole": oscillator([(0.5, 20.0, 50.0)]),
+        "complex GHM pole": oscillator([(0.5, 0.3, 50.0)]),
+        "free beam": cantilever(elements=2)[0].replace("&joint name='wall' type='weld' body_a='beam' node_a=1 /\n", ""),
+    }
+    found = []
+    for name, deck in scenes.items():
+        h = safe_bound(deck)
+        for share in (0.95, 1.05):
+            run = transient(6000 * share * h, share * h, 100, "accept_unstable=.true.")
+            if share < 1.0:
+                found.append(
+                    Case("step / advised limit", f"{share:g} {name}", deck + run, "stays bounded", measure=residual, limit=1.0)
+                )
+            else:
+                told = "diverges and says so"
+                found.append(Case("step / advised limit", f"{share:g} {name}", deck + run, told, 1, UNSTABLE))
+            refused = deck + transient(6000 * share * h, share * h, 100)
+            if share > 1.0:
+                found.append(Case("step / advised limit", f"{share:g} {name}, as is", refused, "refuses with advice", 2, REFUSAL))
+    return found
+
+
+def beams() -> list[Case]:
+    """Return cantilevers from soft to hard, stubby to slender, of one to 512 elements."""
+    base, period, static = cantilever(more="axial=.false.")
+    kept = call(base + transient(2.0 * period, period / 2000)).history["tip.v"] / static
+    found = []
+    for exponent in range(3, 16, 2):
+        deck, period, static = cantilever(young=10.0**exponent, more="axial=.false.")
+        run = deck + transient(2.0 * period, period / 2000)
+        found.append(
+            Case(
+                "Young modulus [Pa]",
+                f"1e{exponent}",
+                run,
+                "the same motion in its own time",
+                measure=same("tip.v", kept, static),
+                limit=1e-8,
+            )
+        )
+    for slenderness in (1.0, 3.0, 1e2, 1e3, 1e4, 1e5):
+        deck, period, static = cantilever(slenderness=slenderness, more="axial=.false.")
+        run = deck + transient(2.0 * period, period / 2000)
+        found.append(
+            Case(
+                "slenderness",
+                f"{slenderness:g}",
+                run,
+                "the same motion in its own time",
+                measure=same("tip.v", kept, static),
+                limit=1e-8,
+            )
+        )
+        if slenderness > 500.0:
+            deck = cantilever(slenderness=slenderness)[0] + transient(2.0 * period, period / 2000)
+            found.append(Case("slenderness", f"{slenderness:g}, axial", deck, "refuses with advice", 2, REFUSAL))
+    for elements in (1, 2, 4, 8, 32, 128, 512):
+        deck, period, static = cantilever(elements=elements, more="modes=1")
+        limit = 5e-2 if elements < 2 else max(2.0 / elements**4, 1e-4)
+        exact = away("tip.v", lambda t, w=2.0 * math.pi / period, s=static: SHARE * s * (1.0 - np.cos(w * t)), static)
+        run = deck + transient(2.0 * period, period / 2000)
+        found.append(Case("elements", str(elements), run, f"one mode within {limit:.0e} of the beam's", measure=exact, limit=limit))
+        if elements > 16:
+            deck = cantilever(elements=elements)[0] + transient(2.0 * period, period / 2000)
+            found.append(Case("elements", f"{elements}, nodal", deck, "refuses with advice", 2, REFUSAL))
+    return found
+
+
+def damped(factor: str, value: str, terms: list[Term]) -> Case:
+    """Return an oscillator with GHM terms: within 1e-6 of the exact solution, or refused.
+
+    It is refused where a step of 1/400 of the run is not stable and a stable one would take too many steps.
+    """
+    deck, t_end = oscillator(terms), 12.0
+    wanted, bound = t_end / 400, oscillator_bound(terms)
+    step = min(wanted, 0.02 * bound) if t_end / (0.02 * bound) < LONG else 0.5 * bound
+    if t_end / step > LONG:
+        return Case(factor, value, deck + transient(t_end, wanted), "refuses with advice", 2, REFUSAL)
+    exact = away("disc", lambda t: oscillator_exact(terms, t), 0.2)
+    return Case(factor, value, deck + transient(t_end, step), "within 1e-6 of the exact motion", measure=exact, limit=1e-6)
+
+
+def damping() -> list[Case]:
+    """Return GHM parameters from tiny to huge, alone and mixed; the oscillator's own frequency is 1 rad/s."""
+    found = [damped("GHM alpha", f"1e{k}", [(10.0**k, 1.0, 3.0)]) for k in range(-6, 4)]
+    found += [damped("GHM zeta", f"1e{k}", [(0.5, 10.0**k, 3.0)]) for k in range(-3, 4)]
+    found += [damped("GHM omega [rad/s]", f"1e{k}", [(0.5, 1.0, 10.0**k)]) for k in range(-2, 10)]
+    mixed = {
+        "all small": [(1e-6, 1e-3, 1e-2)],
+        "slow and fast": [(1e3, 0.7, 1e-2), (0.5, 1.0, 1e3)],
+        "undamped and overdamped": [(0.5, 1e-3, 2.0), (0.5, 1e3, 2.0)],
+        "tiny and huge": [(1e-6, 1.0, 1.0), (1e3, 1.0, 1.0)],
+        "everything": [(1e-6, 1e3, 1e-2), (1e3, 1e-3, 1.0), (1.0, 1.0, 1e9)],
+        "the same term thrice": [(0.3, 1.0, 2.0)] * 3,
+    }
+    return found + [damped("GHM mixed", name, terms) for name, terms in mixed.items()]
+
+
+def masses() -> list[Case]:
+    """Return two links of very different masses."""
+    found = []
+    for k in (-9, -6, -3, 0, 3, 6, 9):
+        exact = away("upper", lambda t, r=10.0**k: double_pendulum_exact(r, t)[:, 0], 1.0)
+        deck = double_pendulum(10.0**k) + transient(4.0, 1e-3)
+        found.append(
+            Case("mass ratio of neighbours", f"1e{k}", deck, "within 1e-6 of Lagrange's equations", measure=exact, limit=1e-6)
+        )
+    return found
+
+
+def spins() -> list[Case]:
+    """Return arms that spin below and past the speed at which the linear strain diverges, without and with stiffening."""
+    omega = FIRST**2 * math.sqrt(1.0e9 * (0.02**4 / 12) / (1000.0 * 0.02**2))
+    load, found = 1.0, []
+    static = load / (3.0 * 1.0e9 * 0.02**4 / 12)
+    for ratio in (0.0, 0.5, 0.9, 0.99, 1.01, 1.5, 3.0, 10.0):
+        square = complex(omega**2 * (1.0 - ratio**2))
+        kappa = np.sqrt(square)
+        t_end = 4.0 / max(omega, abs(kappa))
+
+        def exact(t: np.ndarray, kappa: complex = kappa, square: complex = square) -> np.ndarray:
+            return SHARE * static * omega**2 * ((1.0 - np.cos(kappa * t)) / square).real
+
+        deck = spinning_arm(ratio * omega, load, "modes=1") + transient(t_end, t_end / 1000)
+        measure = away("tip.v", exact, float(np.abs(exact(np.array([t_end]))).max()))
+        said = "without stiffening" if ratio > 1.0 else ""
+        told = "grows as the linear model must, with a warning" if ratio > 1.0 else "swings as the linear model must"
+        found.append(Case("spin / first frequency", f"{ratio:g}", deck, told, 0, said, measure, 1e-3))
+        if ratio > 3.0:
+            continue  # two per cent of stretch: no linear material
+        deck = spinning_arm(ratio * omega, load, "stiffening=.true.") + transient(2.0 * math.pi / omega, 2e-5)
+        found.append(
+            Case(
+                "spin / first frequency",
+                f"{ratio:g} stiffened",
+                deck,
+                "stays near its static deflection",
+                measure=lambda ran: float(np.abs(ran.history["tip.v"]).max() / static),
+                limit=2.5,
+            )
+        )
+    return found
+
+
+def singular_positions() -> list[Case]:
+    """Return dead centres and change points, at rest and at speed."""
+    factor, found = "dead centre", []
+    for name, angle in (("outer", 0.0), ("inner", math.pi)):
+        deck = crank(angle, 0.0) + transient(1.0, 1e-3)
+        stays = away("crank", lambda t, a=angle: 0.0 * t + a, 1.0)
+        found.append(Case(factor, f"{name}, at rest", deck, "stays there", measure=stays, limit=1e-12))
+        deck = crank(angle, 1.0) + transient(2.0, 1e-3)
+        found.append(Case(factor, f"{name}, torque", deck, "leaves it, energy kept to 1e-8", measure=residual, limit=1e-8))
+        for speed in (1.0, 1e3, 1e6):
+            deck = crank(angle, 0.0, speed) + transient(10.0 / speed, 1e-3 / speed)
+            found.append(
+                Case(factor, f"{name}, {speed:g} rad/s", deck, "passes it, energy kept to 1e-8", measure=residual, limit=1e-8)
+            )
+    factor = "change point"
+    deck = parallelogram(1.0) + transient(4.0, 5e-4)
+    found.append(Case(factor, "passed in motion", deck, "passes it, energy kept to 1e-5", measure=residual, limit=1e-5))
+    deck = parallelogram(5.0, 0.0, 0.0) + transient(4.0, 5e-4)
+    found.append(Case(factor, "start at speed", deck, "runs closed, names the redundant joints", 0, "redundant", opening, 1e-9))
+    deck = parallelogram(0.0, 0.0, 0.0) + transient(1.0, 1e-3)
+    found.append(Case(factor, "start at rest", deck, "stays there, names the redundant joints", 0, "redundant", opening, 1e-12))
+    deck = parallelogram(0.0, 0.0) + transient(1.0, 1e-3)
+    found.append(Case(factor, "start, gravity", deck, "runs closed, names the redundant joints", 0, "redundant", opening, 1e-9))
+    return found
+
+
+def many_steps() -> list[Case]:
+    """Return a million steps."""
+    deck, unit = pendulum()
+    rigid = deck + transient(2000.0 * unit, 0.002 * unit, 200)
+    deck, unit = pendulum(body="flexible")
+    h = min(0.5 * safe_bound(deck), 0.002 * unit)
+    flexible = deck + transient(1e6 * h, h, 200)
+    return [
+        Case("steps", "1e6, rigid", rigid, "joints closed to 1e-12 m", measure=opening, limit=1e-12),
+        Case("steps", "1e6, rigid, energy", rigid, "energy kept to 1e-8", measure=residual, limit=1e-8),
+        Case("steps", "1e6, flexible", flexible, "joints closed to 1e-12 m", measure=opening, limit=1e-12),
+    ]
+
+
+def loads() -> list[Case]:
+    """Return gravity and torques from nothing to absurd."""
+    deck, unit = pendulum()
+    kept = call(deck + transient(5.0 * unit, 1e-3 * unit)).history["rod"]
+    found = []
+    for k in (-12, -6, 6, 12):
+        deck, unit = pendulum(gravity=10.0**k)
+        run = deck + transient(5.0 * unit, 1e-3 * unit)
+        found.append(
+            Case("gravity [m/s2]", f"1e{k}", run, "the same swing in its own time", measure=same("rod", kept, 1.0), limit=1e-8)
+        )
+    deck = pendulum(gravity=0.0)[0] + transient(1.0, 1e-3)
+    found.append(Case("gravity [m/s2]", "0", deck, "stays there", measure=largest, limit=1e-14))
+    for k in (-12, -6, 0, 6, 12):
+        free = re.sub("&spring.*\n", "", oscillator([], moment=10.0**k))
+        disc = free + transient(1.0, 1e-3)
+        exact = away("disc", lambda t, m=10.0**k: 0.5 * m * t**2, 0.5 * 10.0**k)
+        found.append(Case("torque [N m]", f"1e{k}", disc, "turns as M t^2/2J within 1e-9", measure=exact, limit=1e-9))
+    deck, period, _ = cantilever(more="axial=.false.")
+    absurd = deck.replace("&force name='tip'", "&force name='more' type='force' body='beam' node=-1 fy=1.0e9 /\n&force name='tip'")
+    run = absurd + transient(2.0 * period, period / 2000)
+    found.append(
+        Case(
+            "force on a beam",
+            "1e9 N",
+            run,
+            "runs, warns that the floating frame no longer holds",
+            0,
+            "floating frame no longer holds",
+        )
+    )
+    return found
+
+
+def units() -> list[Case]:
+    """Return the same scene in micrometres and megametres, microseconds and days."""
+    deck, unit = pendulum(body="flexible")
+    kept = call(deck + transient(3.0 * unit, 2e-4 * unit)).history["rod"]
+    found = []
+    for name, length, gravity in (
+        ("micrometres", 1e-6, 9.81),
+        ("millimetres", 1e-3, 9.81),
+        ("kilometres", 1e3, 9.81),
+        ("megametres", 1e6, 9.81),
+        ("microseconds", 1.0, 1e12),
+        ("days", 1.0, 1e-10),
+        ("millimetres in microseconds", 1e-3, 1e9),
+        ("kilometres in days", 1e3, 1e-7),
+    ):
+        deck, unit = pendulum(length, gravity, body="flexible")
+        run = deck + transient(3.0 * unit, 2e-4 * unit)
+        found.append(Case("units", name, run, "the same swing in its own units", measure=same("rod", kept, 1.0), limit=1e-8))
+    return found
+
+
+def drives() -> list[Case]:
+    """Return drives that cannot be followed."""
+    disc = oscillator([]).replace("&force", "&drive name='motor' type='rotation' body_a='disc' history='h' /\n&force")
+    run = transient(1.0, 1e-3)
+    arm = crank(0.5, 0.0) + "&drive name='push' type='position' body_a='rod' point_a=3.0,0.0 direction=0.0 history='h' /\n"
+    far = "&history name='h' kind='ramp' start_value={start:.16e} end_value=6.0 start=0.0 finish=1.0 /\n"
+    start = math.cos(0.5) + math.sqrt(9.0 - math.sin(0.5) ** 2)
+    return [
+        Case(
+            "drive",
+            "a jump",
+            disc + "&history name='h' kind='pulse' value=1.0 start=0.3 finish=0.6 /\n" + run,
+            "refused, names the time",
+            2,
+            r"jump.*(0?\.3|3\.0*E-01)|(0?\.3|3\.0*E-01).*jump",
+        ),
+        Case(
+            "drive",
+            "a corner",
+            disc + "&history name='h' kind='table' time=0.0,0.3,0.6 value=0.0,1.0,0.0 /\n" + run,
+            "refused, names the time",
+            2,
+            r"slope|jump",
+        ),
+        Case(
+            "drive",
+            "beyond reach",
+            arm + far.format(start=start) + run,
+            "stops, names what opens",
+            1,
+            r"cannot be (kept closed|followed)",
+        ),
+        Case(
+            "drive",
+            "beyond reach at the start",
+            arm + far.format(start=7.0).replace("end_value=6.0", "end_value=8.0") + run,
+            "refused, names the joints",
+            2,
+            r"push|pin|guide",
+        ),
+    ]
+
+
+def all_factors() -> list[Case]:
+    """Return every case of one factor."""
+    families = (steps_at_the_limit, beams, damping, masses, spins, singular_positions, many_steps, loads, units, drives)
+    return [case for family in families for case in family()]

@@ -1,0 +1,200 @@
+"""Scenes that can be made extreme, with their exact answers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+LIMIT = 2.7  # |mu h| up to which classical Runge-Kutta is surely stable along the rays met here
+FIRST = 1.8751040687119611  # first root of 1 + cos x cosh x
+
+
+def transient(t_end: float, step: float, rows: int = 50, more: str = "") -> str:
+    """Return the group of a fixed-step run."""
+    return f"&transient t_end={t_end:.16e} method='rk4' step={step:.16e} output_step={max(t_end / rows, step):.16e} {more} /\n"
+
+
+def ghm_words(terms: list[tuple[float, float, float]]) -> str:
+    """Return the GHM assignments of (alpha, zeta, omega) terms, '' without terms."""
+    if not terms:
+        return ""
+    lists = zip(*terms)
+    return " ".join(f"ghm_{k}={','.join(f'{x:.16e}' for x in v)}" for k, v in zip(("alpha", "zeta", "omega"), lists))
+
+
+def oscillator(terms: list[tuple[float, float, float]], stiffness: float = 1.0, inertia: float = 1.0, moment: float = 0.1) -> str:
+    """Return a disc on a viscoelastic torsional spring under a moment that starts at t = 0: one degree of freedom."""
+    return f"""&body name='disc' kind='rigid' mass=1.0 inertia={inertia:.16e} /
+&joint name='axle' type='revolute' body_a='disc' /
+&spring name='shaft' type='torsional' body_a='disc' stiffness={stiffness:.16e} {ghm_words(terms)} /
+&force name='load' type='torque' body='disc' moment={moment:.16e} /
+&sensor name='disc' quantity='angle' body='disc' /
+"""
+
+
+def oscillator_matrix(terms: list[tuple[float, float, float]], square: float) -> np.ndarray:
+    """Return the matrix of the first-order equations of q and the dissipative coordinates (theory.md, section 5).
+
+    Args:
+        terms: (alpha, zeta, omega [rad/s])
+        square: square of the relaxed frequency [rad2/s2]
+
+    Returns:
+        matrix of shape (2 + 2 terms, 2 + 2 terms) for (q, q', z1, z1', ...)
+    """
+    n = 2 + 2 * len(terms)
+    a = np.zeros((n, n))
+    a[0, 1] = 1.0
+    a[1, 0] = -square * (1.0 + sum(alpha for alpha, _, _ in terms))
+    for k, (alpha, zeta, omega) in enumerate(terms):
+        z = 2 + 2 * k
+        a[1, z] = square * alpha
+        a[z, z + 1] = 1.0
+        a[z + 1, [0, z, z + 1]] = omega**2, -(omega**2), -2.0 * zeta * omega
+    return a
+
+
+def oscillator_exact(
+    terms: list[tuple[float, float, float]], times: np.ndarray, load: float = 0.1, square: float = 1.0
+) -> np.ndarray:
+    """Return q at equally spaced times from rest under a constant load (per unit of inertia)."""
+    a = oscillator_matrix(terms, square)
+    n = len(a)
+    grown = np.zeros((n + 1, n + 1))
+    grown[:n, :n] = a
+    grown[1, n] = load
+    turn = expm(grown * (times[1] - times[0]))
+    state = np.zeros(n + 1)
+    state[n] = 1.0
+    found = []
+    for _ in times:
+        found.append(state[0])
+        state = turn @ state
+    return np.array(found)
+
+
+def oscillator_bound(terms: list[tuple[float, float, float]], square: float = 1.0) -> float:
+    """Return the largest stable step of classical Runge-Kutta by its own stability polynomial [s]."""
+    poles = np.linalg.eigvals(oscillator_matrix(terms, square))
+    scale = 3.5 / np.abs(poles).max()
+    for h in np.linspace(0.5, 1.0, 501) * scale:
+        z = poles * h
+        if np.abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0).max() > 1.0 + 1.0e-9:
+            return float(h)
+    return float(scale)
+
+
+def cantilever(
+    young: float = 1.0e9, slenderness: float = 50.0, length: float = 1.0, density: float = 1000.0, elements: int = 4, more: str = ""
+) -> tuple[str, float, float]:
+    """Return a clamped beam under a tip force, its first period [s] and its static tip deflection (one percent of the length)."""
+    height = length / slenderness
+    area, inertia = height * height, height**4 / 12.0
+    omega = FIRST**2 * math.sqrt(young * inertia / (density * area * length**4))
+    deflection = 0.01 * length
+    force = 3.0 * young * inertia * deflection / length**3
+    deck = f"""&material name='m' density={density:.16e} young={young:.16e} /
+&section name='s' area={area:.16e} inertia={inertia:.16e} /
+&body name='beam' kind='beam' length={length:.16e} elements={elements} material='m' section='s' reference='clamped' {more} /
+&joint name='wall' type='weld' body_a='beam' node_a=1 /
+&force name='tip' type='force' body='beam' node=-1 fy={force:.16e} /
+&sensor name='tip' quantity='deflection' body='beam' node=-1 /
+"""
+    return deck, 2.0 * math.pi / omega, deflection
+
+
+def pendulum(length: float = 1.0, gravity: float = 9.81, mass: float = 1.0, body: str = "rigid") -> tuple[str, float]:
+    """Return a uniform rod let go from the horizontal, rigid or flexible, and its time scale sqrt(L/g) [s]."""
+    if body == "rigid":
+        rod = f"kind='rigid' mass={mass:.16e} inertia={mass * length**2 / 12:.16e} com={length / 2:.16e},0.0 /"
+        groups, place = "", "point_a=0.0,0.0"
+    else:
+        height = length / 20.0
+        young = 2.0e5 * gravity * length * mass / length**3
+        groups = f"""&material name='m' density={mass / (height**2 * length):.16e} young={400 * young:.16e} /
+&section name='s' shape='rectangle' width={height:.16e} height={height:.16e} /
+"""
+        rod = f"kind='beam' length={length:.16e} elements=2 material='m' section='s' axial=.false. /"
+        place = "node_a=1"
+    deck = f"""&scene gravity=0.0,{-gravity:.16e} /
+{groups}&body name='rod' {rod}
+&joint name='pivot' type='revolute' body_a='rod' {place} /
+&sensor name='rod' quantity='angle' body='rod' /
+"""
+    return deck, math.sqrt(length / gravity) if gravity > 0.0 else 1.0
+
+
+def double_pendulum(ratio: float) -> str:
+    """Return two uniform rods of 1 m from (0.3, -0.5) rad, the lower `ratio` times as heavy as the upper, under 1 m/s2."""
+    x, y = math.cos(0.3), math.sin(0.3)
+    return f"""&scene gravity=1.0,0.0 /
+&body name='upper' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0 angle=0.3 /
+&body name='lower' kind='rigid' mass={ratio:.16e} inertia={ratio / 12:.16e} com=0.5,0.0 position={x:.16e},{y:.16e} angle=-0.5 /
+&joint name='pivot' type='revolute' body_a='upper' /
+&joint name='elbow' type='revolute' body_a='lower' body_b='upper' point_b=1.0,0.0 /
+&sensor name='upper' quantity='angle' body='upper' /
+&sensor name='lower' quantity='angle' body='lower' /
+"""
+
+
+def double_pendulum_exact(ratio: float, times: np.ndarray) -> np.ndarray:
+    """Return both angles, shape (times, 2), from Lagrange's equations (angles from the x axis, gravity along x)."""
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        a, b, da, db = y
+        m, c, s = ratio, math.cos(a - b), math.sin(a - b)
+        mass = np.array([[1.0 / 3.0 + m, 0.5 * m * c], [0.5 * m * c, m / 3.0]])
+        right = [-0.5 * m * s * db**2 - (0.5 + m) * math.sin(a), 0.5 * m * s * da**2 - 0.5 * m * math.sin(b)]
+        return np.array([da, db, *np.linalg.solve(mass, right)])
+
+    return solve_ivp(rates, (0.0, times[-1]), [0.3, -0.5, 0.0, 0.0], "DOP853", times, rtol=1e-12, atol=1e-13).y[:2].T
+
+
+def spinning_arm(spin: float, load: float, more: str) -> str:
+    """Return an arm turned at a constant rate [rad/s], pushed sideways at its tip (in its own axes)."""
+    return f"""&material name='m' density=1000.0 young=1.0e9 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='arm' kind='beam' length=1.0 elements=4 material='m' section='s' reference='clamped'
+  {more} angular_velocity={spin:.16e} /
+&joint name='hub' type='revolute' body_a='arm' node_a=1 /
+&history name='spin' kind='polynomial' coefficients={spin:.16e} /
+&drive name='motor' type='rotation' body_a='arm' history='spin' rate=.true. /
+&force name='push' type='force' body='arm' node=-1 fy={load:.16e} axes='body' /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+"""
+
+
+def parallelogram(speed: float, angle: float = math.pi / 2, gravity: float = 9.81) -> str:
+    """Return a four-bar of three uniform unit links whose bars all lie on one line twice a turn, at an angle of its cranks."""
+    x, y = math.cos(angle), math.sin(angle)
+    rate = f"angular_velocity={speed:.16e}"
+    return f"""&scene gravity=0.0,{-gravity:.16e} /
+&body name='left' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0 angle={angle:.16e} {rate} /
+&body name='right' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0 position=1.0,0.0 angle={angle:.16e} {rate} /
+&body name='top' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0 position={x:.16e},{y:.16e} /
+&joint name='a' type='revolute' body_a='left' /
+&joint name='d' type='revolute' body_a='right' point_b=1.0,0.0 /
+&joint name='b' type='revolute' body_a='top' body_b='left' point_b=1.0,0.0 /
+&joint name='c' type='revolute' body_a='top' point_a=1.0,0.0 body_b='right' point_b=1.0,0.0 /
+&sensor name='left' quantity='angle' body='left' /
+"""
+
+
+def crank(angle: float, torque: float, speed: float = 0.0) -> str:
+    """Return a rigid slider-crank with a crank angle, a crank torque and a crank speed at the start."""
+    reach = math.sqrt(9.0 - math.sin(angle) ** 2)
+    x, y = math.cos(angle), math.sin(angle)
+    return f"""&body name='crank' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0
+  angle={angle:.16e}
+  angular_velocity={speed:.16e} /
+&body name='rod' kind='rigid' mass=1.0 inertia=0.75 com=1.5,0.0 position={x:.16e},{y:.16e} angle={-math.atan2(y, reach):.16e} /
+&lump body='rod' point=3.0,0.0 mass=0.5 /
+&joint name='main' type='revolute' body_a='crank' /
+&joint name='pin' type='revolute' body_a='rod' body_b='crank' point_b=1.0,0.0 /
+&joint name='guide' type='slider' body_a='rod' point_a=3.0,0.0 /
+&force name='torque' type='torque' body='crank' moment={torque:.16e} /
+&sensor name='crank' quantity='angle' body='crank' /
+"""

@@ -1,0 +1,55 @@
+"""A part of `make extremes`: one factor at a time without the million steps, and 40 random mixtures."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "extremes"))
+
+import extreme_factors as factors
+from extreme_cases import judge
+from extreme_mixtures import mixture
+from extremes import picture_of_factors, text
+
+QUICK = [
+    factors.steps_at_the_limit,
+    factors.beams,
+    factors.damping,
+    factors.masses,
+    factors.spins,
+    factors.singular_positions,
+    factors.loads,
+    factors.units,
+    factors.drives,
+]
+
+
+@pytest.mark.parametrize("family", QUICK, ids=lambda family: family.__name__)
+def test_every_case_of_a_factor_is_as_stated(family, biela, tmp_path):
+    assert biela.exists()
+    rows = [judge(case) for case in family()]
+    assert len(rows) >= 4
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
+    picture_of_factors(rows, tmp_path / "factors.png")
+    assert (tmp_path / "factors.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("start", [0, 10, 20, 30])
+def test_random_mixtures_are_as_stated(start, biela):
+    assert biela.exists()
+    rows = [judge(mixture(7, number)) for number in range(start, start + 10)]
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 7, 0.0)
+
+
+def test_a_case_that_is_not_as_stated_fails(biela):
+    assert biela.exists()
+    good = factors.drives()[0]
+    wrong = [
+        factors.Case(good.factor, good.value, good.deck, "runs"),
+        factors.Case(good.factor, good.value, good.deck, "refuses", 2, "no such words"),
+        factors.Case("torque", "1", factors.loads()[5].deck, "turns", measure=factors.largest, limit=0.5),
+    ]
+    assert not any(judge(case).passed for case in wrong)
