@@ -22,7 +22,8 @@ JOBS    = auto
 # gfortran 12 takes the descriptors of allocatable variables for uninitialised: those two warnings are off; the checked
 # build (-finit-real=snan with traps) finds the real ones
 STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra -Wno-uninitialized -Wno-maybe-uninitialized $(WERROR)
-CHECKED  = -O0 -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
+# array temporaries are no faults, and telling of them would fill standard error
+CHECKED  = -O0 -g -fcheck=all,no-array-temps -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
 ifeq ($(DEBUG),1)
   B      := build/debug
   SUFFIX := -debug
