@@ -1,11 +1,12 @@
 !> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
 module modal_analysis
   use kinds, only: wp
-  use complex_modes, only: mode_set, find_modes
+  use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
   use linear_state, only: linear_system
   use mode_file, only: write_modes, mode_figures
+  use mode_list, only: mode_set
   use scene_run, only: run_state
   use summary, only: add_line, number
   use, intrinsic :: iso_fortran_env, only: error_unit

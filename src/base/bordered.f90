@@ -8,28 +8,12 @@
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
   use kinds, only: wp
+  use border_block, only: block_part, condense, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
   public :: bordered_system
-
-  integer, parameter :: slots = 3                     !! replaced pivots that a block can hand to the border
-  real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the column [-]
-
-  !> One block.
-  type :: block_part
-    integer :: n = 0                                  !! unknowns
-    integer :: kd = 0                                 !! half band width
-    integer, allocatable :: unknown(:)                !! (n) original indices in band order
-    integer, allocatable :: border(:)                 !! (nb) border places that it touches, the slots last
-    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor
-    complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it
-    complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block
-    integer, allocatable :: pivots(:)                 !! (n)
-    real(wp), allocatable :: size(:)                  !! (n) largest entry of each column
-    integer :: weak(slots) = 0                        !! replaced pivots
-  end type block_part
 
   !> The system.
   type :: bordered_system
@@ -230,64 +214,6 @@ contains
       if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)*max(largest, tiny(1.0_wp))
     end do
   end subroutine factor
-
-  !> Factors one block and subtracts its Schur complement from the border.
-  subroutine condense(p, kd, ab)
-    type(block_part), intent(inout) :: p
-    integer, intent(in) :: kd                         !! half band width of the border
-    complex(wp), intent(inout) :: ab(:, :)            !! the border
-    complex(wp) :: s
-    integer :: info, k, w, m, i, j
-    m = size(p%border)
-    p%weak = 0
-    do k = 1, slots
-      ab(2*kd + 1, p%border(m - slots + k)) = 1.0_wp
-    end do
-    if (p%n == 0) return
-    p%size = [(maxval(abs(p%ab(:, k))), k=1, p%n)]
-    call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
-    w = 0
-    do k = 1, p%n
-      if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot*p%size(k)) cycle
-      if (w == slots) then
-        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)*max(p%size(k), tiny(1.0_wp))
-        cycle
-      end if
-      w = w + 1
-      p%weak(w) = k
-      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + max(p%size(k), tiny(1.0_wp))
-      p%left(m - slots + w, k) = -1.0_wp
-    end do
-    call zgbtrs('N', p%n, p%kd, p%kd, m - slots, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
-    do k = 1, w
-      call back_substitute(p, p%weak(k), -max(p%size(p%weak(k)), tiny(1.0_wp)), p%right(:, m - slots + k))
-    end do
-    do j = 1, m - slots + w
-      do i = 1, m - slots + w
-        s = sum(p%left(i, :)*p%right(:, j))
-        associate (r => p%border(i), c => p%border(j))
-          ab(2*kd + 1 + r - c, c) = ab(2*kd + 1 + r - c, c) - s
-        end associate
-      end do
-    end do
-  end subroutine condense
-
-  !> x = value U^-1 e_k.
-  pure subroutine back_substitute(p, k, value, x)
-    type(block_part), intent(in) :: p
-    integer, intent(in) :: k
-    real(wp), intent(in) :: value
-    complex(wp), intent(inout) :: x(:)
-    integer :: i, j
-    x = 0.0_wp
-    x(k) = value
-    do j = k, 1, -1
-      x(j) = x(j)/p%ab(2*p%kd + 1, j)
-      do i = max(1, j - 2*p%kd), j - 1
-        x(i) = x(i) - p%ab(2*p%kd + 1 + i - j, j)*x(j)
-      end do
-    end do
-  end subroutine back_substitute
 
   !> Rows, then columns of the border to size one: forces, moments and lengths stand side by side in it.
   subroutine equilibrate(self)

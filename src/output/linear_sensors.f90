@@ -6,7 +6,7 @@ module linear_sensors
   use beam_element, only: deformation_matrix
   use body, only: body_model
   use constraint, only: place_stiffness
-  use dynamic_stiffness, only: modulus_ratio
+  use complex_modulus, only: modulus_ratio
   use mechanism, only: mechanism_model
   use place, only: place_model
   use sensors, only: sensor_list

@@ -1,7 +1,7 @@
 !> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
 module mode_file
   use kinds, only: wp, pi
-  use complex_modes, only: mode_set, undamped_mode, vibration_mode, further_mode, real_pole
+  use mode_list, only: mode_set, undamped_mode
   use mechanism, only: mechanism_model
   use results, only: motion_names, motion_row
   use text_file, only: result_file

@@ -9,34 +9,22 @@ module dynamic_stiffness
   use kinds, only: wp
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
+  use complex_modulus, only: ghm_group, modulus_ratio, modulus_slope
   use linearisation, only: linear_mechanism
   use mechanism, only: mechanism_model
-  use ordering, only: adjacency
+  use sparse_pattern, only: symmetric_pattern
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: stiffness_system, ghm_group, modulus_ratio, modulus_slope
+  public :: stiffness_system
 
   integer, parameter :: whole = 0, static_part = 1, symmetric_part = 2   !! T(s); K + shift M; its symmetric part
 
-  !> Entries that one set of GHM terms multiplies.
-  type :: ghm_group
-    real(wp), allocatable :: alpha(:)          !! [-]
-    real(wp), allocatable :: zeta(:)           !! [-]
-    real(wp), allocatable :: omega(:)          !! [rad/s]
-    integer, allocatable :: entry(:)           !! entries of the pattern
-    real(wp), allocatable :: value(:)          !! K_r there
-    real(wp), allocatable :: low(:)            !! what rounding took from it
-  end type ghm_group
-
   !> The system.
-  type :: stiffness_system
+  type, extends(symmetric_pattern) :: stiffness_system
     integer :: n = 0                           !! mechanical unknowns
     integer :: rows = 0                        !! independent constraint rows
     integer, allocatable :: active(:)          !! (rows) their numbers among all rows
-    integer, allocatable :: first(:)           !! (n+rows+1) first entry of each column
-    integer, allocatable :: row(:), col(:)     !! (entries), sorted by column, then row
-    integer, allocatable :: mirror(:)          !! (entries) the transposed entry
     real(wp), allocatable :: m(:), c(:), k(:)  !! (entries) mass, damping with gyroscopic terms, stiffness at E_R
     real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed
     real(wp), allocatable :: gyro(:)           !! (entries) skew part of c
@@ -61,36 +49,9 @@ module dynamic_stiffness
     procedure :: balance
     procedure :: stiffness_times
     procedure :: stiffness_product
-    procedure :: entry
   end type stiffness_system
 
 contains
-
-  !> g(s) = E(s)/E_R - 1 of a set of terms.
-  pure function modulus_ratio(alpha, zeta, omega, s) result(g)
-    real(wp), intent(in) :: alpha(:), zeta(:), omega(:)
-    complex(wp), intent(in) :: s               !! [1/s]
-    complex(wp) :: g, a
-    integer :: k
-    g = 0.0_wp
-    do k = 1, size(alpha)
-      a = s*(s + 2*zeta(k)*omega(k))
-      g = g + alpha(k)*a/(a + omega(k)**2)
-    end do
-  end function modulus_ratio
-
-  !> Its derivative [s].
-  pure function modulus_slope(alpha, zeta, omega, s) result(g)
-    real(wp), intent(in) :: alpha(:), zeta(:), omega(:)
-    complex(wp), intent(in) :: s               !! [1/s]
-    complex(wp) :: g, a
-    integer :: k
-    g = 0.0_wp
-    do k = 1, size(alpha)
-      a = s*(s + 2*zeta(k)*omega(k)) + omega(k)**2
-      g = g + alpha(k)*2*(s + zeta(k)*omega(k))*omega(k)**2/a**2
-    end do
-  end function modulus_slope
 
   !> Builds the system from a linearisation; dependent constraint rows are left out.
   subroutine build(self, m, lin, dependent)
@@ -106,7 +67,7 @@ contains
     nt = self%n + self%rows
     allocate (number_of(lin%rows), source=0)
     number_of(self%active) = [(self%n + k, k=1, self%rows)]
-    call make_pattern(self, lin, number_of)
+    call union_of_patterns(self, lin, number_of)
     allocate (self%m(size(self%row)), self%c(size(self%row)), self%k(size(self%row)), self%k_low(size(self%row)), &
               self%joint(size(self%row)), source=0.0_wp)
     allocate (self%values(size(self%row)), self%slope(size(self%row)))
@@ -129,14 +90,13 @@ contains
     call self%solver%set_up(nt, self%row, self%col, block_of)
   end subroutine build
 
-  !> The union of all patterns, made symmetric, with the whole diagonal.
-  subroutine make_pattern(self, lin, number_of)
+  !> The union of all patterns.
+  subroutine union_of_patterns(self, lin, number_of)
     class(stiffness_system), intent(inout) :: self
     type(linear_mechanism), intent(in) :: lin
-    integer, intent(in) :: number_of(:)
-    integer, allocatable :: r(:), c(:), start(:), neighbour(:), fill(:)
-    integer :: nt, k, j, n
-    nt = self%n + self%rows
+    integer, intent(in) :: number_of(:)        !! unknown of each multiplier, 0: left out
+    integer, allocatable :: r(:), c(:)
+    integer :: k
     allocate (r(0), c(0))
     call append(lin%mass, r, c)
     call append(lin%damping, r, c)
@@ -147,30 +107,11 @@ contains
     if (lin%jacobian%count > 0) then
       r = [r, number_of(lin%jacobian%rows(1:lin%jacobian%count))]
       c = [c, lin%jacobian%cols(1:lin%jacobian%count)]
-      n = count(r > 0)
       c = pack(c, r > 0)
       r = pack(r, r > 0)
     end if
-    call adjacency(nt, r, c, start, neighbour)
-    n = size(neighbour) + nt
-    allocate (self%first(nt + 1), self%row(n), self%col(n), self%mirror(n), fill(nt))
-    do j = 1, nt + 1
-      self%first(j) = start(j) + j - 1
-    end do
-    fill = self%first(1:nt)
-    do k = 1, nt                                ! rows in ascending order into every column
-      do j = start(k), start(k + 1)
-        n = k
-        if (j < start(k + 1)) n = neighbour(j)
-        self%row(fill(n)) = k
-        self%col(fill(n)) = n
-        fill(n) = fill(n) + 1
-      end do
-    end do
-    do k = 1, size(self%row)
-      self%mirror(k) = self%entry(self%col(k), self%row(k))
-    end do
-  end subroutine make_pattern
+    call self%make(self%n + self%rows, r, c)
+  end subroutine union_of_patterns
 
   !> Appends the places of a matrix's entries.
   subroutine append(a, r, c)
@@ -180,24 +121,6 @@ contains
     r = [r, a%rows(1:a%count)]
     c = [c, a%cols(1:a%count)]
   end subroutine append
-
-  !> Number of an entry, by bisection in its column.
-  pure integer function entry(self, i, j) result(e)
-    class(stiffness_system), intent(in) :: self
-    integer, intent(in) :: i, j
-    integer :: low, high
-    low = self%first(j)
-    high = self%first(j + 1) - 1
-    do while (low < high)
-      e = (low + high)/2
-      if (self%row(e) < i) then
-        low = e + 1
-      else
-        high = e
-      end if
-    end do
-    e = low
-  end function entry
 
   !> Sums a matrix's entries on the pattern, and where asked what rounding takes away (Knuth's error-free sum).
   subroutine gather(self, a, values, low)

@@ -3,7 +3,7 @@
 !> followed from the undamped frequency while the damping grows.
 module scalar_modes
   use kinds, only: wp
-  use dynamic_stiffness, only: ghm_group, modulus_ratio, modulus_slope
+  use complex_modulus, only: ghm_group, modulus_ratio, modulus_slope
   use lapack, only: dgeev
   implicit none (type, external)
   private
