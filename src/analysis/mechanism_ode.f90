@@ -4,7 +4,7 @@ module mechanism_ode
   use kinds, only: wp
   use dynamics, only: evaluate
   use mechanism, only: mechanism_model
-  use ode_system, only: ode
+  use ode_system, only: ode, largest_value, sane
   use projection, only: project
   use singular, only: smooth_accelerations
   implicit none (type, external)
@@ -31,6 +31,7 @@ contains
     logical, intent(in) :: left
     real(wp), intent(out) :: dy(:)
     self%m%left = left
+    self%m%broken = .false.
     call state_rates(self%m, self%m%s%nq, self%m%s%nz, t, y, dy)
   end subroutine mechanism_derivative
 
@@ -46,6 +47,7 @@ contains
                                                            y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = m%a
+    if (m%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
     dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)
     dy(2*nq + nz + 1:2*nq + 2*nz) = m%zdd
     dy(2*nq + 2*nz + 1) = m%dissipated_power
@@ -58,7 +60,7 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout) :: y(:)
     logical, intent(out) :: ok
-    ok = all(abs(y) <= 1.0e150_wp) .and. .not. self%m%broken
+    ok = sane(y) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
     call project_state(self%m, self%m%s%nq, self%m%s%nz, t, y, ok)
   end subroutine mechanism_accept
@@ -71,6 +73,6 @@ contains
     real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
     logical, intent(out) :: ok
     call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
-    if (ok) ok = all(abs(y(1:2*nq)) <= 1.0e150_wp)
+    if (ok) ok = sane(y)
   end subroutine project_state
 end module mechanism_ode

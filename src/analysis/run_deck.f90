@@ -1,10 +1,11 @@
 !> One deck from its file to its results: read, build, assemble, run every analysis that it asks for, write the summary.
 module run_deck
   use kinds, only: wp, ip
+  use checkpoint, only: read_checkpoint, remove_checkpoint
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, replace_file
+  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file
   use response_analysis, only: run_response
   use load, only: stage_transient
   use scene_run, only: run_state, prepare_run
@@ -13,8 +14,11 @@ module run_deck
   use step_monitor, only: method_number
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines, version, add_line
+  use text, only: to_text
   use text_file, only: result_file
-  use transient, only: run_transient, transient_report, step_layout
+  use time_stepper, only: step_count
+  use transient, only: run_transient, transient_march
+  use transient_summary, only: transient_lines
   use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit, output_unit
   implicit none (type, external)
   private
@@ -70,8 +74,25 @@ contains
     run%restart = options%restart
     run%folder = options%output
     if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
+    if (run%restart) then
+      call read_restart(run, fail)
+      status = fail%status
+      if (fail%happened()) write (error_unit, '(a)') path//': '//fail%message
+      if (fail%happened()) return
+    end if
     status = run_in_folder(run, text)
   end function run_one_deck
+
+  !> Reads the checkpoint that a restart needs, before anything is written.
+  subroutine read_restart(run, fail)
+    type(run_state), intent(inout) :: run
+    type(failure), intent(inout) :: fail
+    if (run%d%transient%present) then
+      call read_checkpoint(run%folder, run%d%text, run%saved, fail)
+    else
+      call fail%raise(status_bad_input, 'the deck has no transient that --restart could continue')
+    end if
+  end subroutine read_restart
 
   !> Whether a fixed explicit step lies above the safe bound and is not accepted; says so (a check only warns).
   logical function step_refused(run, advice, check) result(refused)
@@ -85,7 +106,7 @@ contains
     refused = .false.
     k = method_number(run%d%transient%method)
     if (.not. run%d%transient%present .or. run%d%transient%adaptive .or. k == 0) return
-    h = run%d%transient%output_step/real(step_layout(run%d%transient%output_step, run%d%transient%step), wp)
+    h = run%d%transient%output_step/real(step_count(run%d%transient%output_step, run%d%transient%step), wp)
     if (h <= advice%safe%step(k)) return
     refused = .not. (check .or. run%d%transient%accept_unstable)
     prefix = 'warning: '
@@ -102,7 +123,7 @@ contains
     type(run_state), intent(inout) :: run
     character(:), allocatable, intent(inout) :: text    !! the summary so far
     type(failure) :: fail
-    type(transient_report) :: report
+    type(transient_march) :: march
     integer :: lock
     logical :: ok
     integer(ip) :: t0, t1, rate
@@ -118,12 +139,14 @@ contains
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%m%stage = stage_transient
-      call run_transient(run, report, fail)
-      call transient_lines(run, report, text)
+      call run_transient(run, march, fail)
+      call transient_lines(run, march, text)
     end if
     call system_clock(t1)
+    if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
     call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), text)
     call write_whole(run%folder//'/summary.txt', text, ok)
+    if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
     status = fail%status
     if (.not. ok .and. status == status_ok) then
@@ -132,45 +155,6 @@ contains
     end if
     if (fail%happened()) write (error_unit, '(a)') run%d%path//': '//fail%message
   end function run_in_folder
-
-  !> The transient's part of the summary.
-  subroutine transient_lines(run, report, text)
-    type(run_state), intent(in) :: run
-    type(transient_report), intent(in) :: report
-    character(:), allocatable, intent(inout) :: text
-    character(160) :: line
-    character(:), allocatable :: warnings
-    call add_line(text, '')
-    call add_line(text, 'transient')
-    call add_line(text, '  method: '//trim(run%d%transient%method)//', stabilization: '// &
-                  trim(run%d%transient%stabilization))
-    write (line, '(a, es16.9, a)') '  step: ', report%step, ' s'
-    call add_line(text, trim(line))
-    write (line, '(a, es16.9, a)') '  reached: t = ', report%t, ' s'
-    call add_line(text, trim(line))
-    write (line, '(a, i0, a, i0)') '  steps: ', report%steps, ', rejected: ', report%rejected
-    call add_line(text, trim(line))
-    write (line, '(a, i0, a, i0)') '  evaluations: ', report%evaluations, ', banded solves: ', report%solves
-    call add_line(text, trim(line))
-    write (line, '(a, es10.3, a, es10.3, a)') '  largest violations: position ', report%position, ' m, velocity ', &
-      report%velocity, ' m/s'
-    call add_line(text, trim(line))
-    write (line, '(a, es10.3, a, es10.3, a)') '  largest energy residual: ', report%residual, ' J (largest energy ', &
-      report%energy, ' J)'
-    call add_line(text, trim(line))
-    if (run%monitor%smallest < huge(1.0_wp)) then
-      write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
-        ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
-      call add_line(text, trim(line))
-    end if
-    warnings = run%watch%warnings(run%sys%m)
-    if (len(warnings) == 0) then
-      call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
-    else
-      text = text//warnings
-      write (error_unit, '(a)', advance='no') warnings
-    end if
-  end subroutine transient_lines
 
   !> The end of the summary: outcome, version, times, the deck's text.
   subroutine finish_summary(run, fail, seconds, text)
@@ -203,5 +187,6 @@ contains
     call file%close()
     ok = .not. file%failed
     if (ok) ok = replace_file(path//'.new', path)
+    if (.not. ok) call remove_file(path//'.new')
   end subroutine write_whole
 end module run_deck

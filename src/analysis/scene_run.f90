@@ -2,6 +2,7 @@
 !> another on it (deck.md: static, modal, frequency response, transient).
 module scene_run
   use kinds, only: wp
+  use archive, only: value_archive
   use errors, only: failure, fault_list
   use deck_records, only: deck
   use build_scene, only: build
@@ -23,8 +24,9 @@ module scene_run
     type(mechanism_system) :: sys
     type(sensor_list) :: list
     type(assembly_report) :: assembly
-    type(validity_watch) :: watch             !! figures of the run so far (to be kept by a checkpoint)
-    type(stability_monitor) :: monitor        !! current bound along the run (smallest, at, estimates: likewise)
+    type(validity_watch) :: watch             !! figures of the run so far
+    type(stability_monitor) :: monitor        !! current bound along the run
+    type(value_archive) :: saved              !! a restart's checkpoint
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
     character(:), allocatable :: folder       !! results folder
     logical :: quiet = .false.

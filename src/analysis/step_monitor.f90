@@ -2,6 +2,7 @@
 !> modes of the start; whatever does not depend on the configuration (GHM poles) is kept.
 module step_monitor
   use kinds, only: wp
+  use archive, only: value_archive
   use deck_records, only: deck
   use dynamics, only: evaluate
   use mechanism, only: mechanism_model
@@ -29,6 +30,7 @@ module step_monitor
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
+    procedure :: exchange => monitor_exchange
   end type stability_monitor
 
 contains
@@ -102,5 +104,14 @@ contains
     self%smallest = h
     self%at = t
   end subroutine monitor_look
+
+  !> Saves or restores what the estimates have found.
+  subroutine monitor_exchange(self, a)
+    class(stability_monitor), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%estimates)
+    call a%exchange(self%smallest)
+    call a%exchange(self%at)
+  end subroutine monitor_exchange
 
 end module step_monitor

@@ -1,92 +1,93 @@
-!> The transient analysis with a fixed-step explicit method: marches, projects, writes rows, and stops at the last good
-!> time when the solution is lost.
+!> The transient analysis: lets a method march from output to output, writes rows and checkpoints, and stops at the last
+!> good time when the solution is lost or a signal comes.
 module transient
   use kinds, only: wp, ip
-  use errors, only: failure, status_failed, status_no_output, status_signal
-  use mechanism_ode, only: mechanism_system, stabilise_none, stabilise_projection, stabilise_baumgarte
+  use archive, only: value_archive
+  use checkpoint, only: write_checkpoint, remove_checkpoint
+  use choose_stepper, only: make_stepper, method_order
+  use corner_list, only: off_step
+  use error_groups, only: group_unknowns
+  use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
+  use march_failure, only: explain_loss, explain_balance
+  use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
   use posix, only: catch_signals, caught_signal
   use progress, only: progress_line
-  use projection, only: worst_constraint
   use results, only: result_set
-  use runge_kutta, only: explicit_stepper, classical_rk4
   use scene_run, only: run_state
-  use step_monitor, only: stability_monitor
+  use step_control, only: error_norm
+  use time_stepper, only: stepper, reached, paused, lost
   implicit none (type, external)
   private
-  public :: run_transient, transient_report, step_layout
+  public :: run_transient
 
-  !> What a transient did, for the summary.
-  type :: transient_report
-    logical :: done = .false.
-    integer(ip) :: steps = 0              !! accepted
-    integer(ip) :: rejected = 0
-    integer(ip) :: evaluations = 0        !! right-hand sides
-    integer(ip) :: solves = 0             !! banded solves
-    real(wp) :: step = 0.0_wp             !! the fixed step used [s]
-    real(wp) :: t = 0.0_wp                !! last good time [s]
-    real(wp) :: residual = 0.0_wp         !! largest energy residual [J]
-    real(wp) :: energy = 0.0_wp           !! largest energy [J]
-    real(wp) :: position = 0.0_wp         !! largest violation [m]
-    real(wp) :: velocity = 0.0_wp         !! [m/s]
-    real(wp) :: seconds = 0.0_wp          !! wall time of the march [s]
-  end type transient_report
+  integer, parameter :: portion = 64           !! steps between looks at signals and checkpoints
+
+  !> A transient on its way, and what the summary says of it.
+  type, public :: transient_march
+    class(stepper), allocatable :: method
+    type(result_set) :: files
+    type(error_norm) :: norm                   !! largest values so far, to name what grows
+    integer(ip) :: outputs = 0                 !! output intervals of the run
+    integer(ip) :: done = 0                    !! of them done
+    real(wp) :: last = 0.0_wp                  !! time of the last row [s]
+    real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
+    integer :: restarts = 0
+    character(:), allocatable :: warning       !! about corners between steps
+  contains
+    procedure :: exchange
+  end type transient_march
 
 contains
 
-  !> Number of steps in an output interval: the fixed step is output_step/ceiling(output_step/step) (deck.md).
-  pure function step_layout(interval, step) result(n)
-    real(wp), intent(in) :: interval      !! [s]
-    real(wp), intent(in) :: step          !! as written in the deck [s]
-    integer(ip) :: n
-    n = max(1_ip, ceiling(interval/step*(1.0_wp - 1.0e-12_wp), ip))
-  end function step_layout
-
-  !> Runs the deck's transient from the present state.
-  subroutine run_transient(run, report, fail)
+  !> Runs the deck's transient from the present state, or from the checkpoint that run%saved holds.
+  subroutine run_transient(run, march, fail)
     type(run_state), intent(inout) :: run
-    type(transient_report), intent(inout) :: report
+    type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
-    type(result_set) :: files
-    type(explicit_stepper) :: stepper
     type(progress_line) :: line
-    integer(ip) :: k, outputs
-    real(wp) :: t0, t1
-    logical :: ok
-    associate (r => run%d%transient)
-      call choose_stabilisation(run)
-      call stepper%prepare(classical_rk4(), run%sys%n)
-      call files%open(run%folder, run%d%name, run%sys%m, run%list, r%motion_step > 0.0_wp)
-      if (files%failed()) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
-      if (fail%happened()) return
-      outputs = max(1_ip, ceiling(r%t_end/r%output_step*(1.0_wp - 1.0e-12_wp), ip))
-      report%step = r%output_step/real(step_layout(r%output_step, r%step), wp)
-      call run%watch%begin(run%sys%m)
-      call run%monitor%begin(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), r%method)
+    call prepare(run, march, fail)
+    if (fail%happened()) return
+    if (run%restart) then
+      call continue_run(run, march, fail)
+    else
+      call start_run(run, march, fail)
+    end if
+    if (.not. fail%happened()) then
       call catch_signals()
       call line%begin(run%quiet)
-      call run%sys%derivative(0.0_wp, run%y, .false., stepper%k(:, 1))
-      call write_state(run, files, 0.0_wp, 0_ip)
-      do k = 1, outputs
-        t0 = real(k - 1, wp)*r%output_step
-        t1 = min(real(k, wp)*r%output_step, r%t_end)
-        if (abs(t1 - r%t_end) <= 1.0e-9_wp*r%output_step) t1 = merge(r%t_end, t1, k == outputs)
-        call march(run%sys, run%monitor, stepper, t0, t1, step_layout(t1 - t0, r%step), run%y, report, ok)
-        if (.not. ok) then
-          call explain(run%sys, report%t, fail)
-          exit
-        end if
-        call write_state(run, files, t1, k)
-        call line%report(t1, r%t_end)
-        if (files%failed()) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
-        if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by a signal')
+      do while (march%done < march%outputs)
+        call one_output(run, march, fail)
         if (fail%happened()) exit
+        call line%report(march%last, run%d%transient%t_end)
       end do
       call line%finish()
-      call files%close()
-      if (files%failed()) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
-    end associate
-    call fill_report(run, files, report, .not. fail%happened())
+    end if
+    call march%files%close()
+    if (march%files%failed()) call no_output(run, fail)
   end subroutine run_transient
+
+  !> Method, groups and estimates, as they are before the first step.
+  subroutine prepare(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    associate (r => run%d%transient, s => run%sys%m%s)
+      call choose_stabilisation(run)
+      call make_stepper(r, s, march%method)
+      if (.not. allocated(march%method)) then
+        call fail%raise(status_failed, 'method '''//trim(r%method)//''' is not available')
+        return
+      end if
+      call group_unknowns(s, march%norm)
+      march%outputs = max(1_ip, ceiling(r%t_end/r%output_step*(1.0_wp - 1.0e-12_wp), ip))
+      march%warning = ''
+      if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
+      march%files%energy_floor = sum(s%bodies%mass)*(1.0e-6_wp*s%size/r%t_end)**2
+      call run%watch%begin(run%sys%m)
+      call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
+      call march%method%begin(run%sys, 0.0_wp, run%y)
+    end associate
+  end subroutine prepare
 
   !> How the deck wants constraints kept.
   subroutine choose_stabilisation(run)
@@ -100,84 +101,171 @@ contains
     case default
       run%sys%stabilisation = stabilise_none
     end select
+    run%sys%bound = run%sys%stabilisation == stabilise_projection .and. run%sys%m%s%rows > 0
   end subroutine choose_stabilisation
 
-  !> Marches n equal steps from t0 to t1; the stepper's first stage holds the derivative at the present state.
-  subroutine march(sys, monitor, stepper, t0, t1, n, y, report, ok)
-    type(mechanism_system), intent(inout) :: sys
-    type(stability_monitor), intent(inout) :: monitor
-    type(explicit_stepper), intent(inout) :: stepper
-    real(wp), intent(in) :: t0, t1        !! [s]
-    integer(ip), intent(in) :: n
-    real(wp), intent(inout) :: y(:)
-    type(transient_report), intent(inout) :: report
-    logical, intent(out) :: ok
-    real(wp) :: h, t
-    integer(ip) :: i
-    h = (t1 - t0)/real(n, wp)
-    do i = 1, n
-      call stepper%step(sys, t0 + real(i - 1, wp)*h, h, y)
-      t = merge(t1, t0 + real(i, wp)*h, i == n)
-      call sys%accept(t, y, ok)
-      if (.not. ok) return
-      call sys%derivative(t, y, .false., stepper%k(:, 1))
-      report%steps = report%steps + 1
-      report%t = t
-      if (monitor%active) then
-        if (mod(report%steps, int(monitor%every, ip)) == 0) call monitor%look(sys%m, t)
-      end if
-    end do
-  end subroutine march
-
-  !> Writes the rows of a state whose evaluation has just been made.
-  subroutine write_state(run, files, t, k)
+  !> Replaces the files of earlier runs and writes the row of t = 0.
+  subroutine start_run(run, march, fail)
     type(run_state), intent(inout) :: run
-    type(result_set), intent(inout) :: files
-    real(wp), intent(in) :: t             !! [s]
-    integer(ip), intent(in) :: k          !! number of the output
-    integer :: nq, nz
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    call remove_checkpoint(run%folder)
+    call march%files%open(run%folder, run%d%name, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
+    if (march%files%failed()) call no_output(run, fail)
+    if (.not. fail%happened()) call write_state(run, march, 0.0_wp, 0_ip, fail)
+  end subroutine start_run
+
+  !> Takes up an interrupted run: its state, and its files cut to the rows that the checkpoint knows.
+  subroutine continue_run(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    call march%exchange(run, run%saved)
+    if (.not. run%saved%complete()) then
+      call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder//'" does not fit this deck; run without --restart')
+      return
+    end if
+    march%restarts = march%restarts + 1
+    call march%files%resume(run%folder, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
+    if (march%files%failed()) call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter '// &
+                                              'than its checkpoint says; run without --restart to start at t = 0')
+  end subroutine continue_run
+
+  !> Marches to the next output time and writes its row.
+  subroutine one_output(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    real(wp) :: from, to
+    integer :: outcome
+    associate (r => run%d%transient)
+      from = real(march%done, wp)*r%output_step
+      to = min(real(march%done + 1, wp)*r%output_step, r%t_end)
+      if (march%done + 1 == march%outputs) to = r%t_end
+      outcome = paused
+      do while (outcome == paused)
+        call one_portion(run, march, from, to, outcome)
+        if (outcome == paused) call interrupt(run, march, fail)
+        if (fail%happened()) return
+      end do
+      if (outcome == lost) then
+        call explain_loss(run%sys%m, march%norm, march%method, r%adaptive, march%last, fail)
+        return
+      end if
+      call write_state(run, march, to, march%done + 1, fail)
+      if (fail%happened()) return
+      march%done = march%done + 1
+      if (march%done < march%outputs) call interrupt(run, march, fail)
+    end associate
+  end subroutine one_output
+
+  !> A few steps, up to the next estimate of the current stability bound at most.
+  subroutine one_portion(run, march, from, to, outcome)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    real(wp), intent(in) :: from, to           !! [s]
+    integer, intent(out) :: outcome
+    integer(ip) :: before
+    integer :: most
+    associate (monitor => run%monitor, method => march%method)
+      most = portion
+      if (monitor%active) most = int(min(int(most, ip), monitor%every - mod(method%steps, int(monitor%every, ip))))
+      before = method%steps
+      call method%advance(run%sys, from, to, most, run%y, outcome)
+      if (outcome == lost .or. .not. monitor%active .or. method%steps == before) return
+      if (mod(method%steps, int(monitor%every, ip)) == 0) call monitor%look(run%sys%m, run%sys%m%t)
+    end associate
+  end subroutine one_portion
+
+  !> Writes the rows of a state whose evaluation has just been made, unless its energies say that it is lost.
+  subroutine write_state(run, march, t, k, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    real(wp), intent(in) :: t                  !! [s]
+    integer(ip), intent(in) :: k               !! number of the output
+    type(failure), intent(inout) :: fail
     integer(ip) :: every
-    nq = run%sys%m%s%nq
-    nz = run%sys%m%s%nz
-    associate (y => run%y)
+    associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
+      call files%read_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
+                          y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
+      if (files%balance_lost()) then
+        call explain_balance(run%sys%m, march%norm, y, t, march%last, files%residual, files%trusted_energy, r%adaptive, fail)
+        return
+      end if
       call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
-      call files%write_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
-                           y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
-      if (run%d%transient%motion_step <= 0.0_wp) return
-      every = max(1_ip, nint(run%d%transient%motion_step/run%d%transient%output_step, ip))
-      if (mod(k, every) == 0) call files%write_motion(t, run%sys%m, y(1:nq))
+      call march%norm%watch(y)
+      call files%write_row(t)
+      march%last = t
+      if (r%motion_step > 0.0_wp) then
+        every = max(1_ip, nint(r%motion_step/r%output_step, ip))
+        if (mod(k, every) == 0) call files%write_motion(t, run%sys%m, y(1:nq))
+      end if
+      if (files%failed()) call no_output(run, fail)
     end associate
   end subroutine write_state
 
-  !> Why the march stopped.
-  subroutine explain(sys, t, fail)
-    type(mechanism_system), intent(in) :: sys
-    real(wp), intent(in) :: t             !! last good time [s]
+  !> Between two portions: a checkpoint where one is due or a signal has come, which ends the run.
+  subroutine interrupt(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
     character(24) :: text
-    write (text, '(es13.6)') t
-    if (sys%m%s%rows > 0 .and. .not. sys%m%broken .and. all(abs(sys%m%p%r) <= 1.0e150_wp)) then
-      call fail%raise(status_failed, 'the joints cannot be kept closed after t = '//trim(adjustl(text))//' s: "'// &
-                      worst_constraint(sys%m)//'" opens most. A drive may demand the impossible there, or the step '// &
-                      'is too large; try a smaller step')
-    else
-      call fail%raise(status_failed, 'the solution diverged after t = '//trim(adjustl(text))//' s; the step is '// &
-                      'probably unstable: try a smaller one')
-    end if
-  end subroutine explain
+    integer :: signal
+    logical :: due
+    signal = caught_signal()
+    due = run%d%transient%checkpoint_interval > 0.0_wp
+    if (due) due = march%method%t >= march%saved + run%d%transient%checkpoint_interval
+    if (.not. (due .or. signal > 0)) return
+    call save(run, march, fail)
+    if (signal == 0) return
+    write (text, '(es13.6)') march%method%t
+    call fail%raise(status_signal + signal, 'stopped by signal '//achar(48 + signal/10)//achar(48 + mod(signal, 10))// &
+                    ' at t = '//trim(adjustl(text))//' s; biela --restart continues from there')
+  end subroutine interrupt
 
-  !> Figures of the run for the summary.
-  subroutine fill_report(run, files, report, done)
+  !> Puts the results on the disk, then a checkpoint that counts on them.
+  subroutine save(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    type(value_archive) :: a
+    logical :: ok
+    call march%files%sync()
+    ok = .not. march%files%failed()
+    if (ok) then
+      march%saved = march%method%t
+      call a%begin_saving()
+      call march%exchange(run, a)
+      call write_checkpoint(run%folder, run%d%text, a, ok)
+    end if
+    if (.not. ok) call no_output(run, fail)
+  end subroutine save
+
+  !> Saves or restores everything that the rest of the run depends on.
+  subroutine exchange(self, run, a)
+    class(transient_march), intent(inout) :: self
+    type(run_state), intent(inout) :: run
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%restarts)
+    call a%exchange(self%done)
+    call a%exchange(self%last)
+    call a%exchange(self%saved)
+    call a%exchange(run%y)
+    call self%method%exchange(a)
+    call a%exchange(self%norm%largest)
+    call self%files%exchange(a)
+    call run%watch%exchange(a)
+    call run%monitor%exchange(a)
+    call a%exchange(run%sys%m%evaluations)
+    call a%exchange(run%sys%m%solves)
+    call a%exchange(run%sys%m%factorisations)
+  end subroutine exchange
+
+  !> Results that cannot be written.
+  subroutine no_output(run, fail)
     type(run_state), intent(in) :: run
-    type(result_set), intent(in) :: files
-    type(transient_report), intent(inout) :: report
-    logical, intent(in) :: done
-    report%done = done
-    report%evaluations = run%sys%m%evaluations
-    report%solves = run%sys%m%solves
-    report%residual = files%largest_residual
-    report%energy = files%largest_energy
-    report%position = files%worst_position
-    report%velocity = files%worst_velocity
-  end subroutine fill_report
+    type(failure), intent(inout) :: fail
+    call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'": the disk may be full or the '// &
+                    'folder protected')
+  end subroutine no_output
 end module transient

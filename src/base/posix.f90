@@ -3,10 +3,11 @@ module posix
   use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_funptr, c_funloc, c_ptr
   implicit none (type, external)
   private
-  public :: make_folder, lock_file, replace_file, remove_file, is_terminal, flush_to_disk, close_lock, truncate_file
+  public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
   public :: catch_signals, caught_signal
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
+  integer, parameter :: read_only = 0               !! O_RDONLY
   integer, parameter :: signal_interrupt = 2, signal_terminate = 15
   integer(c_int), volatile :: received = 0    !! the last signal caught
 
@@ -26,6 +27,12 @@ module posix
       integer(c_int) :: fd
     end function c_creat
     !> flock(2): locks an open file.
+    function c_open(path, flags) bind(c, name='open') result(fd)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), value :: flags
+      integer(c_int) :: fd
+    end function c_open
     function c_flock(fd, operation) bind(c, name='flock') result(status)
       import :: c_int
       integer(c_int), value :: fd, operation
@@ -144,12 +151,17 @@ contains
     yes = c_isatty(int(fd, c_int)) == 1
   end function is_terminal
 
-  !> Asks the system to put a file descriptor's data on the disk.
-  subroutine flush_to_disk(fd)
-    integer, intent(in) :: fd
-    integer(c_int) :: status
-    status = c_fsync(int(fd, c_int))
-  end subroutine flush_to_disk
+  !> Waits until what was written to a file (or the names in a folder) is on the disk.
+  function sync_file(path) result(ok)
+    character(*), intent(in) :: path
+    logical :: ok
+    integer(c_int) :: fd, status
+    fd = c_open(path//c_null_char, int(read_only, c_int))
+    ok = fd >= 0
+    if (.not. ok) return
+    ok = c_fsync(fd) == 0
+    status = c_close(fd)
+  end function sync_file
 
   !> From now on SIGINT and SIGTERM are only noted.
   subroutine catch_signals()

@@ -3,10 +3,14 @@ module ode_system
   use kinds, only: wp
   implicit none (type, external)
   private
+  public :: sane
+
+  real(wp), parameter, public :: largest_value = 1.0e40_wp   !! beyond it a state is lost; products of several still fit [any]
 
   !> The system.
   type, abstract, public :: ode
     integer :: n = 0                          !! unknowns
+    logical :: bound = .true.                 !! accept may move a state (projection)
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: accept
@@ -31,4 +35,17 @@ module ode_system
       logical, intent(out) :: ok
     end subroutine onto_manifold
   end interface
+
+contains
+
+  !> Whether every value is finite and of a size that further products can bear.
+  pure function sane(y) result(yes)
+    real(wp), intent(in) :: y(:)              !! any unit
+    logical :: yes
+    integer :: k
+    yes = .true.
+    do k = 1, size(y)
+      yes = yes .and. abs(y(k)) <= largest_value
+    end do
+  end function sane
 end module ode_system

@@ -1,10 +1,10 @@
 !> Explicit Runge-Kutta methods: tableaux as data, one stepping loop.
 module runge_kutta
   use kinds, only: wp
-  use ode_system, only: ode
+  use ode_system, only: ode, sane
   implicit none (type, external)
   private
-  public :: tableau, classical_rk4, explicit_stepper
+  public :: tableau, classical_rk4, dormand_prince, explicit_stepper
 
   !> A Butcher tableau of an explicit method.
   type :: tableau
@@ -40,6 +40,22 @@ contains
     m%c = [0.0_wp, 0.5_wp, 0.5_wp, 1.0_wp]
   end function classical_rk4
 
+  !> The fifth-order method of Dormand and Prince (1980), its six stages; the seventh, the derivative at the end of the
+  !> step, is the first of the next one (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.5).
+  pure function dormand_prince() result(m)
+    type(tableau) :: m
+    m%stages = 6
+    m%order = 5
+    allocate (m%a(6, 6), source=0.0_wp)
+    m%a(1, 2) = 1.0_wp/5.0_wp
+    m%a(1:2, 3) = [3.0_wp/40.0_wp, 9.0_wp/40.0_wp]
+    m%a(1:3, 4) = [44.0_wp/45.0_wp, -56.0_wp/15.0_wp, 32.0_wp/9.0_wp]
+    m%a(1:4, 5) = [19372.0_wp/6561.0_wp, -25360.0_wp/2187.0_wp, 64448.0_wp/6561.0_wp, -212.0_wp/729.0_wp]
+    m%a(1:5, 6) = [9017.0_wp/3168.0_wp, -355.0_wp/33.0_wp, 46732.0_wp/5247.0_wp, 49.0_wp/176.0_wp, -5103.0_wp/18656.0_wp]
+    m%b = [35.0_wp/384.0_wp, 0.0_wp, 500.0_wp/1113.0_wp, 125.0_wp/192.0_wp, -2187.0_wp/6784.0_wp, 11.0_wp/84.0_wp]
+    m%c = [0.0_wp, 0.2_wp, 0.3_wp, 0.8_wp, 8.0_wp/9.0_wp, 1.0_wp]
+  end function dormand_prince
+
   !> Allocates the work space for n unknowns.
   pure subroutine prepare(self, method, n)
     class(explicit_stepper), intent(inout) :: self
@@ -50,18 +66,25 @@ contains
     allocate (self%k(n, method%stages), self%y(n), source=0.0_wp)
   end subroutine prepare
 
-  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y).
-  subroutine step(self, system, t, h, y)
+  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y). Where a stage is lost, ok is false and y is
+  !> that stage.
+  subroutine step(self, system, t, h, y, ok)
     class(explicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t, h              !! [s]
     real(wp), intent(inout) :: y(:)           !! (n)
+    logical, intent(out) :: ok
     integer :: i
     do i = 2, self%method%stages
       call combine(size(y), i - 1, self%method%stages, self%method%a(:, i), h, y, self%k, self%y)
+      ok = sane(self%y)
+      if (.not. ok) exit
       call system%derivative(t + self%method%c(i)*h, self%y, self%method%c(i) >= 1.0_wp, self%k(:, i))
     end do
-    call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
+    if (ok) then
+      call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
+      ok = sane(self%y)
+    end if
     y = self%y
   end subroutine step
 

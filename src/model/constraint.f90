@@ -3,6 +3,7 @@
 !> metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
+  use history, only: corner
   use place, only: place_states
   implicit none (type, external)
   private
@@ -15,6 +16,7 @@ module constraint
     real(wp), allocatable :: sb(:)        !! (n) [m]
     real(wp), allocatable :: phi(:)       !! (n) Phi [m]
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
+    logical :: left = .false.             !! jumps of histories at the time of evaluation are not yet felt
     real(wp), allocatable :: extra(:)     !! (n) part of the second derivative beside the places' accelerations [m/s2]
   end type constraint_rows
 
@@ -41,6 +43,7 @@ module constraint
     procedure :: begin => keep_as_is      !! told the places as the deck states them
     procedure :: settle => keep_as_is     !! told the places as assembled
     procedure :: moves => always_moves    !! whether rows can act on positions
+    procedure :: corners => no_corners    !! times at which accelerations are not smooth, with the order of their jump
   end type constraint_model
 
   !> Makes an array of different kinds possible.
@@ -89,4 +92,11 @@ contains
     logical :: yes
     yes = self%rows >= 0
   end function always_moves
+
+  !> Joints do not depend on time.
+  pure function no_corners(self) result(list)
+    class(constraint_model), intent(in) :: self
+    type(corner), allocatable :: list(:)
+    allocate (list(min(0, self%rows)))
+  end function no_corners
 end module constraint

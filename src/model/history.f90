@@ -4,7 +4,7 @@ module history
   use kinds, only: wp, pi
   implicit none (type, external)
   private
-  public :: history_function, corner, fit_table
+  public :: history_function, corner, fit_table, drive_corners
 
   integer, parameter, public :: kind_polynomial = 1, kind_sine = 2, kind_ramp = 3, kind_cycloid = 4, kind_table = 5, &
                                 kind_pulse = 6
@@ -37,7 +37,8 @@ module history
 
 contains
 
-  !> Value and two derivatives at t. With left = .true. a jump at t is not yet felt (the limit from below).
+  !> Value and two derivatives at t. With left = .true. a jump at t (of the value or a derivative) is not yet felt: the limit
+  !> from below.
   pure subroutine history_evaluate(self, t, left, h)
     class(history_function), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
@@ -61,7 +62,11 @@ contains
     case (kind_ramp, kind_cycloid)
       call rise(self, t, h)
     case (kind_table)
-      call spline(self, t, h)
+      if (reached(t, self%t(1), left) .and. .not. reached(t, self%t(size(self%t)), left)) then
+        call spline(self, min(max(t, self%t(1)), self%t(size(self%t))), h)
+      else
+        h(0) = merge(self%y(1), self%y(size(self%t)), t < self%t(1) + 0.5_wp*(self%t(size(self%t)) - self%t(1)))
+      end if
     case default   ! kind_pulse
       if (reached(t, self%start, left) .and. .not. reached(t, self%finish, left)) h(0) = self%v1
     end select
@@ -101,27 +106,20 @@ contains
     end if
   end subroutine rise
 
-  !> Cubic spline of a table, constant outside.
+  !> Cubic spline of a table, from its first to its last time.
   pure subroutine spline(self, t, h)
     class(history_function), intent(in) :: self
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: h(0:2)
     real(wp) :: w, a, b
-    integer :: i, n
-    n = size(self%t)
-    if (t <= self%t(1)) then
-      h(0) = self%y(1)
-    else if (t >= self%t(n)) then
-      h(0) = self%y(n)
-    else
-      i = interval(self%t, t)
-      w = self%t(i + 1) - self%t(i)
-      a = (self%t(i + 1) - t)/w
-      b = (t - self%t(i))/w
-      h(0) = a*self%y(i) + b*self%y(i + 1) + ((a**3 - a)*self%m(i) + (b**3 - b)*self%m(i + 1))*w**2/6
-      h(1) = (self%y(i + 1) - self%y(i))/w + ((1 - 3*a**2)*self%m(i) + (3*b**2 - 1)*self%m(i + 1))*w/6
-      h(2) = a*self%m(i) + b*self%m(i + 1)
-    end if
+    integer :: i
+    i = interval(self%t, t)
+    w = self%t(i + 1) - self%t(i)
+    a = (self%t(i + 1) - t)/w
+    b = (t - self%t(i))/w
+    h(0) = a*self%y(i) + b*self%y(i + 1) + ((a**3 - a)*self%m(i) + (b**3 - b)*self%m(i + 1))*w**2/6
+    h(1) = (self%y(i + 1) - self%y(i))/w + ((1 - 3*a**2)*self%m(i) + (3*b**2 - 1)*self%m(i + 1))*w/6
+    h(2) = a*self%m(i) + b*self%m(i + 1)
   end subroutine spline
 
   !> Index i with x(i) <= t < x(i+1), by bisection.
@@ -273,4 +271,13 @@ contains
       allocate (list(0))
     end select
   end function history_corners
+
+  !> Corners of what a drive imposes: the accelerations jump two orders below the quantity, one below its rate.
+  pure function drive_corners(self, rate) result(list)
+    class(history_function), intent(in) :: self
+    logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
+    type(corner), allocatable :: list(:)
+    list = self%corners()
+    list%order = max(0, list%order - merge(1, 2, rate))
+  end function drive_corners
 end module history

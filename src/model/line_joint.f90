@@ -3,7 +3,7 @@
 module line_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use history, only: history_function
+  use history, only: history_function, corner, drive_corners
   use place, only: place_states, turn
   implicit none (type, external)
   private
@@ -22,6 +22,7 @@ module line_joint
     procedure :: begin => line_begin
     procedure :: turns_a => prismatic_turns
     procedure :: turns_b => line_turns
+    procedure :: corners => line_corners
   end type line_model
 
 contains
@@ -39,7 +40,7 @@ contains
     d = p%r(:, self%ia) - p%r(:, self%ib)
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     om = p%rate(self%ib)
-    call follow(self, t, h)
+    call follow(self, t, r%left, h)
     r%na(:, i) = n
     r%nb(:, i) = -n
     r%sa(i) = 0.0_wp
@@ -60,14 +61,15 @@ contains
   end subroutine line_rows
 
   !> Target of a position drive and its two derivatives; zero for joints.
-  pure subroutine follow(self, t, h)
+  pure subroutine follow(self, t, left, h)
     class(line_model), intent(in) :: self
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: t             !! [s]
+    logical, intent(in) :: left           !! a jump at t is not yet felt
     real(wp), intent(out) :: h(0:2)       !! [m, m/s, m/s2]
     real(wp) :: g(0:2)
     h = 0.0_wp
     if (.not. self%drive) return
-    call self%target%evaluate(t, .false., g)
+    call self%target%evaluate(t, left, g)
     if (self%rate) then
       h = [self%origin + self%target%integral(t), g(0), g(1)]
     else
@@ -116,4 +118,15 @@ contains
     angle = p%angle(self%ib) + self%direction
     self%origin = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine line_begin
+
+  !> Corners of a position drive's history; joints have none.
+  pure function line_corners(self) result(list)
+    class(line_model), intent(in) :: self
+    type(corner), allocatable :: list(:)
+    if (self%drive) then
+      list = drive_corners(self%target, self%rate)
+    else
+      allocate (list(0))
+    end if
+  end function line_corners
 end module line_joint

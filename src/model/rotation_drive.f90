@@ -2,7 +2,7 @@
 module rotation_drive
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use history, only: history_function
+  use history, only: history_function, corner, drive_corners
   use place, only: place_states
   implicit none (type, external)
   private
@@ -19,6 +19,7 @@ module rotation_drive
     procedure :: turns_a => rotation_turns
     procedure :: turns_b => rotation_turns
     procedure :: moves => rotation_moves
+    procedure :: corners => rotation_corners
   end type rotation_model
 
 contains
@@ -32,7 +33,7 @@ contains
     real(wp) :: h(0:2), g(0:2)
     integer :: i
     i = self%first
-    call self%target%evaluate(t, .false., g)
+    call self%target%evaluate(t, r%left, g)
     h = g
     if (self%rate) h = [self%origin + self%target%integral(t), g(0), g(1)]
     r%na(:, i) = 0.0_wp
@@ -73,4 +74,11 @@ contains
     type(place_states), intent(in) :: p
     if (self%rate) self%origin = p%angle(self%ia) - p%angle(self%ib)
   end subroutine rotation_begin
+
+  !> Corners of its history.
+  pure function rotation_corners(self) result(list)
+    class(rotation_model), intent(in) :: self
+    type(corner), allocatable :: list(:)
+    list = drive_corners(self%target, self%rate)
+  end function rotation_corners
 end module rotation_drive

@@ -1,6 +1,7 @@
 !> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (deck.md, "Results").
 module results
-  use kinds, only: wp
+  use kinds, only: wp, ip
+  use archive, only: value_archive
   use body, only: body_model
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list, read_sensors
@@ -17,18 +18,24 @@ module results
     real(wp), allocatable :: values(:)        !! columns of the sensors
     real(wp), allocatable :: nodes(:)         !! a row of motion
     real(wp) :: energy_start = 0.0_wp         !! T + V at t = 0 [J]
+    real(wp) :: energy_floor = 0.0_wp         !! energies below it mean nothing [J]
+    real(wp) :: trusted_energy = 0.0_wp       !! largest energy of the rows whose balance is not lost [J]
     real(wp) :: residual = 0.0_wp             !! last energy residual [J]
     real(wp) :: largest_residual = 0.0_wp     !! [J]
     real(wp) :: largest_energy = 0.0_wp       !! largest of T, |V|, dissipated, |work| so far [J]
     real(wp) :: worst_position = 0.0_wp       !! [m]
     real(wp) :: worst_velocity = 0.0_wp       !! [m/s]
     real(wp) :: last(7) = 0.0_wp              !! last energy row without the time
-    integer :: rows = 0
+    integer(ip) :: rows = 0
   contains
     procedure :: open => open_results
+    procedure :: resume => resume_results
+    procedure :: read_row
+    procedure :: balance_lost
     procedure :: write_row
     procedure :: write_motion
-    procedure :: flush => flush_results
+    procedure :: sync => sync_results
+    procedure :: exchange
     procedure :: close => close_results
     procedure :: failed
   end type result_set
@@ -54,7 +61,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
-    allocate (self%values(list%columns))
+    call allocate_rows(self, m, list, with_motion)
     call self%history%open(folder//'/history.txt')
     call file_header(self%history, 'sensors against time', deck_name, m%s%title, join_names(list))
     call self%energy%open(folder//'/energy.txt')
@@ -64,8 +71,30 @@ contains
     if (.not. with_motion) return
     call self%motion%open(folder//'/motion.txt')
     call file_header(self%motion, 'body frames and node positions against time', deck_name, m%s%title, motion_names(m))
-    allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
   end subroutine open_results
+
+  !> Opens the files of an interrupted run where its checkpoint left them: exchange has restored how far they are.
+  subroutine resume_results(self, folder, m, list, with_motion)
+    class(result_set), intent(inout) :: self
+    character(*), intent(in) :: folder
+    type(mechanism_model), intent(in) :: m
+    type(sensor_list), intent(in) :: list
+    logical, intent(in) :: with_motion
+    call allocate_rows(self, m, list, with_motion)
+    call self%history%resume(folder//'/history.txt')
+    if (.not. self%history%failed) call self%energy%resume(folder//'/energy.txt')
+    if (with_motion .and. .not. self%energy%failed) call self%motion%resume(folder//'/motion.txt')
+  end subroutine resume_results
+
+  !> Room for rows.
+  subroutine allocate_rows(self, m, list, with_motion)
+    type(result_set), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(sensor_list), intent(in) :: list
+    logical, intent(in) :: with_motion
+    allocate (self%values(list%columns))
+    if (with_motion) allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
+  end subroutine allocate_rows
 
   !> Column names of the history.
   function join_names(list) result(text)
@@ -96,8 +125,8 @@ contains
     end do
   end function motion_names
 
-  !> Writes one row of history and energy. m holds the evaluation at this state.
-  subroutine write_row(self, t, m, list, q, v, z, zd, dissipated, work)
+  !> Reads the sensors and the energies of a state. m holds the evaluation at it.
+  subroutine read_row(self, t, m, list, q, v, z, zd, dissipated, work)
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(inout) :: m
@@ -106,17 +135,36 @@ contains
     real(wp), intent(in) :: dissipated, work  !! [J]
     real(wp) :: kinetic, potential, position, velocity
     call read_sensors(list, m, q, v, z, self%values)
-    call self%history%row(self%values, t)
     call energies(m, q, v, z, zd, kinetic, potential)
     call violations(m, t, q, v, position, velocity)
     if (self%rows == 0) self%energy_start = kinetic + potential
     self%residual = kinetic + potential + dissipated - work - self%energy_start
     self%last = [kinetic, potential, dissipated, work, self%residual, position, velocity]
+  end subroutine read_row
+
+  !> Whether the energy balance of the row just read says that the solution has nothing to do with the mechanism any more:
+  !> the residual is most of the largest energy, and far above all energies that the run had while its balance held.
+  function balance_lost(self) result(yes)
+    class(result_set), intent(inout) :: self
+    logical :: yes
+    real(wp), parameter :: most_of = 0.5_wp, far_above = 1.0e3_wp   !! [-]
+    real(wp) :: largest
+    largest = maxval(abs(self%last(1:4)))
+    yes = abs(self%residual) > most_of*largest
+    if (.not. yes) self%trusted_energy = max(self%trusted_energy, largest)
+    if (yes) yes = abs(self%residual) > far_above*max(self%trusted_energy, self%energy_floor)
+  end function balance_lost
+
+  !> Writes the row just read.
+  subroutine write_row(self, t)
+    class(result_set), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    call self%history%row(self%values, t)
     call self%energy%row(self%last, t)
     self%largest_residual = max(self%largest_residual, abs(self%residual))
-    self%largest_energy = max(self%largest_energy, abs(kinetic), abs(potential), abs(dissipated), abs(work))
-    self%worst_position = max(self%worst_position, position)
-    self%worst_velocity = max(self%worst_velocity, velocity)
+    self%largest_energy = max(self%largest_energy, maxval(abs(self%last(1:4))))
+    self%worst_position = max(self%worst_position, self%last(6))
+    self%worst_velocity = max(self%worst_velocity, self%last(7))
     self%rows = self%rows + 1
   end subroutine write_row
 
@@ -155,13 +203,31 @@ contains
     end do
   end function motion_row
 
-  !> Hands everything written so far to the system.
-  subroutine flush_results(self)
+  !> Puts everything written so far on the disk.
+  subroutine sync_results(self)
     class(result_set), intent(inout) :: self
-    call self%history%flush()
-    call self%energy%flush()
-    if (allocated(self%nodes)) call self%motion%flush()
-  end subroutine flush_results
+    call self%history%sync()
+    call self%energy%sync()
+    if (allocated(self%nodes)) call self%motion%sync()
+  end subroutine sync_results
+
+  !> Saves or restores how far the files are and what the rows have shown.
+  subroutine exchange(self, a)
+    class(result_set), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call self%history%exchange(a)
+    call self%energy%exchange(a)
+    call self%motion%exchange(a)
+    call a%exchange(self%energy_start)
+    call a%exchange(self%trusted_energy)
+    call a%exchange(self%residual)
+    call a%exchange(self%largest_residual)
+    call a%exchange(self%largest_energy)
+    call a%exchange(self%worst_position)
+    call a%exchange(self%worst_velocity)
+    call a%exchange(self%last)
+    call a%exchange(self%rows)
+  end subroutine exchange
 
   !> Closes the files.
   subroutine close_results(self)

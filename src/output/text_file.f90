@@ -1,26 +1,33 @@
-!> Text results: numbers with 17 significant digits, buffered, written as a stream of bytes.
+!> Text results: numbers with 17 significant digits, buffered, handed to the system in whole lines, so that what is on the
+!> disk ends with a whole row whenever a run stops.
 module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
+  use archive, only: value_archive
+  use posix, only: sync_file, truncate_file
+  use, intrinsic :: iso_c_binding, only: c_long
   implicit none (type, external)
   private
   public :: result_file
 
-  integer, parameter :: buffer_size = 65536
+  integer, parameter :: buffer_size = 65536   !! characters that wait at most, unless one row is longer
 
   !> An open result file.
   type :: result_file
     integer :: unit = -1
     integer :: used = 0                       !! characters waiting in the buffer
-    integer(ip) :: written = 0                !! bytes handed to the system
+    integer(ip) :: written = 0                !! bytes handed to the system without failure, always whole lines
     logical :: failed = .false.
     character(:), allocatable :: path
-    character(:), allocatable :: buffer       !! buffer_size characters
+    character(:), allocatable :: buffer
   contains
     procedure :: open => open_file
+    procedure :: resume
     procedure :: line
     procedure :: row
     procedure :: flush => flush_file
+    procedure :: sync
+    procedure :: exchange
     procedure :: close => close_file
   end type result_file
 
@@ -38,12 +45,34 @@ contains
     open (newunit=self%unit, file=path, access='stream', form='unformatted', status='replace', action='write', &
           iostat=status)
     self%failed = status /= 0
+    if (self%failed) self%unit = -1
   end subroutine open_file
+
+  !> Opens a file of an interrupted run and cuts it to the bytes (`written`) that its checkpoint counts on.
+  subroutine resume(self, path)
+    class(result_file), intent(inout) :: self
+    character(*), intent(in) :: path
+    integer :: status
+    integer(ip) :: bytes
+    self%path = path
+    self%used = 0
+    if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
+    inquire (file=path, size=bytes)
+    self%failed = bytes < self%written
+    if (self%failed) return
+    self%failed = .not. truncate_file(path, int(self%written, c_long))
+    if (self%failed) return
+    open (newunit=self%unit, file=path, access='stream', form='unformatted', status='old', position='append', &
+          action='write', iostat=status)
+    self%failed = status /= 0
+    if (self%failed) self%unit = -1
+  end subroutine resume
 
   !> Writes one line of text.
   subroutine line(self, text)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: text
+    call make_room(self, len(text) + 1)
     call put(self, text)
     call put(self, new_line('a'))
   end subroutine line
@@ -54,6 +83,7 @@ contains
     real(wp), intent(in) :: values(:)         !! each in the unit of its column
     real(wp), intent(in), optional :: time    !! first column [s]
     integer :: k
+    call make_room(self, number_width*(size(values) + 1) + 1)
     if (present(time)) call put_number(self, time)
     do k = 1, size(values)
       call put_number(self, values(k))
@@ -61,50 +91,72 @@ contains
     call put(self, new_line('a'))
   end subroutine row
 
-  !> Puts one number into the buffer.
+  !> Puts one number into the buffer, which has room for it.
   subroutine put_number(self, x)
     class(result_file), intent(inout) :: self
-    real(wp), intent(in) :: x
-    if (self%used + number_width > buffer_size) call self%flush()
+    real(wp), intent(in) :: x                 !! in the unit of its column
     call write_number(x, self%buffer(self%used + 1:self%used + number_width))
     self%used = self%used + number_width
   end subroutine put_number
 
-  !> Puts characters into the buffer.
+  !> Makes room in the buffer for a whole line, which is never handed over in parts.
+  subroutine make_room(self, n)
+    class(result_file), intent(inout) :: self
+    integer, intent(in) :: n                  !! characters of the line
+    if (self%used + n <= len(self%buffer)) return
+    call self%flush()
+    if (n <= len(self%buffer)) return
+    deallocate (self%buffer)
+    allocate (character(n) :: self%buffer)
+  end subroutine make_room
+
+  !> Puts characters into the buffer, which has room for them.
   subroutine put(self, text)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: text
-    integer :: from, n
-    from = 1
-    do while (from <= len(text))
-      n = min(len(text) - from + 1, buffer_size - self%used)
-      self%buffer(self%used + 1:self%used + n) = text(from:from + n - 1)
-      self%used = self%used + n
-      from = from + n
-      if (self%used == buffer_size) call self%flush()
-    end do
+    self%buffer(self%used + 1:self%used + len(text)) = text
+    self%used = self%used + len(text)
   end subroutine put
 
   !> Hands the buffer to the system.
   subroutine flush_file(self)
     class(result_file), intent(inout) :: self
     integer :: status
-    if (self%failed) self%used = 0
     if (self%used == 0) return
-    write (self%unit, iostat=status) self%buffer(1:self%used)
-    if (status /= 0) self%failed = .true.
-    self%written = self%written + self%used
+    if (.not. self%failed .and. self%unit /= -1) then
+      write (self%unit, iostat=status) self%buffer(1:self%used)
+      if (status == 0) flush (self%unit, iostat=status)
+      self%failed = status /= 0
+      if (.not. self%failed) self%written = self%written + self%used
+    end if
     self%used = 0
   end subroutine flush_file
 
-  !> Writes what is left and closes the file.
+  !> Hands the buffer to the system and waits until it is on the disk.
+  subroutine sync(self)
+    class(result_file), intent(inout) :: self
+    if (self%unit == -1) return
+    call self%flush()
+    if (.not. self%failed) self%failed = .not. sync_file(self%path)
+  end subroutine sync
+
+  !> What a checkpoint keeps of a file that has just been synchronised: its length.
+  subroutine exchange(self, a)
+    class(result_file), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%written)
+  end subroutine exchange
+
+  !> Writes what is left and closes the file; a row that could not be written whole is cut off.
   subroutine close_file(self)
     class(result_file), intent(inout) :: self
     integer :: status
+    logical :: cut
     if (self%unit == -1) return
     call self%flush()
     close (self%unit, iostat=status)
     if (status /= 0) self%failed = .true.
+    if (self%failed) cut = truncate_file(self%path, int(self%written, c_long))
     self%unit = -1
   end subroutine close_file
 end module text_file

@@ -2,6 +2,7 @@
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
+  use archive, only: value_archive
   use banded, only: band_factor, factor_symmetric, band_solve
   use body, only: body_model
   use mechanism, only: mechanism_model
@@ -23,6 +24,7 @@ module validity
   contains
     procedure :: begin
     procedure :: look
+    procedure :: exchange
     procedure :: warnings
   end type validity_watch
 
@@ -71,6 +73,13 @@ contains
       end associate
     end do
   end subroutine look
+
+  !> Saves or restores the figures.
+  subroutine exchange(self, a)
+    class(validity_watch), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%figures)
+  end subroutine exchange
 
   !> One sentence for each limit that a body passed.
   function warnings(self, m) result(text)

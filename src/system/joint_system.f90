@@ -16,6 +16,7 @@ contains
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     integer :: k
+    self%rows%left = self%left
     do k = 1, size(self%s%constraints)
       call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
     end do

@@ -6,12 +6,13 @@ module projection
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: project, violations, worst_constraint
+  public :: project, violations, open_constraints
 
   integer, parameter :: most_passes = 30             !! corrections before giving up
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
   real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest place [-]
   real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
+  real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
 
 contains
 
@@ -116,22 +117,26 @@ contains
     velocity = largest(self%s%rows, self%schur%r)
   end subroutine violations
 
-  !> Name of the constraint with the largest |Phi| at the last state looked at.
-  function worst_constraint(self) result(name)
+  !> Names of the constraints that are open at the last state looked at, the worst first, in quotes; how far the worst is [m].
+  subroutine open_constraints(self, names, worst)
     type(mechanism_model), intent(in) :: self
-    character(:), allocatable :: name
-    real(wp) :: worst, here
-    integer :: k
-    worst = -1.0_wp
-    name = ''
-    do k = 1, size(self%s%constraints)
+    character(:), allocatable, intent(out) :: names
+    real(wp), intent(out) :: worst
+    real(wp) :: gap(size(self%s%constraints))
+    integer :: k, n
+    do k = 1, size(gap)
       associate (c => self%s%constraints(k)%item)
-        here = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
-        if (here > worst) then
-          worst = here
-          name = trim(c%name)
-        end if
+        gap(k) = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
       end associate
     end do
-  end function worst_constraint
+    worst = maxval(gap)
+    names = ''
+    do n = 1, min(6, size(gap))
+      k = maxloc(gap, 1)
+      if (n > 1 .and. gap(k) < 1.0e-3_wp*worst) exit
+      if (n > 1) names = names//', '
+      names = names//'"'//trim(self%s%constraints(k)%item%name)//'"'
+      gap(k) = -1.0_wp
+    end do
+  end subroutine open_constraints
 end module projection

@@ -1,0 +1,101 @@
+!> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the
+!> deck's text, the number of values, the values, a digest of all before. Written beside its place and renamed when it and
+!> the results it counts on are on the disk, so that at any moment there is a whole one or none.
+module checkpoint
+  use kinds, only: ip
+  use archive, only: value_archive, digest, text_words
+  use errors, only: failure, status_bad_input
+  use posix, only: remove_file, replace_file, sync_file
+  use summary, only: version
+  use, intrinsic :: iso_fortran_env, only: compiler_version, compiler_options
+  implicit none (type, external)
+  private
+  public :: write_checkpoint, read_checkpoint, remove_checkpoint
+
+  character(*), parameter :: name = '/checkpoint'
+  integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
+  integer, parameter :: frame = 5                            !! words beside the values
+
+contains
+
+  !> Writes the values of an archive.
+  subroutine write_checkpoint(folder, deck_text, a, ok)
+    character(*), intent(in) :: folder, deck_text
+    type(value_archive), intent(in) :: a
+    logical, intent(out) :: ok
+    integer(ip), allocatable :: words(:)
+    integer :: unit, status
+    allocate (words(a%count + frame))
+    words(1:4) = [mark, program_digest(), digest(text_words(deck_text)), a%count]
+    words(5:4 + a%count) = a%words(1:a%count)
+    words(size(words)) = digest(words(1:size(words) - 1))
+    open (newunit=unit, file=folder//name//'.new', access='stream', form='unformatted', status='replace', &
+          action='write', iostat=status)
+    ok = status == 0
+    if (.not. ok) return
+    write (unit, iostat=status) words
+    ok = status == 0
+    close (unit, iostat=status)
+    ok = ok .and. status == 0
+    if (ok) ok = sync_file(folder//name//'.new')
+    if (ok) ok = replace_file(folder//name//'.new', folder//name)
+    if (ok) ok = sync_file(folder)
+    if (.not. ok) call remove_file(folder//name//'.new')
+  end subroutine write_checkpoint
+
+  !> What the program is: a checkpoint of another version or build could not be continued bit for bit.
+  function program_digest() result(hash)
+    integer(ip) :: hash
+    hash = digest(text_words(version//' '//compiler_version()//' '//compiler_options()))
+  end function program_digest
+
+  !> Reads a checkpoint into an archive; refuses one that is missing, damaged, of another program or another deck.
+  subroutine read_checkpoint(folder, deck_text, a, fail)
+    character(*), intent(in) :: folder, deck_text
+    type(value_archive), intent(inout) :: a
+    type(failure), intent(inout) :: fail
+    integer(ip), allocatable :: words(:)
+    integer :: unit, status
+    integer(ip) :: bytes
+    logical :: exists
+    inquire (file=folder//name, exist=exists, size=bytes)
+    if (.not. exists) then
+      call fail%raise(status_bad_input, 'there is no checkpoint to restart from in "'//folder// &
+                      '": the run ended well, or never wrote one; run without --restart to start at t = 0')
+      return
+    end if
+    allocate (words(max(0_ip, bytes/8)), source=0_ip)
+    open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
+    if (status == 0) read (unit, iostat=status) words
+    if (status == 0) close (unit)
+    if (status /= 0) then
+      call refuse('cannot be read')
+    else if (size(words) < frame .or. mod(bytes, 8_ip) /= 0) then
+      call refuse('is damaged: it is cut off')
+    else if (words(1) /= mark) then
+      call refuse('is not a checkpoint of biela, or its beginning is damaged')
+    else if (words(size(words)) /= digest(words(1:size(words) - 1)) .or. words(4) /= size(words) - frame) then
+      call refuse('is damaged: its checksum does not fit')
+    else if (words(2) /= program_digest()) then
+      call refuse('was written by another version or build of biela')
+    else if (words(3) /= digest(text_words(deck_text))) then
+      call refuse('belongs to another deck, or the deck has been changed since')
+    else
+      call a%begin_restoring(words(5:size(words) - 1))
+    end if
+  contains
+    !> Says what is wrong with the checkpoint.
+    subroutine refuse(what)
+      character(*), intent(in) :: what
+      call fail%raise(status_bad_input, 'the checkpoint in "'//folder//'" '//what// &
+                      '; nothing has been changed; run without --restart to start at t = 0')
+    end subroutine refuse
+  end subroutine read_checkpoint
+
+  !> Removes a checkpoint that no longer belongs to the results, if there is one.
+  subroutine remove_checkpoint(folder)
+    character(*), intent(in) :: folder
+    call remove_file(folder//name)
+    call remove_file(folder//name//'.new')
+  end subroutine remove_checkpoint
+end module checkpoint

@@ -1,0 +1,75 @@
+!> The one place that turns the deck's method into a stepper.
+module choose_stepper
+  use kinds, only: wp
+  use adaptive_dopri5, only: adaptive_stepper
+  use corner_list, only: scene_corners
+  use deck_records, only: transient_record
+  use error_groups, only: group_unknowns
+  use fixed_step, only: fixed_stepper
+  use history, only: corner
+  use runge_kutta, only: classical_rk4, dormand_prince
+  use scene_model, only: scene
+  use time_stepper, only: stepper
+  implicit none (type, external)
+  private
+  public :: make_stepper, method_order
+
+contains
+
+  !> Order of a method, for corners that matter to it.
+  pure function method_order(method) result(order)
+    character(*), intent(in) :: method         !! the deck's word
+    integer :: order
+    select case (method)
+    case ('rk4')
+      order = 4
+    case ('dopri5')
+      order = 5
+    case default
+      order = 2
+    end select
+  end function method_order
+
+  !> A stepper for the deck's transient.
+  subroutine make_stepper(r, s, march)
+    type(transient_record), intent(in) :: r
+    type(scene), intent(in) :: s
+    class(stepper), allocatable, intent(out) :: march
+    if (r%adaptive) then
+      call make_adaptive(r, s, march)
+    else
+      call make_fixed(r, march)
+    end if
+  end subroutine make_stepper
+
+  !> Explicit methods with a fixed step.
+  subroutine make_fixed(r, march)
+    type(transient_record), intent(in) :: r
+    class(stepper), allocatable, intent(out) :: march
+    type(fixed_stepper), allocatable :: fixed
+    allocate (fixed)
+    fixed%method = classical_rk4()
+    if (r%method == 'dopri5') fixed%method = dormand_prince()
+    fixed%step = r%step
+    call move_alloc(fixed, march)
+  end subroutine make_fixed
+
+  !> The adaptive method, which stops at every corner.
+  subroutine make_adaptive(r, s, march)
+    type(transient_record), intent(in) :: r
+    type(scene), intent(in) :: s
+    class(stepper), allocatable, intent(out) :: march
+    type(adaptive_stepper), allocatable :: adaptive
+    type(corner), allocatable :: corners(:)
+    integer :: k
+    allocate (adaptive)
+    adaptive%tolerance = r%tolerance
+    adaptive%first_step = r%first_step
+    if (r%max_step > 0.0_wp) adaptive%max_step = r%max_step
+    call group_unknowns(s, adaptive%norm)
+    call scene_corners(s, r%t_end, method_order(r%method), corners)
+    adaptive%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
+    adaptive%jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+    call move_alloc(adaptive, march)
+  end subroutine make_adaptive
+end module choose_stepper

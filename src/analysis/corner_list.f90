@@ -1,0 +1,97 @@
+!> Times at which the equations of a scene are not smooth: corners of the histories of its loads and drives. Orders are
+!> those of the accelerations: 0 where they jump, 1 where their slope jumps.
+module corner_list
+  use kinds, only: wp
+  use history, only: corner
+  use load, only: stage_transient
+  use scene_model, only: scene
+  use time_stepper, only: step_count
+  implicit none (type, external)
+  private
+  public :: scene_corners, off_step
+
+contains
+
+  !> Corners inside (0, t_end) up to an order, ascending; at equal times (to rounding) the lowest order counts.
+  subroutine scene_corners(s, t_end, most_order, list)
+    type(scene), intent(in) :: s
+    real(wp), intent(in) :: t_end              !! [s]
+    integer, intent(in) :: most_order
+    type(corner), allocatable, intent(out) :: list(:)
+    integer :: k
+    allocate (list(0))
+    do k = 1, size(s%loads)
+      if (.not. s%loads(k)%timed .or. .not. s%loads(k)%acts(stage_transient)) cycle
+      list = [list, s%loads(k)%factor%corners()]
+    end do
+    do k = 1, size(s%constraints)
+      list = [list, s%constraints(k)%item%corners()]
+    end do
+    list = pack(list, list%order <= most_order .and. list%time > 0.0_wp .and. list%time < t_end)
+    call sort(list)
+    call merge_equal(list)
+  end subroutine scene_corners
+
+  !> Sorts by time (insertion: lists are short or nearly sorted).
+  pure subroutine sort(list)
+    type(corner), intent(inout) :: list(:)
+    type(corner) :: x
+    integer :: i, j
+    do i = 2, size(list)
+      x = list(i)
+      j = i - 1
+      do while (j > 0)
+        if (list(j)%time <= x%time) exit
+        list(j + 1) = list(j)
+        j = j - 1
+      end do
+      list(j + 1) = x
+    end do
+  end subroutine sort
+
+  !> Keeps one of several corners at the same time.
+  pure subroutine merge_equal(list)
+    type(corner), allocatable, intent(inout) :: list(:)
+    integer :: i, n
+    n = min(1, size(list))
+    do i = 2, size(list)
+      if (list(i)%time - list(n)%time <= 16*spacing(list(i)%time)) then
+        list(n)%order = min(list(n)%order, list(i)%order)
+      else
+        n = n + 1
+        list(n) = list(i)
+      end if
+    end do
+    list = list(1:n)
+  end subroutine merge_equal
+
+  !> One sentence on the corners that no fixed step ends at, empty where there are none.
+  function off_step(s, t_end, output_step, step, order) result(text)
+    type(scene), intent(in) :: s
+    real(wp), intent(in) :: t_end, output_step, step   !! [s]
+    integer, intent(in) :: order               !! of the method
+    character(:), allocatable :: text
+    type(corner), allocatable :: list(:)
+    real(wp) :: h, x
+    integer :: k, n
+    character(24) :: number
+    call scene_corners(s, t_end, order - 2, list)
+    h = output_step/real(step_count(output_step, step), wp)
+    text = ''
+    n = 0
+    do k = 1, size(list)
+      x = list(k)%time/h
+      if (abs(x - anint(x)) <= 1.0e-9_wp*max(1.0_wp, x)) cycle
+      n = n + 1
+      if (n > 5) cycle
+      write (number, '(es13.6)') list(k)%time
+      if (n > 1) text = text//','
+      text = text//' '//trim(adjustl(number))//' s'
+    end do
+    if (n == 0) return
+    write (number, '(i0)') n
+    if (n > 5) text = text//' ... ('//trim(number)//' times)'
+    text = 'histories have corners at t ='//text//', which are no multiples of the step: the method loses its order '// &
+           'there; choose step and output_step so that steps end at them, or a tolerance instead of a step'
+  end function off_step
+end module corner_list

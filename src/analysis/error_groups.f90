@@ -1,0 +1,125 @@
+!> Groups of unknowns that share a scale (deck.md, &transient tolerance): in each body its translations, its angle,
+!> deflections, nodal rotations, dissipative extensions and dissipative rotations, and the rates of each; modes and springs
+!> have groups of their own. Energies are not measured: they follow the motion.
+module error_groups
+  use kinds, only: wp
+  use scene_model, only: scene
+  use step_control, only: error_norm
+  implicit none (type, external)
+  private
+  public :: group_unknowns, fastest_growth
+
+  real(wp), parameter :: least = 1.0e-6_wp     !! floor of a scale, of the scene's size [-] or an angle [rad]
+  integer, parameter :: translation = 1, angle = 2, deflection = 3, rotation = 4, extension = 5, bending = 6
+  integer, parameter :: kinds_of_group = 6     !! each with the group of its rates behind it
+
+contains
+
+  !> The error norm of a scene.
+  subroutine group_unknowns(s, norm)
+    type(scene), intent(in) :: s
+    type(error_norm), intent(out) :: norm
+    integer :: b, k, n
+    n = 2*kinds_of_group*size(s%bodies) + 2*size(s%springs)
+    allocate (norm%group(s%ny), source=0)
+    allocate (norm%floor(n), source=least*s%size)
+    allocate (norm%rate(n), source=.false.)
+    allocate (norm%largest(n), norm%scale(n), source=0.0_wp)
+    norm%rate(2:n:2) = .true.
+    do b = 1, size(s%bodies)
+      call group_body(s, b, norm)
+    end do
+    do k = 1, size(s%springs)
+      n = 2*(kinds_of_group*size(s%bodies) + k) - 1
+      if (s%springs(k)%torsional) norm%floor(n:n + 1) = least
+      call assign(s, norm, n, 0, s%springs(k)%offset + 1, s%springs(k)%offset + size(s%springs(k)%alpha))
+    end do
+  end subroutine group_unknowns
+
+  !> Puts coordinates first..last and their rates into a group and the next one; dissipative ones where offset = 0.
+  subroutine assign(s, norm, group, offset, first, last)
+    type(scene), intent(in) :: s
+    type(error_norm), intent(inout) :: norm
+    integer, intent(in) :: group, offset       !! group of the values; 1: frame or elastic coordinates
+    integer, intent(in) :: first, last
+    integer :: o, n
+    o = merge(0, 2*s%nq, offset == 1)
+    n = merge(s%nq, s%nz, offset == 1)
+    norm%group(o + first:o + last) = group
+    norm%group(o + n + first:o + n + last) = group + 1
+  end subroutine assign
+
+  !> The groups of one body.
+  subroutine group_body(s, b, norm)
+    type(scene), intent(in) :: s
+    integer, intent(in) :: b
+    type(error_norm), intent(inout) :: norm
+    integer :: i, k, c, r, o, e, j
+    i = s%qo(b)
+    associate (bo => s%bodies(b))
+      call floors(number(b, angle), least)
+      call floors(number(b, rotation), least)
+      call floors(number(b, bending), least)
+      call assign(s, norm, number(b, translation), 1, i + 1, i + 2)
+      call assign(s, norm, number(b, angle), 1, i + 3, i + 3)
+      if (.not. bo%flexible) return
+      if (bo%modal) then                       ! mass-normalised modes: displacements times the root of a mass
+        call floors(number(b, deflection), least*s%size*sqrt(bo%mass))
+        call floors(number(b, bending), least*s%size*sqrt(bo%mass))
+        call assign(s, norm, number(b, deflection), 1, i + 4, i + 3 + bo%nf)
+        call assign(s, norm, number(b, bending), 0, s%zo(b) + 1, s%zo(b) + bo%nz)
+        return
+      end if
+      do k = 1, bo%nn
+        do c = 1, 3
+          if (bo%dof(c, k) == 0) cycle
+          j = i + 3 + bo%dof(c, k)
+          call assign(s, norm, number(b, merge(rotation, deflection, c == 3)), 1, j, j)
+        end do
+      end do
+      do r = 1, size(bo%runs)
+        o = s%zo(b) + bo%runs(r)%offset
+        do e = 1, size(bo%runs(r)%alpha)*bo%runs(r)%width/bo%nd
+          do c = 4 - bo%nd, 3
+            o = o + 1
+            call assign(s, norm, number(b, merge(extension, bending, c == 1)), 0, o, o)
+          end do
+        end do
+      end do
+    end associate
+  contains
+    !> Sets the floor of a group and of its rates.
+    subroutine floors(group, x)
+      integer, intent(in) :: group
+      real(wp), intent(in) :: x                !! [m], [rad] or [m kg**(1/2)]
+      norm%floor(group:group + 1) = x
+    end subroutine floors
+  end subroutine group_body
+
+  !> Number of a body's group of values.
+  pure function number(b, kind) result(group)
+    integer, intent(in) :: b, kind
+    integer :: group
+    group = 2*kinds_of_group*(b - 1) + 2*kind - 1
+  end function number
+
+  !> The body whose unknowns exceed most what they have been, in a state that was given up; 0: none, or a spring.
+  pure function fastest_growth(norm, bodies, y) result(body)
+    type(error_norm), intent(in) :: norm
+    integer, intent(in) :: bodies
+    real(wp), intent(in) :: y(:)               !! (n)
+    integer :: body, k, g
+    real(wp) :: growth, worst
+    body = 0
+    worst = 0.0_wp
+    do k = 1, size(y)
+      g = norm%group(k)
+      if (g == 0 .or. g > 2*kinds_of_group*bodies) cycle
+      growth = huge(1.0_wp)
+      if (abs(y(k)) <= 1.0e200_wp) growth = abs(y(k))/max(norm%largest(g), norm%floor(g))
+      if (growth <= worst) cycle
+      worst = growth
+      body = 1 + (g - 1)/(2*kinds_of_group)
+    end do
+  end function fastest_growth
+end module error_groups

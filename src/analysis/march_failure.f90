@@ -1,0 +1,103 @@
+!> Why a march stopped, in one paragraph: what happened, when, which body or joints, what to try.
+module march_failure
+  use kinds, only: wp
+  use error_groups, only: fastest_growth
+  use errors, only: failure, status_failed
+  use mechanism, only: mechanism_model
+  use projection, only: open_constraints
+  use step_control, only: error_norm
+  use time_stepper, only: stepper, trouble_manifold, trouble_accuracy, trouble_iteration
+  implicit none (type, external)
+  private
+  public :: explain_loss, explain_balance
+
+  character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
+                                         '(biela --check tells the stable ones), or dopri5 with a tolerance'
+
+contains
+
+  !> A march that its method gave up.
+  subroutine explain_loss(m, norm, march, adaptive, last, fail)
+    type(mechanism_model), intent(in) :: m
+    type(error_norm), intent(in) :: norm
+    class(stepper), intent(in) :: march
+    logical, intent(in) :: adaptive
+    real(wp), intent(in) :: last               !! time of the last row [s]
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: text, names
+    real(wp) :: gap
+    select case (march%trouble)
+    case (trouble_manifold)
+      call open_constraints(m, names, gap)
+      text = 'the joints and drives '//names//' cannot be kept closed at t = '//number(march%tried)//' s (they stay open by '// &
+             number(gap)//' m): they may demand the impossible there, such as a drive beyond the reach of the mechanism'
+      text = text//advice('or the step is too large: check the drive, or try a smaller step', &
+                          'check the drive and the geometry', adaptive)
+    case (trouble_accuracy)
+      text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
+             culprit(m, norm, march%trial)//'; the motion may be singular there: check loads, drives and near-singular '// &
+             'positions, or try a larger tolerance'
+    case (trouble_iteration)
+      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'// &
+             culprit(m, norm, march%trial)//advice('try a smaller step', 'try a larger tolerance', adaptive)
+    case default   ! trouble_size
+      text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
+      text = text//advice(too_large, 'no step is small enough: check the loads', adaptive)
+    end select
+    call fail%raise(status_failed, text//'. '//kept(last))
+  end subroutine explain_loss
+
+  !> A march whose energies say that the solution is lost, though its numbers are finite.
+  subroutine explain_balance(m, norm, y, t, last, residual, energy, adaptive, fail)
+    type(mechanism_model), intent(in) :: m
+    type(error_norm), intent(in) :: norm
+    real(wp), intent(in) :: y(:)               !! (n) state at t
+    real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
+    real(wp), intent(in) :: residual, energy   !! at t; largest before [J]
+    logical, intent(in) :: adaptive
+    type(failure), intent(inout) :: fail
+    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
+                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)// &
+                    advice(too_large, 'try a smaller tolerance', adaptive)//'. '//kept(last))
+  end subroutine explain_balance
+
+  !> The body that grows most, as part of a sentence.
+  function culprit(m, norm, y) result(text)
+    type(mechanism_model), intent(in) :: m
+    type(error_norm), intent(in) :: norm
+    real(wp), intent(in) :: y(:)               !! (n)
+    character(:), allocatable :: text
+    integer :: b
+    b = fastest_growth(norm, size(m%s%bodies), y)
+    text = ''
+    if (b > 0) text = ', the coordinates of body "'//trim(m%s%bodies(b)%name)//'" grow most'
+  end function culprit
+
+  !> What to try, for fixed and for adaptive steps.
+  pure function advice(fixed, free, adaptive) result(text)
+    character(*), intent(in) :: fixed, free
+    logical, intent(in) :: adaptive
+    character(:), allocatable :: text
+    if (adaptive) then
+      text = '; '//free
+    else
+      text = '; '//fixed
+    end if
+  end function advice
+
+  !> What there is of the run.
+  function kept(last) result(text)
+    real(wp), intent(in) :: last               !! [s]
+    character(:), allocatable :: text
+    text = 'Results up to t = '//number(last)//' s are complete'
+  end function kept
+
+  !> A number in a few digits.
+  function number(x) result(text)
+    real(wp), intent(in) :: x                  !! any unit
+    character(:), allocatable :: text
+    character(24) :: buffer
+    write (buffer, '(es13.6)') x
+    text = trim(adjustl(buffer))
+  end function number
+end module march_failure

@@ -1,0 +1,113 @@
+!> What the summary says of a transient: steps, evaluations, drift, and energy as a witness of how far to trust it.
+module transient_summary
+  use kinds, only: wp
+  use scene_run, only: run_state
+  use summary, only: add_line
+  use time_stepper, only: step_count
+  use transient, only: transient_march
+  use, intrinsic :: iso_fortran_env, only: error_unit
+  implicit none (type, external)
+  private
+  public :: transient_lines
+
+contains
+
+  !> The transient's part of the summary; warnings go to standard error too.
+  subroutine transient_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    character(:), allocatable, intent(inout) :: text
+    character(200) :: line
+    if (.not. allocated(march%method)) return
+    associate (r => run%d%transient, method => march%method, m => run%sys%m)
+      call add_line(text, '')
+      call add_line(text, 'transient')
+      call add_line(text, '  method: '//trim(r%method)//', stabilization: '//trim(r%stabilization))
+      if (r%adaptive) then
+        write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') '  tolerance: ', r%tolerance, ', accepted steps from ', &
+          min(method%shortest, method%longest), ' to ', method%longest, ' s'
+      else
+        write (line, '(a, es16.9, a)') '  step: ', r%output_step/real(step_count(r%output_step, r%step), wp), ' s'
+      end if
+      call add_line(text, trim(line))
+      write (line, '(a, es16.9, a)') '  reached: t = ', method%t, ' s'
+      call add_line(text, trim(line))
+      write (line, '(a, i0, a, i0)') '  steps: ', method%steps, ', rejected: ', method%rejected
+      call add_line(text, trim(line))
+      write (line, '(a, i0, a, i0)') '  evaluations: ', m%evaluations, ', banded solves: ', m%solves
+      call add_line(text, trim(line))
+      if (run%monitor%smallest < huge(1.0_wp)) then
+        write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
+          ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
+        call add_line(text, trim(line))
+      end if
+      if (len(march%warning) > 0) then
+        call add_line(text, '  warning: '//march%warning)
+        write (error_unit, '(a)') run%d%path//': warning: '//march%warning
+      end if
+    end associate
+    call witness(run, march, text)
+    call validity_lines(run, text)
+  end subroutine transient_lines
+
+  !> Drift, energy residual and what they say.
+  subroutine witness(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    character(:), allocatable, intent(inout) :: text
+    character(200) :: line
+    real(wp) :: share
+    associate (f => march%files)
+      write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') '  largest violations: position ', f%worst_position, ' m (', &
+        f%worst_position/run%sys%m%s%size, ' of the size), velocity ', f%worst_velocity, ' m/s'
+      call add_line(text, trim(line))
+      share = 0.0_wp
+      if (f%largest_energy > 0.0_wp) share = f%largest_residual/f%largest_energy
+      write (line, '(a, es10.3, a, es10.3, a, es10.3, a, es10.3, a)') '  energy residual: largest ', f%largest_residual, &
+        ' J, at the end ', f%residual, ' J; ', share, ' of the largest energy, ', f%largest_energy, ' J'
+      call add_line(text, trim(line))
+      if (run%d%transient%method == 'generalized_alpha') then
+        write (line, '(a, es10.3, a)') '  energy removed by the method itself: ', march%method%removed, ' J'
+        call add_line(text, trim(line))
+      end if
+      call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy))
+    end associate
+  end subroutine witness
+
+  !> The verdict on the larger of the relative energy residual and the relative drift. It bounds what the integration can
+  !> have done to the energies, not the error of every single column: fast motion of little energy may be less accurate.
+  function verdict(share, energy) result(text)
+    real(wp), intent(in) :: share              !! [-]
+    real(wp), intent(in) :: energy             !! largest energy [J]
+    character(:), allocatable :: text
+    character(16) :: number
+    write (number, '(es9.1)') share
+    number = adjustl(number)
+    if (.not. energy > 0.0_wp) then
+      text = 'no energy moves in this scene, so energy says nothing'
+    else if (share <= 1.0e-8_wp) then
+      text = 'energy and joints are kept to '//trim(number)//': the integration is as good as exact'
+    else if (share <= 1.0e-4_wp) then
+      text = 'energy and joints are kept to '//trim(number)//': the integration can be trusted at that level'
+    else if (share <= 1.0e-2_wp) then
+      text = 'energy and joints are kept to '//trim(number)//' only: good for pictures; accelerations and reactions need a '// &
+             'smaller step or tolerance'
+    else
+      text = 'energy or joints are off by '//trim(number)//': the results cannot be trusted; use a smaller step or tolerance'
+    end if
+  end function verdict
+
+  !> Warnings of the validity watch.
+  subroutine validity_lines(run, text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable, intent(inout) :: text
+    character(:), allocatable :: warnings
+    warnings = run%watch%warnings(run%sys%m)
+    if (len(warnings) == 0) then
+      call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
+    else
+      text = text//warnings
+      write (error_unit, '(a)', advance='no') warnings
+    end if
+  end subroutine validity_lines
+end module transient_summary

@@ -1,0 +1,235 @@
+!> Dormand-Prince 5(4) with step control, continuous output and stops at the corners of histories (Dormand and Prince 1980;
+!> Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected
+!> before its derivative is taken: the seventh stage is then the first of the next step also where states are projected.
+module adaptive_dopri5
+  use kinds, only: wp
+  use archive, only: value_archive
+  use ode_system, only: ode, sane
+  use runge_kutta, only: dormand_prince, explicit_stepper
+  use step_control, only: error_norm, step_controller
+  use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, trouble_accuracy
+  implicit none (type, external)
+  private
+
+  !> Weights of the error estimate: fifth minus fourth order, seven stages [-].
+  real(wp), parameter :: e(7) = [71.0_wp/57600.0_wp, 0.0_wp, -71.0_wp/16695.0_wp, 71.0_wp/1920.0_wp, &
+                                 -17253.0_wp/339200.0_wp, 22.0_wp/525.0_wp, -1.0_wp/40.0_wp]
+  !> Weights of the last term of the continuous extension of order 4 [-].
+  real(wp), parameter :: d(7) = [-12715105075.0_wp/11282082432.0_wp, 0.0_wp, 87487479700.0_wp/32700410799.0_wp, &
+                                 -10690763975.0_wp/1880347072.0_wp, 701980252875.0_wp/199316789632.0_wp, &
+                                 -1453857185.0_wp/822651844.0_wp, 69997945.0_wp/29380423.0_wp]
+
+  !> The method.
+  type, extends(stepper), public :: adaptive_stepper
+    real(wp) :: tolerance = 0.0_wp            !! [-]
+    real(wp) :: first_step = 0.0_wp           !! [s], 0: chosen by the method
+    real(wp) :: max_step = huge(1.0_wp)       !! [s]
+    real(wp), allocatable :: stops(:)         !! times that end a step, ascending; the last is the end of the run [s]
+    logical, allocatable :: jumps(:)          !! whether the derivative jumps there: the step is then chosen anew
+    type(error_norm) :: norm
+    real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
+    type(step_controller) :: control
+    type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
+    real(wp), allocatable :: k7(:)            !! (n) derivative at the end of the step
+    real(wp), allocatable :: error(:)         !! (n)
+    real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step
+    real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
+    real(wp) :: dense_step = 0.0_wp           !! its size [s]
+  contains
+    procedure :: begin
+    procedure :: advance
+    procedure :: exchange
+  end type adaptive_stepper
+
+contains
+
+  !> Starts at a state.
+  subroutine begin(self, system, t, y)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: y(:)              !! (n)
+    call self%stages%prepare(dormand_prince(), size(y))
+    allocate (self%k7(size(y)), self%error(size(y)), self%dense(size(y), 5), source=0.0_wp)
+    self%t = t
+    self%y = y
+    self%trial = y
+    self%h = self%first_step
+    call self%norm%watch(y)
+    call system%derivative(t, y, .false., self%stages%k(:, 1))
+  end subroutine begin
+
+  !> Marches towards an output time (see `time_stepper`).
+  subroutine advance(self, system, from, to, most, y, outcome)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    integer, intent(in) :: most
+    real(wp), intent(inout) :: y(:)           !! (n)
+    integer, intent(out) :: outcome
+    integer :: attempt
+    attempt = 0
+    outcome = paused
+    do while (self%t < to)
+      if (attempt == most) return
+      attempt = attempt + 1
+      if (.not. self%h > 0.0_wp) call choose_step(self, system, to - from)
+      call one_step(self, system, to, outcome)
+      if (outcome == lost) return
+    end do
+    call output(self, system, to, y, outcome)
+  end subroutine advance
+
+  !> The state at an output time within the last step.
+  subroutine output(self, system, to, y, outcome)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: to                !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n)
+    integer, intent(out) :: outcome
+    real(wp) :: s
+    logical :: ok
+    outcome = reached
+    if (self%t > to) then
+      s = (to - self%dense_start)/self%dense_step
+      y = self%dense(:, 1) + s*(self%dense(:, 2) + (1 - s)*(self%dense(:, 3) + s*(self%dense(:, 4) + (1 - s)*self%dense(:, 5))))
+      if (system%bound) then                  ! the projection uses the factors of an evaluation at this very state
+        call system%derivative(to, y, .false., self%error)
+        call system%accept(to, y, ok)
+        if (.not. ok) then
+          self%trial = y
+          self%tried = to
+          self%trouble = trouble_manifold
+          outcome = lost
+          return
+        end if
+      end if
+    else
+      y = self%y
+    end if
+    call system%derivative(to, y, .false., self%error)
+  end subroutine output
+
+  !> Tries one step; the outcome is changed where the solution is lost.
+  subroutine one_step(self, system, to, outcome)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: to                !! next output time [s]
+    integer, intent(inout) :: outcome
+    real(wp) :: h, wanted, err
+    integer :: next
+    logical :: at_stop
+    wanted = min(self%h, self%max_step)
+    next = 1
+    do while (self%stops(next) <= self%t .and. next < size(self%stops))
+      next = next + 1
+    end do
+    at_stop = self%t + 1.01_wp*wanted >= self%stops(next)
+    h = wanted
+    if (at_stop) h = self%stops(next) - self%t
+    self%tried = merge(self%stops(next), self%t + h, at_stop)
+    call try_step(self, system, h, err)
+    if (err < 0.0_wp .or. err > 1.0_wp) then
+      self%rejected = self%rejected + 1
+      self%h = self%control%refused(h, err)
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
+      if (err > 0.0_wp) self%trouble = trouble_accuracy
+      outcome = lost
+      return
+    end if
+    if (self%tried >= to) call keep_dense(self, h)
+    self%y = self%trial
+    self%stages%k(:, 1) = self%k7
+    call self%norm%watch(self%y)
+    call self%count_step(self%tried, h)
+    self%h = self%control%accepted(h, err)
+    if (.not. at_stop) return
+    self%h = max(self%h, wanted)
+    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    if (self%jumps(next)) self%h = 0.0_wp
+    if (self%jumps(next)) call self%control%restart()
+  end subroutine one_step
+
+  !> The stages of a step, its projected end and the error estimate, in tolerances; negative where the step is lost.
+  subroutine try_step(self, system, h, err)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(out) :: err              !! [-]
+    logical :: ok
+    integer :: k
+    err = -1.0_wp
+    self%trial = self%y
+    call self%stages%step(system, self%t, h, self%trial, ok)
+    self%trouble = trouble_size
+    if (.not. ok) return
+    call system%accept(self%tried, self%trial, ok)
+    if (sane(self%trial)) self%trouble = trouble_manifold
+    if (.not. ok) return
+    call system%derivative(self%tried, self%trial, .true., self%k7)
+    self%trouble = trouble_size
+    if (.not. sane(self%k7)) return
+    do k = 1, size(self%y)
+      self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
+                         + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
+    end do
+    err = self%norm%measure(self%error, self%trial, h)/self%tolerance
+  end subroutine try_step
+
+  !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
+  subroutine keep_dense(self, h)
+    class(adaptive_stepper), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    integer :: k
+    real(wp) :: rise, bend
+    self%dense_start = self%t
+    self%dense_step = h
+    do k = 1, size(self%y)
+      rise = self%trial(k) - self%y(k)
+      bend = h*self%stages%k(k, 1) - rise
+      self%dense(k, 1) = self%y(k)
+      self%dense(k, 2) = rise
+      self%dense(k, 3) = bend
+      self%dense(k, 4) = rise - h*self%k7(k) - bend
+      self%dense(k, 5) = h*(d(1)*self%stages%k(k, 1) + d(3)*self%stages%k(k, 3) + d(4)*self%stages%k(k, 4) &
+                            + d(5)*self%stages%k(k, 5) + d(6)*self%stages%k(k, 6) + d(7)*self%k7(k))
+    end do
+  end subroutine keep_dense
+
+  !> First step from the state, its derivative and an estimate of the second derivative (reference, II.4).
+  subroutine choose_step(self, system, interval)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: interval          !! between outputs, the longest first guess [s]
+    real(wp) :: d0, d1, d2, h
+    associate (k1 => self%stages%k(:, 1), rest => self%stops(size(self%stops)) - self%t)
+      h = min(interval, rest, self%max_step)
+      d0 = self%norm%measure(self%y, self%y, h)/self%tolerance
+      d1 = self%norm%measure(k1, self%y, h)/self%tolerance
+      if (d1 > 1.0e-5_wp .and. d0 > 1.0e-5_wp) h = min(h, 0.01_wp*d0/d1)
+      self%trial = self%y + h*k1
+      self%h = h*1.0e-3_wp
+      if (.not. sane(self%trial)) return
+      call system%derivative(self%t + h, self%trial, .true., self%k7)
+      if (.not. sane(self%k7)) return
+      self%error = self%k7 - k1
+      d2 = self%norm%measure(self%error, self%y, h)/self%tolerance/h
+      self%h = min(100*h, rest, self%max_step)
+      if (max(d1, d2) > 1.0e-15_wp) self%h = min(self%h, (0.01_wp/max(d1, d2))**0.2_wp)
+    end associate
+  end subroutine choose_step
+
+  !> Saves or restores the march.
+  subroutine exchange(self, a)
+    class(adaptive_stepper), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call exchange_common(self, a)
+    call a%exchange(self%h)
+    call self%control%exchange(a)
+    call a%exchange(self%norm%largest)
+    call a%exchange(self%stages%k(:, 1))
+    call a%exchange(self%dense)
+    call a%exchange(self%dense_start)
+    call a%exchange(self%dense_step)
+  end subroutine exchange
+end module adaptive_dopri5

@@ -1,0 +1,109 @@
+!> Step size control of adaptive methods: the error norm, which measures every unknown by its own group, and the
+!> proportional-integral controller of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4 and IV.2).
+module step_control
+  use kinds, only: wp
+  use archive, only: value_archive
+  implicit none (type, external)
+  private
+
+  real(wp), parameter :: safety = 0.9_wp      !! aim at a local error below the tolerance [-]
+  real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
+  real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
+  real(wp), parameter :: calm = 1.0e-4_wp     !! least error that is remembered [-]
+
+  !> Groups of unknowns that share a scale: the largest value that the group has had, or its floor if that is larger.
+  type, public :: error_norm
+    integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
+    real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
+    logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values, moved in one step
+    real(wp), allocatable :: largest(:)       !! (groups) largest value so far
+    real(wp), allocatable :: scale(:)         !! (groups) work
+  contains
+    procedure :: watch
+    procedure :: measure
+  end type error_norm
+
+  !> The controller; order is that of the error estimate's companion (5 for 5(4) pairs).
+  type, public :: step_controller
+    integer :: order = 5
+    real(wp) :: last_error = calm             !! error of the last accepted step [-]
+    logical :: after_rejection = .false.
+  contains
+    procedure :: accepted
+    procedure :: refused
+    procedure :: restart
+    procedure :: exchange
+  end type step_controller
+
+contains
+
+  !> Updates the largest values of all groups.
+  pure subroutine watch(self, y)
+    class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: y(:)              !! (n)
+    integer :: k
+    do k = 1, size(y)
+      if (self%group(k) > 0) self%largest(self%group(k)) = max(self%largest(self%group(k)), abs(y(k)))
+    end do
+  end subroutine watch
+
+  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to.
+  function measure(self, e, y, h) result(worst)
+    class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: e(:), y(:)        !! (n)
+    real(wp), intent(in) :: h                 !! step [s]
+    real(wp) :: worst                         !! [-]
+    integer :: k
+    do k = 1, size(self%scale)
+      self%scale(k) = max(self%largest(k), merge(self%floor(k)/h, self%floor(k), self%rate(k)))
+    end do
+    do k = 1, size(y)
+      if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(y(k)))
+    end do
+    worst = 0.0_wp
+    do k = 1, size(e)
+      if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
+    end do
+  end function measure
+
+  !> Next step after an accepted one of size h with error err (1: just the tolerance).
+  function accepted(self, h, err) result(next)
+    class(step_controller), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: err               !! [-]
+    real(wp) :: next                          !! [s]
+    real(wp) :: factor
+    factor = err**(1.0_wp/self%order - 0.75_wp*integral)/self%last_error**integral
+    factor = min(1.0_wp/most_shrink, max(1.0_wp/most_growth, factor/safety))
+    next = h/factor
+    if (self%after_rejection) next = min(next, h)
+    self%last_error = max(err, calm)
+    self%after_rejection = .false.
+  end function accepted
+
+  !> Step to try after one of size h with an error above 1; err <= 0: the step was lost before its error was known.
+  function refused(self, h, err) result(next)
+    class(step_controller), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: err               !! [-]
+    real(wp) :: next                          !! [s]
+    self%after_rejection = .true.
+    next = most_shrink*h
+    if (err > 0.0_wp) next = h/min(1.0_wp/most_shrink, err**(1.0_wp/self%order - 0.75_wp*integral)/safety)
+  end function refused
+
+  !> Forgets the past: at the start and where the equations jump.
+  subroutine restart(self)
+    class(step_controller), intent(inout) :: self
+    self%last_error = calm
+    self%after_rejection = .false.
+  end subroutine restart
+
+  !> Saves or restores the controller.
+  subroutine exchange(self, a)
+    class(step_controller), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%last_error)
+    call a%exchange(self%after_rejection)
+  end subroutine exchange
+end module step_control

@@ -1,0 +1,97 @@
+!> What a transient sees of a method: it marches from one output time to the next, in portions of a few steps, and can be
+!> saved between two portions and restored, so that a restarted run repeats the uninterrupted one bit for bit.
+module time_stepper
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use ode_system, only: ode
+  implicit none (type, external)
+  private
+  public :: step_count, exchange_common
+
+  !> How a portion of the march ended: at the output time, before it, or with the solution lost.
+  integer, parameter, public :: reached = 1, paused = 2, lost = 3
+  !> Why the solution was lost.
+  integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
+                                trouble_iteration = 4
+
+  !> A method with its state.
+  type, abstract, public :: stepper
+    real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]
+    integer(ip) :: steps = 0                  !! accepted
+    integer(ip) :: rejected = 0               !! tried and given up
+    real(wp) :: shortest = huge(1.0_wp)       !! accepted step [s]
+    real(wp) :: longest = 0.0_wp              !! [s]
+    real(wp) :: removed = 0.0_wp              !! energy that the method itself has taken out so far [J]
+    integer :: trouble = trouble_none         !! after `lost`
+    real(wp) :: tried = 0.0_wp                !! time that could not be reached [s]
+    real(wp), allocatable :: y(:)             !! (n) state at t
+    real(wp), allocatable :: trial(:)         !! (n) after `lost`: the state that was given up
+  contains
+    procedure(begin_march), deferred :: begin
+    procedure(advance_march), deferred :: advance
+    procedure(exchange_march), deferred :: exchange
+    procedure :: count_step
+  end type stepper
+
+  abstract interface
+    !> Starts at a state on the manifold; the system's last evaluation is then the one at this state.
+    subroutine begin_march(self, system, t, y)
+      import :: stepper, ode, wp
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      real(wp), intent(in) :: t               !! [s]
+      real(wp), intent(in) :: y(:)            !! (n)
+    end subroutine begin_march
+    !> Marches towards the output time `to`, at most `most` steps, tried ones counted. Outcome `reached`: y is the state at
+    !> `to`, on the manifold, and the system's last evaluation is the one at it. A call that paused is repeated with the same
+    !> times; nothing may depend on where the pauses are, or on what the system last evaluated before the call.
+    subroutine advance_march(self, system, from, to, most, y, outcome)
+      import :: stepper, ode, wp
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      real(wp), intent(in) :: from, to        !! last and next output time [s]
+      integer, intent(in) :: most
+      real(wp), intent(inout) :: y(:)         !! (n)
+      integer, intent(out) :: outcome         !! reached, paused or lost
+    end subroutine advance_march
+    !> Saves or restores the march: exchange_common, then what the method has besides.
+    subroutine exchange_march(self, a)
+      import :: stepper, value_archive
+      class(stepper), intent(inout) :: self
+      type(value_archive), intent(inout) :: a
+    end subroutine exchange_march
+  end interface
+
+contains
+
+  !> Saves or restores what every method has.
+  subroutine exchange_common(self, a)
+    class(stepper), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%t)
+    call a%exchange(self%steps)
+    call a%exchange(self%rejected)
+    call a%exchange(self%shortest)
+    call a%exchange(self%longest)
+    call a%exchange(self%removed)
+    call a%exchange(self%y)
+  end subroutine exchange_common
+
+  !> Notes an accepted step that ended at t.
+  subroutine count_step(self, t, h)
+    class(stepper), intent(inout) :: self
+    real(wp), intent(in) :: t, h              !! [s]
+    self%t = t
+    self%steps = self%steps + 1
+    self%shortest = min(self%shortest, h)
+    self%longest = max(self%longest, h)
+  end subroutine count_step
+
+  !> Number of fixed steps in an output interval: the step used is interval/ceiling(interval/step) (deck.md).
+  pure function step_count(interval, step) result(n)
+    real(wp), intent(in) :: interval          !! [s]
+    real(wp), intent(in) :: step              !! as written in the deck [s]
+    integer(ip) :: n
+    n = max(1_ip, ceiling(interval/step*(1.0_wp - 1.0e-12_wp), ip))
+  end function step_count
+end module time_stepper
