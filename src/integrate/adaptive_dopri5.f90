@@ -173,7 +173,7 @@ contains
       self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
                          + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
     end do
-    err = self%norm%measure(self%error, self%trial, h)/self%tolerance
+    err = self%norm%measure(self%error, self%trial, h, self%tolerance)
   end subroutine try_step
 
   !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
@@ -204,8 +204,8 @@ contains
     real(wp) :: d0, d1, d2, h
     associate (k1 => self%stages%k(:, 1), rest => self%stops(size(self%stops)) - self%t)
       h = min(interval, rest, self%max_step)
-      d0 = self%norm%measure(self%y, self%y, h)/self%tolerance
-      d1 = self%norm%measure(k1, self%y, h)/self%tolerance
+      d0 = self%norm%measure(self%y, self%y, h, self%tolerance)
+      d1 = self%norm%measure(k1, self%y, h, self%tolerance)
       if (d1 > 1.0e-5_wp .and. d0 > 1.0e-5_wp) h = min(h, 0.01_wp*d0/d1)
       self%trial = self%y + h*k1
       self%h = h*1.0e-3_wp
@@ -213,7 +213,7 @@ contains
       call system%derivative(self%t + h, self%trial, .true., self%k7)
       if (.not. sane(self%k7)) return
       self%error = self%k7 - k1
-      d2 = self%norm%measure(self%error, self%y, h)/self%tolerance/h
+      d2 = self%norm%measure(self%error, self%y, h, self%tolerance)/h
       self%h = min(100*h, rest, self%max_step)
       if (max(d1, d2) > 1.0e-15_wp) self%h = min(self%h, (0.01_wp/max(d1, d2))**0.2_wp)
     end associate

@@ -6,7 +6,8 @@ module step_control
   implicit none (type, external)
   private
 
-  real(wp), parameter :: safety = 0.9_wp      !! aim at a local error below the tolerance [-]
+  real(wp), parameter :: safety = 0.9_wp      !! on the step that the error model predicts [-]
+  real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: this part of the tolerance is allowed to each [-]
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
   real(wp), parameter :: calm = 1.0e-4_wp     !! least error that is remembered [-]
@@ -47,9 +48,10 @@ contains
     end do
   end subroutine watch
 
-  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to.
-  function measure(self, e, y, h) result(worst)
+  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to; 1: just allowed.
+  function measure(self, e, y, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: tolerance         !! [-]
     real(wp), intent(in) :: e(:), y(:)        !! (n)
     real(wp), intent(in) :: h                 !! step [s]
     real(wp) :: worst                         !! [-]
@@ -64,6 +66,7 @@ contains
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
     end do
+    worst = worst/(aim*tolerance)
   end function measure
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).
