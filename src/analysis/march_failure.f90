@@ -29,10 +29,10 @@ contains
     select case (march%trouble)
     case (trouble_manifold)
       call open_constraints(m, names, gap)
-      text = 'the joints and drives '//names//' cannot be kept closed at t = '//number(march%tried)//' s (they stay open by '// &
-             number(gap)//' m): they may demand the impossible there, such as a drive beyond the reach of the mechanism'
-      text = text//advice('or the step is too large: check the drive, or try a smaller step', &
-                          'check the drive and the geometry', adaptive)
+      text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
+             ' m at t = '//number(march%tried)//' s); they may demand the impossible there, such as a drive beyond the '// &
+             'reach of the mechanism'//advice('or the step is too large: check the drive, or try a smaller step', &
+                                              'check the drive and the geometry', adaptive)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
              culprit(m, norm, march%trial)//'; the motion may be singular there: check loads, drives and near-singular '// &

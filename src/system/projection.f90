@@ -117,7 +117,7 @@ contains
     velocity = largest(self%s%rows, self%schur%r)
   end subroutine violations
 
-  !> Names of the constraints that are open at the last state looked at, the worst first, in quotes; how far the worst is [m].
+  !> The constraints that are open at the last state looked at, the worst first, in words; how far the worst is [m].
   subroutine open_constraints(self, names, worst)
     type(mechanism_model), intent(in) :: self
     character(:), allocatable, intent(out) :: names
@@ -134,9 +134,11 @@ contains
     do n = 1, min(6, size(gap))
       k = maxloc(gap, 1)
       if (n > 1 .and. gap(k) < 1.0e-3_wp*worst) exit
-      if (n > 1) names = names//', '
-      names = names//'"'//trim(self%s%constraints(k)%item%name)//'"'
+      if (n == 2) names = names//', then'
+      names = names//' "'//trim(self%s%constraints(k)%item%name)//'"'
+      if (n == 1) names = names//' opens most'
       gap(k) = -1.0_wp
     end do
+    names = trim(adjustl(names))
   end subroutine open_constraints
 end module projection
