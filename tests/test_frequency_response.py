@@ -252,6 +252,17 @@ def test_internal_forces_balance_the_reaction(response_of):
     np.testing.assert_allclose(np.abs(response["root.s"]), LENGTH * 6 / (0.03 * 0.01**2), rtol=1e-4)
 
 
+def test_redundant_joints_share_their_reaction(response_of):
+    twice = "&joint name='again' type='weld' body_a='b' node_a=1 /\n"
+    sensors = "&sensor name='one' quantity='reaction' joint='one' /\n"
+    alone = response_of(beam(3, ghm=S1) + FORCE + sensors + sweep(2.0, 300.0, 6), name="alone")
+    deck = beam(3, ghm=S1, rest=twice) + FORCE + sensors + sensors.replace("'one'", "'again'")
+    both = response_of(deck + sweep(2.0, 300.0, 6), name="both")
+    for name in ("fy", "m"):
+        np.testing.assert_allclose(both[f"one.{name}"], alone[f"one.{name}"] / 2, rtol=1e-7)
+        np.testing.assert_allclose(both[f"again.{name}"], alone[f"one.{name}"] / 2, rtol=1e-7)
+
+
 def test_redundant_drive_cannot_be_the_input(run_deck):
     deck = BASE.format(rate="") + "&drive name='twin' type='position' body_a='table' history='h' /\n"
     run = run_deck(deck + sweep(5.0, 50.0, 3, source="twin"), expect=None)

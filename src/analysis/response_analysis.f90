@@ -113,8 +113,21 @@ contains
     call ds%solve(x)
     lambda = 0.0_wp
     lambda(ds%active) = x(ds%n + 1:)
+    if (size(ds%active) < size(lambda)) call share_reactions(run, lambda)
     call read_linear_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), s, x(1:nq), lambda, values)
   end subroutine respond
+
+  !> Redundant joints share their reactions as in the time domain: least multipliers.
+  subroutine share_reactions(run, lambda)
+    type(run_state), intent(inout) :: run
+    complex(wp), intent(inout) :: lambda(:)            !! (rows) [N]
+    real(wp) :: part(size(lambda), 2)
+    part(:, 1) = lambda%re
+    part(:, 2) = lambda%im
+    call run%sys%m%schur%share(part(:, 1))
+    call run%sys%m%schur%share(part(:, 2))
+    lambda = cmplx(part(:, 1), part(:, 2), wp)
+  end subroutine share_reactions
 
   !> A unit amplitude of a load's factor.
   subroutine force_input(run, x)

@@ -48,7 +48,7 @@ contains
     run%sys%m%load_factor = 1.0_wp
     call evaluate_state(run)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
-    do j = 1, size(omega2)
+    do j = 1, merge(size(omega2), 0, ok)
       if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
     end do
     names = ''

@@ -29,6 +29,7 @@ module multipliers
     procedure :: clear
     procedure :: factor
     procedure :: solve
+    procedure :: share
     procedure :: weak_rows
   end type multiplier_system
 
@@ -181,6 +182,22 @@ contains
       lambda(k) = self%x(self%position(k))*self%scale(k)
     end do
   end subroutine solve
+
+  !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
+  subroutine share(self, lambda)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
+    integer :: k
+    do k = 1, self%n
+      self%r(self%position(k)) = lambda(k)/self%scale(k)
+    end do
+    self%x = 0.0_wp
+    call subtract_product(self%n, self%kd, self%s, self%r, self%x)
+    do k = 1, self%n
+      lambda(k) = -self%x(self%position(k))/self%scale(k)
+    end do
+    call self%solve(lambda)
+  end subroutine share
 
   !> x <- x + (S + eps)^-1 (r - S x) from 0 until the residual stops falling.
   subroutine correct(self)
