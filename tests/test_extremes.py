@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent / "extremes"))
 
 import extreme_factors as factors
+import extreme_measures
 from extreme_cases import judge
 from extreme_mixtures import mixture
 from extremes import picture_of_factors, text
@@ -50,6 +51,6 @@ def test_a_case_that_is_not_as_stated_fails(biela):
     wrong = [
         factors.Case(good.factor, good.value, good.deck, "runs"),
         factors.Case(good.factor, good.value, good.deck, "refuses", 2, "no such words"),
-        factors.Case("torque", "1", factors.loads()[5].deck, "turns", measure=factors.largest, limit=0.0),
+        factors.Case("torque", "1", factors.loads()[5].deck, "turns", measure=extreme_measures.largest, limit=0.0),
     ]
     assert not any(judge(case).passed for case in wrong)

@@ -13,7 +13,7 @@ import random
 from dataclasses import dataclass, replace
 
 from extreme_cases import Case, Ran, safe_bound
-from extreme_factors import REFUSAL
+from extreme_measures import REFUSAL
 from extreme_scenes import ghm_words
 
 COUNT = 200

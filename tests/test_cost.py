@@ -1,0 +1,135 @@
+"""Cost is what the scene asks: unknowns, evaluations, solves and memory allocations, counted.
+
+Allocations are counted by a small library that stands before malloc: two runs that differ in their number of steps alone say what
+a step allocates.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+BEAMS = """&scene gravity=0.0,-9.81 /
+&material name='plain' density=1600.0 young=2.1e10 /
+&material name='damped' density=1600.0 young=2.1e10 ghm_alpha=0.5,0.2 ghm_zeta=1.0,2.0 ghm_omega=5000.0,300.0 /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=0.35 elements=4 material='{material}' section='s' {rod} /
+&joint name='pin' type='revolute' body_a='rod' node_a=1 /
+&sensor name='rod' quantity='angle' body='rod' /
+{more}&transient t_end={t_end} method='rk4' step=1.0e-6 output_step=1.0e-4 /
+"""
+RIGID = """&scene gravity=0.0,-9.81 /
+&body name='rod' kind='rigid' mass={mass} inertia={inertia} com=0.175,0.0 /
+&joint name='pin' type='revolute' body_a='rod' /
+&sensor name='rod' quantity='angle' body='rod' /
+&transient t_end=0.001 method='rk4' step=1.0e-6 output_step=1.0e-4 /
+"""
+IDLE = """&material name='idle' density=1000.0 young=1.0e9 ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=1.0e9 /
+&section name='idle' area=1.0e-4 inertia=1.0e-9 /
+&history name='idle' kind='sine' amplitude=1.0 frequency=1.0 /
+"""
+
+
+def beam(material: str = "plain", rod: str = "", more: str = "", t_end: float = 0.001) -> str:
+    return BEAMS.format(material=material, rod=rod, more=more, t_end=t_end)
+
+
+def counts(summary: str) -> dict[str, int]:
+    """Return what the summary counts."""
+    patterns = {
+        "coordinates": r"^  coordinates: .*= (\d+)$",
+        "dissipative": r"^  dissipative coordinates: (\d+)",
+        "multipliers": r"^  constraints \(multipliers\): (\d+)",
+        "steps": r"^  steps: (\d+)",
+        "evaluations": r"evaluations: (\d+)",
+        "solves": r"banded solves: (\d+)",
+    }
+    return {name: int(re.search(pattern, summary, re.MULTILINE)[1]) for name, pattern in patterns.items()}
+
+
+def test_a_rigid_twin_costs_what_a_rigid_body_costs(run_deck):
+    twin = run_deck(beam("damped", "flexible=.false."), name="twin")
+    mass = 1600.0 * 1.6129e-4 * 0.35
+    rigid = run_deck(RIGID.format(mass=mass, inertia=mass * 0.35**2 / 12), name="rigid")
+    assert counts(twin.summary) == counts(rigid.summary)
+    assert counts(twin.summary)["solves"] == 0
+    assert counts(twin.summary)["coordinates"] == 3
+    assert twin.history["rod"][-1] == pytest.approx(rigid.history["rod"][-1], rel=1e-12)
+
+
+def test_an_elastic_twin_carries_no_dissipative_coordinate(run_deck):
+    damped = run_deck(beam("damped"), name="damped")
+    twin = run_deck(beam("damped", "viscoelastic=.false."), name="twin")
+    plain = run_deck(beam("plain"), name="plain")
+    assert counts(damped.summary)["dissipative"] == 2 * 3 * 4
+    assert counts(twin.summary) == counts(plain.summary)
+    assert counts(twin.summary)["dissipative"] == 0
+    assert (twin.folder / "history.txt").read_text().splitlines()[4:] == (plain.folder / "history.txt").read_text().splitlines()[4:]
+
+
+def test_groups_that_nothing_uses_add_nothing(run_deck):
+    without = run_deck(beam(), name="without")
+    idle = run_deck(beam(more=IDLE), name="idle")
+    assert counts(idle.summary) == counts(without.summary)
+    assert (idle.folder / "history.txt").read_text().splitlines()[4:] == (without.folder / "history.txt").read_text().splitlines()[4:]
+
+
+def test_options_remove_what_they_name(run_deck):
+    full = counts(run_deck(beam("damped"), name="full").summary)
+    bending = counts(run_deck(beam("damped", "axial=.false."), name="bending").summary)
+    modal = counts(run_deck(beam("damped", "modes=2"), name="modal").summary)
+    assert (full["coordinates"], bending["coordinates"], modal["coordinates"]) == (3 + 12, 3 + 8, 3 + 2)
+    assert (full["dissipative"], bending["dissipative"], modal["dissipative"]) == (24, 16, 4)
+    assert full["evaluations"] == bending["evaluations"] == modal["evaluations"]
+    assert modal["solves"] == 0
+
+
+def test_an_evaluation_solves_twice_for_each_flexible_body(run_deck):
+    found = counts(run_deck(beam("damped")).summary)
+    assert found["steps"] == 1000
+    assert 4 * found["steps"] <= found["evaluations"] <= 4 * found["steps"] + 8
+    assert found["solves"] <= 2 * found["evaluations"]
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="the counter of allocations is built with gcc")
+def test_no_step_allocates(biela: Path, tmp_path: Path):
+    """Counts calls of malloc, calloc and realloc of two runs that differ in their steps only, by a library loaded before."""
+    source = tmp_path / "counter.c"
+    source.write_text(
+        """#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+static unsigned long calls;
+extern void *__libc_malloc(size_t); extern void *__libc_calloc(size_t, size_t); extern void *__libc_realloc(void *, size_t);
+void *malloc(size_t n) { calls++; return __libc_malloc(n); }
+void *calloc(size_t n, size_t m) { calls++; return __libc_calloc(n, m); }
+void *realloc(void *p, size_t n) { calls++; return __libc_realloc(p, n); }
+__attribute__((destructor)) static void tell(void) { fprintf(stderr, "allocations %lu\\n", calls); }
+"""
+    )
+    library = tmp_path / "counter.so"
+    subprocess.run(["gcc", "-shared", "-fPIC", "-O1", "-o", str(library), str(source)], check=True, timeout=60)
+
+    def allocations(material: str, rod: str, step: float) -> int:
+        deck = beam(material, rod, t_end=0.01).replace("step=1.0e-6 output_step=1.0e-4", f"step={step} output_step=1.0e-3")
+        (tmp_path / "deck.nml").write_text(deck)
+        done = subprocess.run(
+            [str(biela), "--quiet", "--output", "out", "deck.nml"],
+            cwd=tmp_path,
+            env={"LD_PRELOAD": str(library)},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=60,
+        )
+        return int(re.search(r"allocations (\d+)", done.stderr)[1])
+
+    models = [("plain", ""), ("damped", ""), ("damped", "axial=.false."), ("damped", "modes=2"), ("plain", "flexible=.false.")]
+    for material, rod in models:
+        more = allocations(material, rod, 1.0e-6) - allocations(material, rod, 2.0e-6)
+        assert more <= 40, f"{material} {rod}: {more} allocations in 5000 further steps"
