@@ -1,4 +1,5 @@
-!> Times of the solver's parts, in one process: bench DECK STEPS. Each line of the output is a name, the median and the
+!> Times of the solver's parts, in one process: bench DECK STEPS [dense]. With `dense` also the paper's own way, its
+!> augmented matrices assembled and solved dense at each of the four stages. Each line of the output is a name, the median and the
 !> smallest and largest of several repetitions, in microseconds a step or a call.
 program bench
   use kinds, only: wp, ip
@@ -7,8 +8,9 @@ program bench
   use deck_reader, only: read_deck
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
-  use lapack, only: use_one_blas_thread, dpbtrf, dpbtrs, dsbmv
+  use lapack, only: use_one_blas_thread, dpbtrf, dpbtrs, dsbmv, dgesv
   use body_setup, only: mass_triplets
+  use modal_reduction, only: stiffness_triplets
   use projection, only: project
   use results, only: result_set
   use runge_kutta, only: explicit_stepper, classical_rk4
@@ -20,6 +22,7 @@ program bench
   type(run_state) :: run
   real(wp) :: seconds(repetitions)           !! of each repetition [s]
   integer :: steps
+  logical :: dense
 
   call read_arguments()
   call use_one_blas_thread()
@@ -28,6 +31,7 @@ program bench
   call time_parts()
   call time_rows()
   call time_floor()
+  if (dense) call time_dense()
 
 contains
 
@@ -38,6 +42,7 @@ contains
     call get_command_argument(1, path)
     call get_command_argument(2, number)
     read (number, *) steps
+    dense = command_argument_count() > 2
     call read_deck(trim(path), run%d, faults)
     if (faults%count == 0) return
     call faults%print(error_unit)
@@ -226,4 +231,121 @@ contains
       ab(i - j, j) = ab(i - j, j) + values(k)
     end do
   end subroutine mass_band
+
+  !> The paper's way, one flexible body: M_G, C_G and K_G (VRL 31) of the coordinates, the dissipative coordinates and the
+  !> constraint rows; four times a step the matrices are assembled, C_G v and K_G q subtracted, and DGESV called.
+  subroutine time_dense()
+    real(wp), allocatable :: mass(:, :), stiff(:, :), m(:, :), c(:, :), k(:, :), x(:), y(:)
+    integer, allocatable :: pivot(:)
+    real(wp) :: t
+    integer :: r, i, n, f, calls, stage
+    associate (bo => run%sys%m%s%bodies(1), rows => run%sys%m%s%rows)
+      f = bo%nf
+      n = 3 + f*(1 + terms(bo)) + rows
+      call dense_matrices(bo, mass, stiff)
+      allocate (m(n, n), c(n, n), k(n, n), x(n), y(n), pivot(n))
+      y = 1.0e-3_wp
+      calls = 0
+      t = -clock()
+      do while (t + clock() < 0.2_wp .or. calls == 0)
+        calls = calls + 1
+        call dense_stage(mass, stiff, y, m, c, k, x, pivot)
+      end do
+      calls = max(1, calls/repetitions)
+      do r = 1, repetitions
+        seconds(r) = -clock()
+        do i = 1, calls
+          do stage = 1, 4
+            call dense_stage(mass, stiff, y, m, c, k, x, pivot)
+          end do
+        end do
+        seconds(r) = seconds(r) + clock()
+      end do
+      call show('dense', calls)
+    end associate
+  end subroutine time_dense
+
+  !> Assembles and solves once.
+  subroutine dense_stage(mass, stiff, y, m, c, k, x, pivot)
+    real(wp), intent(in) :: mass(:, :), stiff(:, :), y(:)
+    real(wp), intent(inout) :: m(:, :), c(:, :), k(:, :), x(:)
+    integer, intent(inout) :: pivot(:)
+    integer :: info
+    call augment(run%sys%m%s%bodies(1), run%sys%m%s%rows, mass, stiff, m, c, k)
+    x = 1.0_wp - matmul(c, y) - matmul(k, y)
+    call dgesv(size(x), 1, m, size(x), pivot, x, size(x), info)
+    if (info /= 0) error stop 'the dense augmented system is singular'
+  end subroutine dense_stage
+
+  !> GHM terms of a body whose elements share one material.
+  pure integer function terms(bo)
+    type(body_model), intent(in) :: bo
+    terms = 0
+    if (size(bo%runs) > 0) terms = size(bo%runs(1)%alpha)
+  end function terms
+
+  !> m_ff and K_ff as full matrices.
+  subroutine dense_matrices(bo, mass, stiff)
+    type(body_model), intent(in) :: bo
+    real(wp), allocatable, intent(out) :: mass(:, :), stiff(:, :)
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)
+    call mass_triplets(bo, rows, cols, values)
+    call fill(bo%nf, rows, cols, values, mass)
+    call stiffness_triplets(bo, rows, cols, values)
+    call fill(bo%nf, rows, cols, values, stiff)
+  end subroutine dense_matrices
+
+  !> Sums the triplets of one triangle into both.
+  subroutine fill(n, rows, cols, values, a)
+    integer, intent(in) :: n, rows(:), cols(:)
+    real(wp), intent(in) :: values(:)
+    real(wp), allocatable, intent(out) :: a(:, :)
+    integer :: i
+    allocate (a(n, n), source=0.0_wp)
+    do i = 1, size(values)
+      a(rows(i), cols(i)) = a(rows(i), cols(i)) + values(i)
+      if (rows(i) /= cols(i)) a(cols(i), rows(i)) = a(cols(i), rows(i)) + values(i)
+    end do
+  end subroutine fill
+
+  !> The augmented matrices at the undeformed state, frame in body axes, constraint rows as a border.
+  subroutine augment(bo, rows, mass, stiff, m, c, k)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: rows
+    real(wp), intent(in) :: mass(:, :), stiff(:, :)
+    real(wp), intent(out) :: m(:, :), c(:, :), k(:, :)
+    integer :: f, j, o, i
+    f = bo%nf
+    m = 0.0_wp
+    c = 0.0_wp
+    k = 0.0_wp
+    m(1, 1) = bo%mass
+    m(2, 2) = bo%mass
+    m(3, 3) = bo%i11
+    m(3, 1:2) = [-bo%i1(2), bo%i1(1)]
+    m(1:2, 3) = m(3, 1:2)
+    m(4:3 + f, 1:2) = bo%sbar
+    m(4:3 + f, 3) = bo%c0
+    m(1:2, 4:3 + f) = transpose(bo%sbar)
+    m(3, 4:3 + f) = bo%c0
+    m(4:3 + f, 4:3 + f) = mass
+    k(4:3 + f, 4:3 + f) = stiff
+    do j = 1, terms(bo)
+      o = 3 + j*f
+      associate (run => bo%runs(1))
+        m(o + 1:o + f, o + 1:o + f) = run%alpha(j)/run%omega(j)**2*stiff
+        c(o + 1:o + f, o + 1:o + f) = 2*run%alpha(j)*run%zeta(j)/run%omega(j)*stiff
+        k(o + 1:o + f, o + 1:o + f) = run%alpha(j)*stiff
+        k(4:3 + f, o + 1:o + f) = -run%alpha(j)*stiff
+        k(o + 1:o + f, 4:3 + f) = -run%alpha(j)*stiff
+        k(4:3 + f, 4:3 + f) = k(4:3 + f, 4:3 + f) + run%alpha(j)*stiff
+      end associate
+    end do
+    o = 3 + f*(1 + terms(bo))
+    do i = 1, rows                             ! rows on the frame's own coordinates
+      m(o + i, i) = 1.0_wp
+      m(i, o + i) = 1.0_wp
+    end do
+  end subroutine augment
 end program bench
