@@ -1,0 +1,88 @@
+"""Decks of the benchmarks: the slider-crank's rod in any number of elements, chains of links, a four-bar."""
+
+LENGTH, DENSITY, YOUNG, AREA, INERTIA = 0.3492, 1600.0, 2.1e10, 1.6129e-4, 8.6576e-9  # the rod [m, kg/m3, Pa, m2, m4]
+CRANK = 0.1524  # [m]
+TORQUE = 9.01159488  # on the rod's frame [N m]
+LINK = 0.1  # length of a chain's link [m]
+
+
+def transient(step, steps, method="rk4", every=None):
+    """The group that asks for `steps` steps of `step` [s], rows each `every` steps (None: at both ends only)."""
+    return (
+        f"&transient t_end={steps * step:.12g} method='{method}' step={step:.12g} "
+        f"output_step={(every or steps) * step:.12g} /\n"
+    )
+
+
+def materials(terms):
+    """Material and section of the rod, with GHM terms spread by factors of two below 20,000 rad/s."""
+    ghm = ""
+    if terms:
+        weights = ",".join([f"{0.5 / terms:.6g}"] * terms)
+        rates = ",".join(f"{20000.0 / 2**k:.6g}" for k in range(terms))
+        ghm = f" ghm_alpha={weights} ghm_zeta={','.join(['1.0'] * terms)} ghm_omega={rates}"
+    return (
+        f"&material name='rod' density={DENSITY} young={YOUNG}{ghm} /\n"
+        f"&section name='rod' area={AREA} inertia={INERTIA} /\n"
+    )
+
+
+def slider_crank(elements, run, terms=0, modes=0, torque_on_crank=False):
+    """The slider-crank with massless crank and slider; the sensor is the deflection of the rod's middle."""
+    basis = f" modes={modes}" if modes else ""
+    torque = "type='torque' body='rod' node=0"
+    if torque_on_crank:
+        torque = "type='torque_about' body='rod' node=1 centre=0.0,0.0"
+    return (
+        "&scene title='slider-crank' /\n"
+        + materials(terms)
+        + f"&body name='rod' kind='beam' length={LENGTH} elements={elements} material='rod' section='rod' "
+        f"position={CRANK},0.0 reference='pinned'{basis} /\n"
+        f"&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length={CRANK} /\n"
+        "&joint name='slider' type='slider' body_a='rod' node_a=-1 direction=0.0 /\n"
+        f"&force name='torque' {torque} moment={TORQUE} /\n"
+        f"&sensor name='mid' quantity='deflection' body='rod' node={elements // 2 + 1} /\n" + run
+    )
+
+
+def chain(links, run, elements=0):
+    """A pendulum of `links` links let go from the horizontal, rigid, or flexible with so many elements each."""
+    text = "&scene title='chain' gravity=0.0,-9.81 /\n"
+    if elements:
+        text += materials(0)
+    near, far = ("node_a=1", "node_b=-1") if elements else ("point_a=0.0,0.0", f"point_b={LINK},0.0")
+    for k in range(links):
+        body = f"&body name='b{k}' position={k * LINK:.10g},0.0 "
+        if elements:
+            body += f"kind='beam' length={LINK} elements={elements} material='rod' section='rod' reference='pinned' /\n"
+        else:
+            body += f"kind='rigid' mass=1.0 inertia={LINK**2 / 12:.10g} com={LINK / 2},0.0 /\n"
+        other = f"body_b='b{k - 1}' {far}" if k else "point_b=0.0,0.0"
+        text += body + f"&joint name='j{k}' type='revolute' body_a='b{k}' {near} {other} /\n"
+    tip = "node=-1" if elements else f"point={LINK},0.0"
+    return text + f"&sensor name='tip' quantity='position' body='b{links - 1}' {tip} /\n" + run
+
+
+def four_bar(run):
+    """A driven rigid crank, a viscoelastic coupler of 4 elements, an elastic rocker of 4."""
+    body = "kind='beam' elements=4 material='rod' section='rod' reference='pinned'"
+    return (
+        "&scene title='four-bar' gravity=0.0,-9.81 /\n"
+        + materials(1)
+        + "&material name='steel' density=7850.0 young=2.1e11 /\n"
+        "&body name='crank' kind='rigid' mass=0.2 inertia=2.0e-4 com=0.05,0.0 angle=1.5707963267948966 /\n"
+        f"&body name='coupler' {body} length=0.3 position=0.0,0.1 angle=0.3398369094541219 /\n"
+        f"&body name='rocker' {body.replace(chr(39) + 'rod' + chr(39), chr(39) + 'steel' + chr(39), 1)} "
+        "length=0.2 position=0.2828427124746190,0.0 angle=1.5707963267948966 /\n"
+        "&joint name='o' type='revolute' body_a='crank' point_a=0.0,0.0 point_b=0.0,0.0 /\n"
+        "&joint name='a' type='revolute' body_a='coupler' node_a=1 body_b='crank' point_b=0.1,0.0 /\n"
+        "&joint name='b' type='revolute' body_a='coupler' node_a=-1 body_b='rocker' node_b=-1 /\n"
+        "&joint name='c' type='revolute' body_a='rocker' node_a=1 point_b=0.2828427124746190,0.0 /\n"
+        "&force name='motor' type='torque' body='crank' moment=1.0 /\n"
+        "&sensor name='b' quantity='position' body='rocker' node=-1 /\n" + run
+    )
+
+
+def explicit_step(elements):
+    """A stable rk4 step [s] of the slider-crank's rod: bending grows with the square of the elements."""
+    return 2.5e-5 / max(elements / 2, 1) ** 2

@@ -1,0 +1,95 @@
+"""The counts that make the solver fast: right-hand sides, solves, factorisations and allocations of a step.
+
+Seconds depend on the machine, counts do not. Two runs that differ in length alone are compared, so that whatever the
+set-up does drops out. Allocations and factorisations are counted from outside, by a preloaded library.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+import scenes
+
+SCENES = {
+    "elastic": lambda run: scenes.slider_crank(4, run),
+    "ghm": lambda run: scenes.slider_crank(4, run, terms=3),
+    "modal": lambda run: scenes.slider_crank(8, run, terms=2, modes=4),
+    "rigid chain": lambda run: scenes.chain(12, run),
+    "flexible chain": lambda run: scenes.chain(5, run, elements=3),
+    "four-bar": scenes.four_bar,
+}
+FLEXIBLE = {"elastic": 1, "ghm": 1, "modal": 0, "rigid chain": 0, "flexible chain": 5, "four-bar": 2}
+STEP = 5.0e-7  # stable for every scene [s]
+
+
+def work(summary):
+    """Steps, right-hand sides and banded solves of a transient, from its summary."""
+    steps = int(re.search(r"steps: (\d+)", summary).group(1))
+    evaluations, solves = re.search(r"evaluations: (\d+), banded solves: (\d+)", summary).groups()
+    return steps, int(evaluations), int(solves)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_right_hand_sides_and_solves(run_deck, name):
+    runs = [work(run_deck(SCENES[name](scenes.transient(STEP, n))).summary) for n in (40, 140)]
+    steps, evaluations, solves = (b - a for a, b in zip(*runs))
+    assert steps == 100
+    assert evaluations == 4 * steps
+    assert solves == 2 * FLEXIBLE[name] * evaluations
+
+
+@pytest.fixture(scope="module")
+def counters(tmp_path_factory):
+    """Return the path of the counting library; skips where it cannot be built or preloaded (another C library)."""
+    compiler = os.environ.get("FC", "gfortran")
+    if not shutil.which(compiler) or not sys.platform.startswith("linux"):
+        pytest.skip("needs gfortran and Linux")
+    folder = tmp_path_factory.mktemp("counters")
+    library = folder / "counters.so"
+    command = [compiler, "-O1", "-fPIC", "-shared", f"-J{folder}", str(ROOT / "tests" / "preload" / "counters.f90")]
+    subprocess.run([*command, "-Wl,-fini=report_counts", "-o", str(library)], check=True, capture_output=True)
+    done = subprocess.run(["true"], env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False)
+    if "allocations" not in done.stderr:
+        pytest.skip("the C library does not let its allocations be counted")
+    return library
+
+
+def counts(program: Path, library: Path, folder: Path, text: str):
+    """Allocations and factorisations of one run of the solver."""
+    deck = folder / "deck.nml"
+    deck.write_text(text)
+    done = subprocess.run(
+        [str(program), "--quiet", "--output", str(folder / "out"), str(deck)],
+        env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = dict(re.findall(r"^(allocations|factorisations) (\d+)$", done.stderr, re.MULTILINE))
+    return int(found["allocations"]), int(found["factorisations"])
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path, name):
+    if biela.name.endswith("-debug"):
+        pytest.skip("the checked build makes temporary arrays")
+    runs = (SCENES[name](scenes.transient(STEP, n, every=n // 20)) for n in (1000, 3000))
+    short, long = (counts(biela, counters, tmp_path, deck) for deck in runs)
+    assert abs(long[0] - short[0]) < 100  # the two summaries may differ in a warning; 2,000 steps in nothing
+    assert long[1] == short[1]
+    assert short[0] > 0
+    assert short[1] >= FLEXIBLE[name]
+
+
+def test_no_allocation_in_a_row(biela, counters, tmp_path):
+    if biela.name.endswith("-debug"):
+        pytest.skip("the checked build makes temporary arrays")
+    scene = SCENES["ghm"]
+    few, many = (counts(biela, counters, tmp_path, scene(scenes.transient(STEP, 2000, every=n))) for n in (1000, 1))
+    assert abs(many[0] - few[0]) < 100  # 1,998 rows more
+    assert many[1] == few[1]
