@@ -7,6 +7,7 @@ that stays stable, found by bisection over 1000 periods of the limiting mode.
 import math
 import re
 
+import numpy as np
 import pytest
 
 CRANK = """&scene title='slider-crank' /
@@ -94,13 +95,19 @@ def safe_bound(run_deck, scene, method):
 @pytest.mark.parametrize("method", ["rk4", "dopri5"])
 @pytest.mark.parametrize("name", SCENES)
 def test_bounds_against_runs(name, method, run_deck):
+    """Beyond its bound on the imaginary axis dopri5 grows by 1e-5 to 1e-3 a step: there divergence comes late.
+
+    For undamped modes the observed limit of dopri5 is therefore that of divergence within the run, at most twice the
+    bound; test_growth_of_the_limiting_mode looks closer.
+    """
     scene = SCENES[name]
     safe = safe_bound(run_deck, scene, method)
     time = 1000 * 2 * math.pi * safe / {"rk4": 2.785, "dopri5": 0.997}[method]
     alive, bound = march(run_deck, scene, method, 0.98 * safe, time)
     assert alive, "a run below 0.98 of the safe bound diverged"
     assert bound is not None
-    low, high = 0.98 * safe, 1.5 * bound
+    slow = method == "dopri5" and name not in ("complex_pole", "two_poles")
+    low, high = 0.98 * safe, (2.4 if slow else 1.5) * bound
     assert not march(run_deck, scene, method, high, time)[0], "far above every bound and stable"
     for _ in range(6):
         middle = math.sqrt(low * high)
@@ -108,8 +115,34 @@ def test_bounds_against_runs(name, method, run_deck):
             low = middle
         else:
             high = middle
-    assert low < 1.05 * bound
+    assert low < (2.2 if slow else 1.05) * bound
     assert high > 0.95 * bound
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5"])
+def test_growth_of_the_limiting_mode(method, run_deck):
+    """On the spinning arm the amplitude of the limiting (axial) mode falls at 0.95 of the bound and grows at 1.05."""
+    scene = ARM + "&sensor name='u' quantity='coordinate' body='arm' index=10 /\n"
+    safe = safe_bound(run_deck, scene, method)
+    bound = march(run_deck, scene, method, 0.9 * safe, 2000 * safe)[1]
+    omega = {"rk4": 2.8284271, "dopri5": 0.997}[method] / bound
+    for factor, grows in ((0.95, False), (1.05, True)):
+        step = factor * bound
+        rows = 60 * round(1000 * 2 * math.pi / omega / step / 60)
+        rows = min(rows, 2400) if method == "rk4" and grows else rows
+        text = transient(method, step, rows * step).replace(f"output_step={50 * step:.12e}", "")
+        run = run_deck(scene + text, expect=None)
+        wave = run.history["u.qdd"]
+        third = len(wave) // 3
+        first, last = (amplitude(part, step, omega) for part in (wave[:third], wave[-third:]))
+        assert (last > 1.03 * first) if grows else (last < first), factor
+
+
+def amplitude(wave, step, omega):
+    """Largest component of a record within 12 % of an angular frequency, with a Hann window."""
+    spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave))))
+    frequency = 2 * np.pi * np.fft.rfftfreq(len(wave), step)
+    return spectrum[np.abs(frequency / omega - 1) < 0.12].max()
 
 
 def test_a_wave_speed_formula_would_be_wrong(run_deck):
