@@ -251,7 +251,7 @@ def _body_changes(deck: DeckText, body: Group) -> list[tuple[str, dict[str, str]
     elif body.word("kind") == "beam" and body.flag("axial", True):
         found.append((f"{name}: no axial deformation", {"axial": ".false."}))
     count = coordinate_count(body)
-    for k in () if stiff else sorted({2**j for j in range(8)} | {modes - 1}, reverse=True):
+    for k in () if stiff else sorted({b * 2**j for b in (2, 3) for j in range(8)} | {1, modes - 1}, reverse=True):
         if 0 < k < count:
             found.append((f"{name}: {k} modes of {count} coordinates", {"modes": str(k)}))
     return found

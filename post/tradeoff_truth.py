@@ -12,6 +12,7 @@ from tradeoff_search import CERTAIN, Curve, Point, Study, curves
 from tradeoff_settings import Setting
 
 MESHES = 4  # doublings of the mesh at most
+DEARER = 8.0  # an explicit run of a mesh twice as fine: twice the work, a quarter of the step
 SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
 
 
@@ -79,6 +80,9 @@ def refined_truth(study: Study, deck: DeckText) -> Base:
             notes.append(f"mesh x {2**doublings}: {off:.1e} from the one before")
             if left <= SETTLED * study.tolerance and (len(fine) > 2 or off <= SETTLED * study.tolerance):
                 break
+        if DEARER * found[0].cost > study.runner.longest and len(fine) > 1:
+            notes.append(f"a finer mesh would take more than {study.runner.longest:g} s a run")
+            break
     model, found, doublings = kept
     words = f"mesh x {2**doublings}, all kinematics modelled, {_words(study, found[0])}"
     study.truth = truth_of(fine[-1], left + found[0].left, words)
