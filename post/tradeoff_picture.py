@@ -39,14 +39,15 @@ def draw(study: Study, result: Result, path: Path) -> None:
     models = list(dict.fromkeys(model for model, _ in _curves(study, result)))
     for (model, family), points in _curves(study, result).items():
         ordered = sorted(points, key=lambda p: p.setting.index)
-        x, y = [p.cost for p in ordered], [p.gap.largest for p in ordered]
+        floor = 0.5 * study.truth.uncertainty
+        x, y = [p.cost for p in ordered], [max(p.gap.largest, floor) for p in ordered]
         colour = colours[models.index(model) % 10]
         axes.loglog(x, y, "-", color=colour, lw=1.1, alpha=0.8, label=f"{family}, {_short(model)}", marker=MARKS[family], ms=4)
-        under = [(p.cost, p.gap.largest) for p in ordered if p.gap.largest < study.truth.uncertainty]
+        under = [(p.cost, max(p.gap.largest, floor)) for p in ordered if p.gap.largest < study.truth.uncertainty]
         if under:
             axes.plot(*zip(*under), "w" + MARKS[family], ms=4, markeredgecolor=colour, zorder=3)
     front = sorted((study.points[k].cost, study.points[k].gap.largest) for k in pareto(study.points))
-    front = [(s, e) for s, e in front if e < 2.0]
+    front = [(s, max(e, 0.5 * study.truth.uncertainty)) for s, e in front if e < 2.0]
     if front:
         axes.step(*zip(*front), where="post", color="k", lw=0.8, ls=":", label="Pareto front")
     axes.axhline(study.tolerance, color="tab:red", lw=1.0, ls="--", label=f"tolerance {study.tolerance:g}")
@@ -55,12 +56,12 @@ def draw(study: Study, result: Result, path: Path) -> None:
     if result.chosen:
         axes.plot(result.chosen.cost, result.chosen.gap.largest, "*", color="tab:red", ms=15, label="recommended.nml", zorder=4)
     lowest = min([study.truth.uncertainty, *(e for _, e in front), study.tolerance])
-    axes.set_ylim(0.2 * max(lowest, 1e-16), 2.5)
+    axes.set_ylim(0.5 * max(lowest, 1e-16), 2.5)
     axes.set_xlabel("seconds of the analyses")
     axes.set_ylabel("largest error / range, worst column")
     axes.set_title(f"{result.deck_name}: {', '.join(sorted(study.asked))}"[:90])
     axes.grid(which="major", alpha=0.3)
     axes.legend(fontsize=7)
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=90)
     plt.close(figure)
