@@ -7,7 +7,7 @@ module error_groups
   use step_control, only: error_norm
   implicit none (type, external)
   private
-  public :: group_unknowns, fastest_growth
+  public :: group_unknowns, fastest_growth, out_of_shape
 
   real(wp), parameter :: least = 1.0e-6_wp     !! floor of a scale, of the scene's size [-] or an angle [rad]
   integer, parameter :: translation = 1, angle = 2, deflection = 3, rotation = 4, extension = 5, bending = 6
@@ -122,4 +122,20 @@ contains
       body = 1 + (g - 1)/(2*kinds_of_group)
     end do
   end function fastest_growth
+
+  !> The first body whose deflections or nodal rotations have been a thousand times the scene's size (1000 rad): no beam
+  !> theory holds there, the solution grows without bound; 0: none.
+  pure function out_of_shape(norm, bodies) result(body)
+    type(error_norm), intent(in) :: norm
+    integer, intent(in) :: bodies
+    real(wp), parameter :: absurd = 1.0e3_wp/least   !! of the floor [-]
+    integer :: body, g
+    do body = 1, bodies
+      g = number(body, deflection)
+      if (norm%largest(g) > absurd*norm%floor(g)) return
+      g = number(body, rotation)
+      if (norm%largest(g) > absurd*norm%floor(g)) return
+    end do
+    body = 0
+  end function out_of_shape
 end module error_groups

@@ -9,7 +9,7 @@ module march_failure
   use time_stepper, only: stepper, trouble_manifold, trouble_accuracy, trouble_iteration
   implicit none (type, external)
   private
-  public :: explain_loss, explain_balance
+  public :: explain_loss, explain_balance, explain_shape, explain_drift
 
   character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
@@ -60,6 +60,33 @@ contains
                     number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)// &
                     advice(too_large, 'try a smaller tolerance', adaptive)//'. '//kept(last))
   end subroutine explain_balance
+
+  !> A body that deflects beyond all sense, though the equations are integrated well.
+  subroutine explain_shape(m, b, t, last, adaptive, fail)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                   !! body
+    real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
+    logical, intent(in) :: adaptive
+    type(failure), intent(inout) :: fail
+    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: body "'//trim(m%s%bodies(b)%name)// &
+                    '" deflects by more than a thousand times the size of the scene'// &
+                    advice(too_large//'; or ', '', adaptive)//'the motion itself grows without bound: a beam that spins '// &
+                    'faster than its first bending frequency needs stiffening=.true., loads may exceed a buckling load. '// &
+                    kept(last))
+  end subroutine explain_shape
+
+  !> Joints that have drifted apart in a run that does not close them.
+  subroutine explain_drift(m, t, last, fail)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: names
+    real(wp) :: gap
+    call open_constraints(m, names, gap)
+    call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '//names//' (by '//number(gap)// &
+                    ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
+                    'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
+  end subroutine explain_drift
 
   !> The body that grows most, as part of a sentence.
   function culprit(m, norm, y) result(text)

@@ -6,9 +6,9 @@ module transient
   use checkpoint, only: write_checkpoint, remove_checkpoint
   use choose_stepper, only: make_stepper, method_order
   use corner_list, only: off_step
-  use error_groups, only: group_unknowns
+  use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
-  use march_failure, only: explain_loss, explain_balance
+  use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
   use posix, only: catch_signals, caught_signal
   use progress, only: progress_line
@@ -188,12 +188,9 @@ contains
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
       call files%read_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
                           y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
-      if (files%balance_lost()) then
-        call explain_balance(run%sys%m, march%norm, y, t, march%last, files%residual, files%trusted_energy, r%adaptive, fail)
-        return
-      end if
+      call judge(run, march, t, fail)
+      if (fail%happened()) return
       call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
-      call march%norm%watch(y)
       call files%write_row(t)
       march%last = t
       if (r%motion_step > 0.0_wp) then
@@ -203,6 +200,27 @@ contains
       if (files%failed()) call no_output(run, fail)
     end associate
   end subroutine write_state
+
+  !> Whether the row just read may stand: energies, shapes and joints say whether the solution is lost.
+  subroutine judge(run, march, t, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    real(wp), intent(in) :: t                  !! [s]
+    type(failure), intent(inout) :: fail
+    real(wp), parameter :: drift = 1.0e-2_wp   !! of the scene's size: joints that far open are none [-]
+    integer :: b
+    associate (files => march%files, m => run%sys%m, adaptive => run%d%transient%adaptive)
+      if (files%balance_lost()) then
+        call explain_balance(m, march%norm, run%y, t, march%last, files%residual, files%trusted_energy, adaptive, fail)
+      else if (files%last(6) > drift*m%s%size) then
+        call explain_drift(m, t, march%last, fail)
+      else
+        call march%norm%watch(run%y)
+        b = out_of_shape(march%norm, size(m%s%bodies))
+        if (b > 0) call explain_shape(m, b, t, march%last, adaptive, fail)
+      end if
+    end associate
+  end subroutine judge
 
   !> Between two portions: a checkpoint where one is due or a signal has come, which ends the run.
   subroutine interrupt(run, march, fail)
