@@ -5,7 +5,7 @@ module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words
   use errors, only: failure, status_bad_input
-  use posix, only: remove_file, replace_file, sync_file
+  use posix, only: close_file, create_file, remove_file, replace_file, sync_file, write_bytes
   use summary, only: version
   use, intrinsic :: iso_fortran_env, only: compiler_version, compiler_options
   implicit none (type, external)
@@ -24,19 +24,16 @@ contains
     type(value_archive), intent(in) :: a
     logical, intent(out) :: ok
     integer(ip), allocatable :: words(:)
-    integer :: unit, status
+    integer :: handle
     allocate (words(a%count + frame))
     words(1:4) = [mark, program_digest(), digest(text_words(deck_text)), a%count]
     words(5:4 + a%count) = a%words(1:a%count)
     words(size(words)) = digest(words(1:size(words) - 1))
-    open (newunit=unit, file=folder//name//'.new', access='stream', form='unformatted', status='replace', &
-          action='write', iostat=status)
-    ok = status == 0
+    handle = create_file(folder//name//'.new')
+    ok = handle >= 0
     if (.not. ok) return
-    write (unit, iostat=status) words
-    ok = status == 0
-    close (unit, iostat=status)
-    ok = ok .and. status == 0
+    ok = write_bytes(handle, transfer(words, repeat(' ', 8*size(words))))
+    ok = close_file(handle) .and. ok
     if (ok) ok = sync_file(folder//name//'.new')
     if (ok) ok = replace_file(folder//name//'.new', folder//name)
     if (ok) ok = sync_file(folder)

@@ -35,8 +35,8 @@ contains
                                               'check the drive and the geometry', adaptive)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             culprit(m, norm, march%trial)//'; the motion may be singular there: check loads, drives and near-singular '// &
-             'positions, or try a larger tolerance'
+             culprit(m, norm, march%trial)//strongest(m)//'; the motion may be singular there: check loads, drives '// &
+             'and near-singular positions, or try a larger tolerance'
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'// &
              culprit(m, norm, march%trial)//advice('try a smaller step', 'try a larger tolerance', adaptive)
@@ -57,8 +57,9 @@ contains
     logical, intent(in) :: adaptive
     type(failure), intent(inout) :: fail
     call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
-                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)// &
-                    advice(too_large, 'try a smaller tolerance', adaptive)//'. '//kept(last))
+                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)//strongest(m)// &
+                    advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', adaptive)// &
+                    '. '//kept(last))
   end subroutine explain_balance
 
   !> A body that deflects beyond all sense, though the equations are integrated well.
@@ -99,6 +100,31 @@ contains
     text = ''
     if (b > 0) text = ', the coordinates of body "'//trim(m%s%bodies(b)%name)//'" grow most'
   end function culprit
+
+  !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
+  function strongest(m) result(text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text
+    real(wp) :: force(size(m%s%constraints))   !! [N]
+    real(wp) :: largest
+    integer :: k, n
+    text = ''
+    if (size(force) == 0) return
+    do k = 1, size(force)
+      associate (c => m%s%constraints(k)%item)
+        force(k) = maxval(abs(m%lambda(c%first:c%first + c%rows - 1)))
+      end associate
+    end do
+    largest = maxval(force)
+    do n = 1, min(4, size(force))
+      k = maxloc(force, 1)
+      if (n > 1 .and. force(k) < 1.0e-2_wp*largest) exit
+      if (n > 1) text = text//','
+      text = text//' "'//trim(m%s%constraints(k)%item%name)//'"'
+      force(k) = -1.0_wp
+    end do
+    text = ', the largest reactions are those of'//text
+  end function strongest
 
   !> What to try, for fixed and for adaptive steps.
   pure function advice(fixed, free, adaptive) result(text)

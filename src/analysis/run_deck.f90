@@ -5,7 +5,7 @@ module run_deck
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file
+  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, survive_size_limits
   use response_analysis, only: run_response
   use load, only: stage_transient
   use scene_run, only: run_state, prepare_run
@@ -128,6 +128,7 @@ contains
     logical :: ok
     integer(ip) :: t0, t1, rate
     status = status_no_output
+    call survive_size_limits()
     call make_folder(run%folder)
     lock = lock_file(run%folder//'/.lock')
     if (lock < 0) write (error_unit, '(a)') run%d%path//': results cannot be written into "'//run%folder//'"'
@@ -145,7 +146,8 @@ contains
     call system_clock(t1)
     if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
     call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), text)
-    call write_whole(run%folder//'/summary.txt', text, ok)
+    ok = .true.
+    if (fail%status /= status_bad_input) call write_whole(run%folder//'/summary.txt', text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
     status = fail%status

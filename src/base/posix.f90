@@ -1,14 +1,17 @@
 !> The few calls of the operating system that Fortran lacks: folders, locks, atomic replacement, terminals, signals.
 module posix
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_funptr, c_funloc, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_funptr, c_funloc, c_ptr, c_intptr_t, c_null_funptr, &
+                                         c_size_t
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
-  public :: catch_signals, caught_signal
+  public :: create_file, extend_file, write_bytes, close_file
+  public :: catch_signals, caught_signal, survive_size_limits
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
-  integer, parameter :: read_only = 0               !! O_RDONLY
-  integer, parameter :: signal_interrupt = 2, signal_terminate = 15
+  integer, parameter :: read_only = 0, write_only = 1   !! O_RDONLY, O_WRONLY
+  integer, parameter :: from_end = 2                !! SEEK_END
+  integer, parameter :: signal_interrupt = 2, signal_terminate = 15, signal_file_size = 25
   integer(c_int), volatile :: received = 0    !! the last signal caught
 
   interface
@@ -33,6 +36,19 @@ module posix
       integer(c_int), value :: flags
       integer(c_int) :: fd
     end function c_open
+    function c_write(fd, bytes, count) bind(c, name='write') result(done)
+      import :: c_char, c_int, c_size_t, c_long
+      integer(c_int), value :: fd
+      character(kind=c_char), intent(in) :: bytes(*)
+      integer(c_size_t), value :: count
+      integer(c_long) :: done
+    end function c_write
+    function c_lseek(fd, offset, whence) bind(c, name='lseek') result(position)
+      import :: c_int, c_long
+      integer(c_int), value :: fd, whence
+      integer(c_long), value :: offset
+      integer(c_long) :: position
+    end function c_lseek
     function c_flock(fd, operation) bind(c, name='flock') result(status)
       import :: c_int
       integer(c_int), value :: fd, operation
@@ -136,6 +152,45 @@ contains
     status = c_unlink(path//c_null_char)
   end subroutine remove_file
 
+  !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails. The run-time library's
+  !> own files do not report a full disk reliably: what it could not write is lost in silence.
+  function create_file(path) result(handle)
+    character(*), intent(in) :: path
+    integer :: handle
+    handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
+  end function create_file
+
+  !> Opens a file that exists to write behind its end; negative where that fails.
+  function extend_file(path) result(handle)
+    character(*), intent(in) :: path
+    integer :: handle
+    handle = int(c_open(path//c_null_char, int(write_only, c_int)))
+    if (handle < 0) return
+    if (c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int)) < 0) handle = -1
+  end function extend_file
+
+  !> Writes bytes; ok only where all of them are written.
+  function write_bytes(handle, bytes) result(ok)
+    integer, intent(in) :: handle
+    character(*), intent(in) :: bytes
+    logical :: ok
+    integer(c_long) :: done, here
+    done = 0
+    do while (done < len(bytes))
+      here = c_write(int(handle, c_int), bytes(done + 1:), int(len(bytes) - done, c_size_t))
+      if (here <= 0) exit
+      done = done + here
+    end do
+    ok = done == len(bytes)
+  end function write_bytes
+
+  !> Closes a file; ok only where nothing written to it was lost.
+  function close_file(handle) result(ok)
+    integer, intent(in) :: handle
+    logical :: ok
+    ok = c_close(int(handle, c_int)) == 0
+  end function close_file
+
   !> Cuts a file to a length in bytes.
   function truncate_file(path, length) result(ok)
     character(*), intent(in) :: path
@@ -170,6 +225,12 @@ contains
     old = c_signal(int(signal_interrupt, c_int), c_funloc(note_signal))
     old = c_signal(int(signal_terminate, c_int), c_funloc(note_signal))
   end subroutine catch_signals
+
+  !> A write beyond a limit on file sizes fails like one on a full disk, instead of ending the program (SIG_IGN is 1).
+  subroutine survive_size_limits()
+    type(c_funptr) :: old
+    old = c_signal(int(signal_file_size, c_int), transfer(1_c_intptr_t, c_null_funptr))
+  end subroutine survive_size_limits
 
   !> The handler: notes the signal's number, nothing else.
   subroutine note_signal(number) bind(c)

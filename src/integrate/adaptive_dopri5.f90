@@ -19,6 +19,8 @@ module adaptive_dopri5
                                  -10690763975.0_wp/1880347072.0_wp, 701980252875.0_wp/199316789632.0_wp, &
                                  -1453857185.0_wp/822651844.0_wp, 69997945.0_wp/29380423.0_wp]
 
+  real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
+
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
     real(wp) :: tolerance = 0.0_wp            !! [-]
@@ -132,7 +134,7 @@ contains
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
-      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
+      if (self%h > max(16*spacing(self%t), least_step*self%stops(size(self%stops)))) return
       if (err > 0.0_wp) self%trouble = trouble_accuracy
       outcome = lost
       return

@@ -4,7 +4,7 @@ module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: sync_file, truncate_file
+  use posix, only: create_file, extend_file, write_bytes, close_file, sync_file, truncate_file
   use, intrinsic :: iso_c_binding, only: c_long
   implicit none (type, external)
   private
@@ -14,7 +14,7 @@ module text_file
 
   !> An open result file.
   type :: result_file
-    integer :: unit = -1
+    integer :: handle = -1                    !! of the open file
     integer :: used = 0                       !! characters waiting in the buffer
     integer(ip) :: written = 0                !! bytes handed to the system without failure, always whole lines
     logical :: failed = .false.
@@ -28,7 +28,7 @@ module text_file
     procedure :: flush => flush_file
     procedure :: sync
     procedure :: exchange
-    procedure :: close => close_file
+    procedure :: close => close_result
   end type result_file
 
 contains
@@ -37,22 +37,18 @@ contains
   subroutine open_file(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    integer :: status
     self%path = path
     self%used = 0
     self%written = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
-    open (newunit=self%unit, file=path, access='stream', form='unformatted', status='replace', action='write', &
-          iostat=status)
-    self%failed = status /= 0
-    if (self%failed) self%unit = -1
+    self%handle = create_file(path)
+    self%failed = self%handle < 0
   end subroutine open_file
 
   !> Opens a file of an interrupted run and cuts it to the bytes (`written`) that its checkpoint counts on.
   subroutine resume(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    integer :: status
     integer(ip) :: bytes
     self%path = path
     self%used = 0
@@ -62,10 +58,8 @@ contains
     if (self%failed) return
     self%failed = .not. truncate_file(path, int(self%written, c_long))
     if (self%failed) return
-    open (newunit=self%unit, file=path, access='stream', form='unformatted', status='old', position='append', &
-          action='write', iostat=status)
-    self%failed = status /= 0
-    if (self%failed) self%unit = -1
+    self%handle = extend_file(path)
+    self%failed = self%handle < 0
   end subroutine resume
 
   !> Writes one line of text.
@@ -121,12 +115,8 @@ contains
   !> Hands the buffer to the system.
   subroutine flush_file(self)
     class(result_file), intent(inout) :: self
-    integer :: status
-    if (self%used == 0) return
-    if (.not. self%failed .and. self%unit /= -1) then
-      write (self%unit, iostat=status) self%buffer(1:self%used)
-      if (status == 0) flush (self%unit, iostat=status)
-      self%failed = status /= 0
+    if (self%used > 0 .and. .not. self%failed .and. self%handle >= 0) then
+      self%failed = .not. write_bytes(self%handle, self%buffer(1:self%used))
       if (.not. self%failed) self%written = self%written + self%used
     end if
     self%used = 0
@@ -135,7 +125,7 @@ contains
   !> Hands the buffer to the system and waits until it is on the disk.
   subroutine sync(self)
     class(result_file), intent(inout) :: self
-    if (self%unit == -1) return
+    if (self%handle < 0) return
     call self%flush()
     if (.not. self%failed) self%failed = .not. sync_file(self%path)
   end subroutine sync
@@ -148,15 +138,13 @@ contains
   end subroutine exchange
 
   !> Writes what is left and closes the file; a row that could not be written whole is cut off.
-  subroutine close_file(self)
+  subroutine close_result(self)
     class(result_file), intent(inout) :: self
-    integer :: status
     logical :: cut
-    if (self%unit == -1) return
+    if (self%handle < 0) return
     call self%flush()
-    close (self%unit, iostat=status)
-    if (status /= 0) self%failed = .true.
+    if (.not. close_file(self%handle)) self%failed = .true.
     if (self%failed) cut = truncate_file(self%path, int(self%written, c_long))
-    self%unit = -1
-  end subroutine close_file
+    self%handle = -1
+  end subroutine close_result
 end module text_file

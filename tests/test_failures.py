@@ -1,0 +1,189 @@
+"""Runs that cannot go on: exit status, what is said, and what is on the disk."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+
+CRANK = """&material name='m' density=1600.0 young=2.1e10 ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=5000.0 /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=0.3492 elements=2 material='m' section='s' position=0.1524,0.0 /
+&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=0.1524 /
+&joint name='slider' type='slider' body_a='rod' node_a=-1 /
+&force name='torque' type='torque_about' body='rod' node=1 centre=0.0,0.0 moment=10.0 /
+&sensor name='pin' quantity='position' body='rod' node=1 /
+"""
+PULL = """&body name='a' kind='rigid' mass=1.0 inertia=0.1 angle=-1.0 /
+&body name='b' kind='rigid' mass=1.0 inertia=0.1 position=5.0,0.0 angular_velocity=1.0 /
+&joint name='o' type='revolute' body_a='a' /
+&joint name='elsewhere' type='revolute' body_a='b' point_b=5.0,0.0 /
+&history name='h' kind='ramp' start_value=0.5 end_value=1.5 start=0.0 finish=0.1 /
+&drive name='pull' type='position' body_a='a' point_a=1.0,0.0 history='h' /
+&sensor name='a' quantity='angle' body='a' /
+"""
+ARM = """&material name='m' density=2700.0 young=7.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='quiet' kind='beam' length=1.0 elements=2 material='m' section='s' position=3.0,0.0 /
+&body name='arm' kind='beam' length=1.0 elements=4 material='m' section='s' reference='clamped' angular_velocity=100.0 /
+&joint name='hub' type='revolute' body_a='arm' node_a=1 /
+&joint name='pin' type='revolute' body_a='quiet' node_a=1 point_b=3.0,0.0 /
+&history name='w' kind='polynomial' coefficients=100.0 /
+&drive name='motor' type='rotation' body_a='arm' history='w' rate=.true. /
+&force name='f' type='force' body='arm' node=-1 fy=1.0 /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+"""
+
+
+def failed(run_deck, text):
+    """Run a deck that must fail with status 1; check what is on the disk; return the run and the paragraph."""
+    run = run_deck(text, "--quiet", expect=1)
+    paragraph = next(line for line in run.stderr.splitlines() if "complete" in line)
+    last = float(re.search(r"Results up to t = (\S+) s are complete", paragraph)[1])
+    for name in ("history", "energy"):
+        assert (run.folder / f"{name}.txt").read_bytes().endswith(b"\n")
+        table = getattr(run, name)
+        assert table.time[-1] == pytest.approx(last, rel=1e-6, abs=1e-12)
+        assert np.isfinite(table.data).all()
+    assert f"outcome: {paragraph.split(': ', 1)[1]}" in run.summary
+    assert "NaN" not in run.stderr + run.summary
+    return run, paragraph
+
+
+@pytest.mark.parametrize("step", [3.6e-5, 1e-4, 1e-3])
+def test_an_unstable_step(step, run_deck):
+    text = f"&transient t_end=0.02 method='rk4' step={step} output_step=1e-3 accept_unstable=.true. /\n"
+    run, told = failed(run_deck, CRANK + text)
+    if "cannot be kept closed" not in told:
+        assert "the solution diverged" in told
+        assert 'body "rod"' in told
+        assert "try a smaller one (biela --check tells the stable ones)" in told
+    assert "the step is too large" in told
+    energy = run.energy
+    assert np.abs(energy["residual"]).max() <= 1e3 * max(1.0, np.abs(energy["work"]).max())
+
+
+def test_an_unstable_step_between_two_rows(run_deck):
+    """Values are watched at every stage: no overflow, also in the checked build, however far apart rows are."""
+    _, told = failed(run_deck, CRANK + "&transient t_end=1.0 method='rk4' step=5e-4 output_step=1.0 accept_unstable=.true. /\n")
+    assert 'body "rod" grow' in told
+    _, told = failed(run_deck, CRANK + "&transient t_end=1.0 method='dopri5' step=1e-4 output_step=1.0 accept_unstable=.true. /\n")
+    assert 'body "rod" grow' in told
+
+
+@pytest.mark.parametrize("method", ["'rk4' step=1e-4", "'dopri5' step=1e-4", "'dopri5' tolerance=1e-8"])
+def test_a_drive_that_demands_the_impossible(method, run_deck):
+    _, told = failed(run_deck, PULL + f"&transient t_end=0.1 method={method} output_step=1e-3 /\n")
+    match = re.search(r'"(o|pull)"(?: opens most, then|,) "(o|pull)"', told)
+    assert {match[1], match[2]} == {"pull", "o"}
+    if "tolerance" not in method:
+        assert f"the joints cannot be kept closed after t = {told.split(' t = ')[1].split()[0]} s: \"{match[1]}\" opens most" in told
+    assert float(re.search(r" t = (\S+) s", told)[1]) == pytest.approx(0.05, abs=2e-4)
+    assert "elsewhere" not in told
+
+
+@pytest.mark.parametrize("method", ["'rk4' step=1e-4", "'dopri5' tolerance=1e-8"])
+def test_joints_that_drift_apart(method, run_deck):
+    text = f"&transient t_end=0.1 method={method} output_step=1e-3 stabilization='none' /\n"
+    run, told = failed(run_deck, PULL + text)
+    assert "the joints have drifted apart" in told or "the solution diverged" in told
+    assert run.energy["position_violation"].max() < 0.01 * 5.0
+
+
+@pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-6", "'rk4' step=2e-6"])
+def test_a_motion_that_grows_without_bound(method, run_deck):
+    """A beam without stiffening that spins at twice its first frequency."""
+    _, told = failed(run_deck, ARM + f"&transient t_end=10.0 method={method} output_step=1e-2 /\n")
+    assert 'body "arm" deflects by more than a thousand times' in told
+    assert "stiffening=.true." in told
+
+
+HISTORY_LIMIT = 20000
+
+
+def test_a_full_disk(biela, tmp_path):
+    """A limit on the size of files stands for it: status 3, whole rows, and with space again the run continues."""
+    text = CRANK + "&transient t_end=0.01 method='rk4' step=4e-6 output_step=4e-6 checkpoint_interval=1e-4 /\n"
+    (tmp_path / "scene.nml").write_text(text)
+
+    def limited():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (HISTORY_LIMIT, HISTORY_LIMIT))
+
+    command = [str(biela), "--quiet", "scene.nml"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, preexec_fn=limited)
+    assert done.returncode == 3
+    assert 'results cannot be written into "results/scene"' in done.stderr
+    folder = tmp_path / "results" / "scene"
+    rows = (folder / "history.txt").read_bytes()
+    assert len(rows) <= HISTORY_LIMIT
+    assert rows.endswith(b"\n")
+    assert np.loadtxt(folder / "history.txt").shape[1] == 3
+    command.insert(1, "--restart")
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert np.loadtxt(folder / "history.txt").shape == (2501, 3)
+
+
+def test_a_folder_that_cannot_be_made(biela, tmp_path):
+    (tmp_path / "scene.nml").write_text(CRANK + "&transient t_end=1e-4 step=4e-6 /\n")
+    (tmp_path / "results").write_text("a file in the way")
+    done = subprocess.run([str(biela), "scene.nml"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert 'results cannot be written into "results/scene"' in done.stderr
+    assert (tmp_path / "results").read_text() == "a file in the way"
+
+
+def test_a_result_file_that_cannot_be_replaced(run_deck, tmp_path):
+    (tmp_path / "results" / "scene" / "energy.txt").mkdir(parents=True)
+    run = run_deck(CRANK + "&transient t_end=1e-4 step=4e-6 /\n", expect=3)
+    assert "results cannot be written" in run.stderr
+    assert os.listdir(run.folder / "energy.txt") == []
+
+
+PENDULUM = """&scene gravity=0.0,-9.81 /
+&material name='m' density=1500.0 young=1.0e7 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='arm' kind='beam' length=1.0 elements=1 material='m' section='s' angle=-1.0 /
+&joint name='pin' type='revolute' body_a='arm' node_a=1 /
+&sensor name='tip' quantity='position' body='arm' node=-1 /
+&transient t_end={t_end} method='rk4' step={step} output_step={output} /
+"""
+
+
+def test_a_flexible_pendulum_for_a_million_steps(run_deck):
+    """The joint stays closed to 1e-12 of the size; the energy residual is that of the method: order 4 in the step."""
+    size, residual = 1.0, []
+    for step in (8e-4, 2e-4):
+        energy = run_deck(PENDULUM.format(t_end=1e6 * 2e-4, step=step, output=0.02), name=f"h{step:g}").energy
+        assert energy["position_violation"].max() < 1e-12 * size
+        residual.append(np.abs(energy["residual"]).max() / np.abs(energy["potential"]).max())
+    assert residual[1] < 1e-6
+    assert 3.5 < np.log2(residual[0] / residual[1]) / 2 < 5.5
+
+
+@pytest.mark.parametrize(
+    ("step", "sentence"),
+    [
+        (4e-7, "the integration is as good as exact"),
+        (4e-6, "the integration can be trusted at that level"),
+            ],
+)
+def test_the_summary_says_how_far_to_trust_it(step, sentence, run_deck):
+    run = run_deck(CRANK + f"&transient t_end=0.01 method='rk4' step={step} output_step=1e-4 /\n")
+    assert sentence in run.summary
+    energy = run.energy
+    share = np.abs(energy["residual"]).max() / max(np.abs(energy[n]).max() for n in ("kinetic", "potential", "dissipated", "work"))
+    told = re.search(r"J;\s+(\S+) of the largest energy", run.summary)
+    assert float(told[1]) == pytest.approx(share, rel=1e-3)
+
+
+@pytest.mark.parametrize(("step", "sentence"), [(0.1, "good for pictures"), (0.2, "the results cannot be trusted")])
+def test_a_coarse_run_is_called_so(step, sentence, run_deck):
+    pendulum = PENDULUM.replace("elements=1", "elements=1 flexible=.false.")
+    assert sentence in run_deck(pendulum.format(t_end=20.0, step=step, output=step)).summary
