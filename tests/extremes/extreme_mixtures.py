@@ -4,6 +4,7 @@ A mixture is built so that its motion stays within the model: loads bend each be
 step is a random share of the advised bound, a thousandth to a thousand times it. Stated beforehand: below the bound the run
 ends, its rows are finite, the joints stay closed to 1e-9 of the size and the energy residual stays below the whole energy (below
 1e-6 of it where the step is less than a twentieth of the bound); above it the run is refused with the advice.
+Masses of neighbours differ by up to 1e5 here; the factor `mass ratio of neighbours` goes to 1e9.
 """
 
 from __future__ import annotations
