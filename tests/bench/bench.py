@@ -1,7 +1,8 @@
 """`make bench`: what a step costs, by part, element, GHM term and link; a table, results/bench.txt and two pictures.
 
 Times are processor times of one thread, medians of several runs of several repetitions, with the least and the most;
-scenes that are compared run in turn. Shares and ratios are taken from the least times, which other programs on the machine disturb least.
+scenes that are compared run in turn. Shares and ratios are taken from the
+least times, which other programs on the machine disturb least.
 Options: --quick leaves the largest scenes out.
 """
 
