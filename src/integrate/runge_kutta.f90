@@ -88,14 +88,15 @@ contains
     y = self%y
   end subroutine step
 
-  !> x = y + h sum of a_j k_j over the stages whose weight is not zero.
+  !> x = y + h sum of a_j k_j over the stages whose weight is not zero, two stages a pass.
   pure subroutine combine(n, used, stages, a, h, y, k, x)
     integer, intent(in) :: n, used, stages
     real(wp), intent(in) :: a(stages), h, y(n), k(n, stages)
     real(wp), intent(inout) :: x(n)
-    integer :: j, i
+    integer :: j, i, waiting
     logical :: first
     first = .true.
+    waiting = 0
     do j = 1, used
       if (abs(a(j)) <= 0.0_wp) cycle
       if (first) then
@@ -103,11 +104,18 @@ contains
           x(i) = y(i) + (h*a(j))*k(i, j)
         end do
         first = .false.
+      else if (waiting == 0) then
+        waiting = j
       else
         do i = 1, n
-          x(i) = x(i) + (h*a(j))*k(i, j)
+          x(i) = (x(i) + (h*a(waiting))*k(i, waiting)) + (h*a(j))*k(i, j)
         end do
+        waiting = 0
       end if
+    end do
+    if (waiting == 0) return
+    do i = 1, n
+      x(i) = x(i) + (h*a(waiting))*k(i, waiting)
     end do
   end subroutine combine
 end module runge_kutta

@@ -227,7 +227,7 @@ def main():
     install()
     report = Report()
     report.add(f"biela beside exudyn {VERSION} (implicit trapezoidal rule of index 2, modified Newton; sparse above 8 elements)")
-    report.add("slider-crank with massless crank and slider, 10 ms; error of the mid-rod deflection at 125 instants, relative to its largest")
+    report.add("slider-crank, massless crank and slider, 10 ms; error of the mid-rod deflection at 125 instants over its largest")
     fine = [POINTS * 2**k for k in range(2, 9)]
     two = compare(
         report, "two elements, each program's own converged two-element run is its reference",
