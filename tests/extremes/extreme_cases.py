@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from histories import History, HistoryError, read
 
 TIMEOUT = 60.0
@@ -39,8 +40,9 @@ class Ran:
     @property
     def residual(self) -> float:
         """Largest energy residual over the largest energy."""
-        found = re.search(r"largest energy residual: +(\S+) J \(largest energy +(\S+) J\)", self.summary)
-        return float(found[1]) / max(float(found[2]), 1e-300) if found else float("inf")
+        energy = self.energy
+        largest = max(float(np.abs(energy[name]).max()) for name in ("kinetic", "potential", "dissipated", "work"))
+        return float(np.abs(energy["residual"]).max()) / max(largest, 1e-300)
 
 
 @dataclass(frozen=True)
