@@ -39,7 +39,7 @@ MAIN     := $(B)/main.o
 OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o))
 LIBRARY  := $(B)/libbiela.a
 BIELA    := bin/biela$(SUFFIX)
-PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(wildcard tests/probe.f90))
+PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/*.f90)))
 BENCH    := $(patsubst tests/bench/%.f90,bin/%$(SUFFIX),$(wildcard tests/bench/*.f90))
 TOOLS    := build/toolchain.ok
 VENV     := .venv/complete
@@ -53,7 +53,7 @@ export FC LDLIBS PYTHON
 all: $(BIELA)                      ## bin/biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
-probe: $(PROBE)                    ## bin/probe: the solver's inside, for the tests
+probe: $(PROBE)            ## bin/probe, bin/tangent: the solver's inside, for the tests
 setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
 
 demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures

@@ -44,6 +44,7 @@ module constraint
     procedure :: settle => keep_as_is     !! told the places as assembled
     procedure :: moves => always_moves    !! whether rows can act on positions
     procedure :: corners => no_corners    !! times at which accelerations are not smooth, with the order of their jump
+    procedure :: curved => never_curved   !! whether `geometric` is not zero
   end type constraint_model
 
   !> Makes an array of different kinds possible.
@@ -78,6 +79,13 @@ contains
     logical :: yes
     yes = self%rows < 0
   end function never_turns
+
+  !> Most rows are linear in positions and angles.
+  pure function never_curved(self) result(yes)
+    class(constraint_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows < 0
+  end function never_curved
 
   !> Most constraints take nothing from the positions at the start.
   subroutine keep_as_is(self, p)

@@ -14,6 +14,7 @@ module distance_joint
     procedure :: evaluate => distance_rows
     procedure :: geometric => distance_second
     procedure :: begin => distance_begin
+    procedure :: curved => distance_curved
     procedure :: settle => distance_settle
   end type distance_model
 
@@ -60,6 +61,13 @@ contains
     k%k(1:2, 4:5) = -g
     k%k(4:5, 1:2) = -g
   end subroutine distance_second
+
+  !> A length is not linear in positions.
+  pure function distance_curved(self) result(yes)
+    class(distance_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows > 0
+  end function distance_curved
 
   !> The deck's own distance, for messages while the length is pending.
   subroutine distance_begin(self, p)

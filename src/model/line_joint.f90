@@ -20,6 +20,7 @@ module line_joint
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
     procedure :: begin => line_begin
+    procedure :: curved => line_curved
     procedure :: turns_a => prismatic_turns
     procedure :: turns_b => line_turns
     procedure :: corners => line_corners
@@ -94,6 +95,13 @@ contains
     k%k(6, 4:5) = -l*turn(n)
     k%k(6, 6) = -l*dot_product(n, d)
   end subroutine line_second
+
+  !> The direction turns with section b.
+  pure function line_curved(self) result(yes)
+    class(line_model), intent(in) :: self
+    logical :: yes
+    yes = self%rows > 0
+  end function line_curved
 
   !> A prismatic joint keeps section a's angle.
   pure function prismatic_turns(self) result(yes)

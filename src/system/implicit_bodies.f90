@@ -1,0 +1,483 @@
+!> Residual and tangent of one body for the implicit method. Unknowns: eta = A^T dR, dtheta, dq_f; the elastic block
+!> B = c1 m_ff + c2 (C - 2 theta' Z) + K_eff - theta'2 m - theta'' Z is banded, the frame borders it (theory.md, section 7).
+!> Derivatives of the inertia residuals
+!>
+!>   F_R = m b + H p theta'' - theta'2 p + 2 theta' H S q' + S q''          b = A^T (R'' - g), p = I1 + S q
+!>   F_theta = (H p).b + m_tt theta'' + 2 theta' (I1f q' + q^T m q') + m_tf q''
+!>   F_f = S^T b + m_tf^T theta'' - theta'2 (I1f^T + m q) - 2 theta' Z q' + m_ff q'' + elastic
+module implicit_bodies
+  use kinds, only: wp
+  use banded, only: band_solve, band_solve_two, factor_symmetric
+  use body, only: body_model
+  use generalized_alpha, only: alpha_step
+  use implicit_element, only: gather, element_residual, element_tangent, element_block, element_base
+  use implicit_model, only: implicit_body
+  use lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
+  use place, only: place_model
+  implicit none (type, external)
+  private
+  public :: body_residual, body_tangent, base_block, exact_block, elastic_solve, elastic_columns, pick, invert3
+
+contains
+
+  !> Inertia, elastic and damping residual of a body at the trial state, in body axes: t%rr and t%ff.
+  subroutine body_residual(t, bo, q, v, a, b)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(inout) :: bo
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! the body's own coordinates, rates, accelerations
+    real(wp), intent(in) :: b(2)               !! A^T (R'' - g) [m/s2]
+    real(wp) :: p(2), sv(2), sa(2), w, wd, qmx, ix, ca, x
+    integer :: k, n
+    w = v(3)
+    wd = a(3)
+    n = t%nf
+    p = bo%i1
+    if (n == 0) then
+      t%rr(1) = bo%mass*b(1) - wd*p(2) - w**2*p(1)
+      t%rr(2) = bo%mass*b(2) + wd*p(1) - w**2*p(2)
+      t%rr(3) = p(1)*b(2) - p(2)*b(1) + bo%i11*wd
+      return
+    end if
+    sv = 0.0_wp
+    sa = 0.0_wp
+    ix = 0.0_wp
+    ca = 0.0_wp
+    do k = 1, n
+      p = p + bo%sbar(k, :)*q(3 + k)
+      sv = sv + bo%sbar(k, :)*v(3 + k)
+      sa = sa + bo%sbar(k, :)*a(3 + k)
+      ix = ix + bo%i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k))
+      ca = ca + bo%c0(k)*a(3 + k)
+      t%ff(k) = bo%sbar(k, 1)*b(1) + bo%sbar(k, 2)*b(2) + bo%c0(k)*wd - w**2*bo%i1f(k)
+    end do
+    if (bo%modal) then
+      call modal_residual(t, bo, q(4:), v(4:), a(4:), w, wd, qmx)
+    else
+      call load_elements(t, q(4:), v(4:), a(4:))
+      call element_residual(t%el, w, wd, t%ff, qmx)
+      do k = 1, size(bo%lumps)
+        call lump_residual(t, bo, k, w, wd, q, v, a, x)
+        qmx = qmx + x
+      end do
+    end if
+    t%rr(1) = bo%mass*b(1) - wd*p(2) - w**2*p(1) - 2*w*sv(2) + sa(1)
+    t%rr(2) = bo%mass*b(2) + wd*p(1) - w**2*p(2) + 2*w*sv(1) + sa(2)
+    t%rr(3) = p(1)*b(2) - p(2)*b(1) + bo%i11*wd + ix + ca + qmx
+  end subroutine body_residual
+
+  !> Coordinates, rates and accelerations of all elements.
+  subroutine load_elements(t, q, v, a)
+    type(implicit_body), intent(inout) :: t
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! (nf)
+    t%x(1:t%nf) = q(1:t%nf)
+    call gather(t%el, t%x, t%el%q)
+    t%x(1:t%nf) = v(1:t%nf)
+    call gather(t%el, t%x, t%el%v)
+    t%x(1:t%nf) = a(1:t%nf)
+    call gather(t%el, t%x, t%el%a)
+  end subroutine load_elements
+
+  !> A lump's part of the residual.
+  pure subroutine lump_residual(t, bo, k, w, wd, q, v, a, qmx)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: k                   !! lump
+    real(wp), intent(in) :: w, wd              !! [rad/s], [rad/s2]
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! the body's own
+    real(wp), intent(out) :: qmx               !! q^T m (2 theta' q' + theta'' q) + q^T Z q''
+    real(wp) :: x(2), y(2), mu
+    integer :: i, j, r
+    i = bo%dof(1, bo%lumps(k)%node)
+    j = bo%dof(2, bo%lumps(k)%node)
+    r = bo%dof(3, bo%lumps(k)%node)
+    mu = bo%lumps(k)%mass
+    x = 0.0_wp
+    y = 0.0_wp
+    qmx = 0.0_wp
+    if (i > 0) then
+      x(1) = a(3 + i) - w**2*q(3 + i)
+      y(1) = 2*w*v(3 + i) + wd*q(3 + i)
+      qmx = qmx + mu*q(3 + i)*y(1)
+    end if
+    if (j > 0) then
+      x(2) = a(3 + j) - w**2*q(3 + j)
+      y(2) = 2*w*v(3 + j) + wd*q(3 + j)
+      qmx = qmx + mu*q(3 + j)*y(2)
+    end if
+    if (i > 0 .and. j > 0) qmx = qmx + mu*(q(3 + i)*a(3 + j) - q(3 + j)*a(3 + i))
+    t%ff(i) = t%ff(i) + mu*(x(1) - y(2))
+    t%ff(j) = t%ff(j) + mu*(x(2) + y(1))
+    if (r > 0) t%ff(r) = t%ff(r) + bo%lumps(k)%inertia*a(3 + r)
+  end subroutine lump_residual
+
+  !> The modal twin: m_ff = 1, its translational part 1 - J.
+  pure subroutine modal_residual(t, bo, q, v, a, w, wd, qmx)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! (nf)
+    real(wp), intent(in) :: w, wd
+    real(wp), intent(out) :: qmx
+    real(wp) :: y
+    integer :: i, j
+    qmx = 0.0_wp
+    do i = 1, t%nf
+      t%ff(i) = t%ff(i) + a(i) - w**2*q(i) - t%hm(i)
+      qmx = qmx + q(i)*(2*w*v(i) + wd*q(i))
+    end do
+    do j = 1, t%nf
+      y = 2*w*v(j) + wd*q(j)
+      do i = 1, t%nf
+        t%ff(i) = t%ff(i) + t%stiff(i, j)*q(j) + bo%cmodal(i, j)*v(j) - bo%zmodal(i, j)*y + bo%jmodal(i, j)*w**2*q(j)
+        qmx = qmx + q(i)*(bo%zmodal(i, j)*a(j) - bo%jmodal(i, j)*y)
+      end do
+    end do
+  end subroutine modal_residual
+
+  !> Tangent of the frame t%trr, column t%col and row t%row of its angle, and the row of its origin, at the state of the
+  !> last body_residual (whose element arrays are used).
+  subroutine body_tangent(t, bo, now, q, v, a, b)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(alpha_step), intent(in) :: now
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! the body's own
+    real(wp), intent(in) :: b(2)               !! [m/s2]
+    real(wp) :: p(2), sv(2), sa(2), w, wd, qmq, qmv, iq, iv
+    integer :: k
+    w = v(3)
+    wd = a(3)
+    p = bo%i1
+    sv = 0.0_wp
+    sa = 0.0_wp
+    iq = 0.0_wp
+    iv = 0.0_wp
+    qmq = 0.0_wp
+    qmv = 0.0_wp
+    do k = 1, t%nf
+      p = p + bo%sbar(k, :)*q(3 + k)
+      sv = sv + bo%sbar(k, :)*v(3 + k)
+      sa = sa + bo%sbar(k, :)*a(3 + k)
+      iq = iq + bo%i1f(k)*q(3 + k)
+      iv = iv + bo%i1f(k)*v(3 + k)
+      t%col(k) = now%c1*bo%c0(k) - 2*now%c2*w*bo%i1f(k) + bo%sbar(k, 1)*b(2) - bo%sbar(k, 2)*b(1)
+      t%row(k) = now%c1*bo%c0(k) + (2*now%c2*w + 2*wd)*bo%i1f(k) + bo%sbar(k, 1)*b(2) - bo%sbar(k, 2)*b(1)
+    end do
+    if (bo%modal) then
+      call modal_tangent(t, bo, now, q(4:), v(4:), a(4:), w, wd, qmq, qmv)
+    else if (t%nf > 0) then
+      call element_tangent(t%el, w, wd, now%c1, now%c2, t%col, t%row, qmq, qmv)
+      do k = 1, size(bo%lumps)
+        call lump_tangent(t, bo, k, now, w, wd, q, v, a, qmq, qmv)
+      end do
+    end if
+    t%k1 = now%c1 - w**2
+    t%k2 = 2*now%c2*w + wd
+    t%trr = 0.0_wp
+    t%trr(1, 1) = now%c1*bo%mass
+    t%trr(2, 2) = now%c1*bo%mass
+    t%trr(1, 3) = -(now%c1 - w**2)*p(2) - (2*now%c2*w + wd)*p(1) - 2*now%c2*sv(2) - 2*w*sv(1) - sa(2)
+    t%trr(2, 3) = (now%c1 - w**2)*p(1) - (2*now%c2*w + wd)*p(2) + 2*now%c2*sv(1) - 2*w*sv(2) + sa(1)
+    t%trr(3, 1) = -now%c1*p(2)
+    t%trr(3, 2) = now%c1*p(1)
+    t%trr(3, 3) = now%c1*(bo%i11 + 2*iq + qmq) + 2*now%c2*(iv + qmv) - dot_product(p, b)
+  end subroutine body_tangent
+
+  !> A lump's part of column and row.
+  pure subroutine lump_tangent(t, bo, k, now, w, wd, q, v, a, qmq, qmv)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: k
+    type(alpha_step), intent(in) :: now
+    real(wp), intent(in) :: w, wd, q(:), v(:), a(:)
+    real(wp), intent(inout) :: qmq, qmv
+    real(wp) :: u(2), ud(2), udd(2), mu, y(2), x(2), z(2)
+    integer :: i, c, d(2)
+    d = bo%dof(1:2, bo%lumps(k)%node)
+    mu = bo%lumps(k)%mass
+    u = 0.0_wp
+    ud = 0.0_wp
+    udd = 0.0_wp
+    do c = 1, 2
+      i = d(c)
+      if (i == 0) cycle
+      u(c) = q(3 + i)
+      ud(c) = v(3 + i)
+      udd(c) = a(3 + i)
+    end do
+    qmq = qmq + mu*dot_product(u, u)
+    qmv = qmv + mu*dot_product(u, ud)
+    y = now%c1*u + 2*now%c2*ud
+    x = udd - now%c1*u
+    z = (2*now%c2*w + 2*wd)*u + 2*w*ud
+    t%col(d(1)) = t%col(d(1)) + mu*(-y(2) - 2*now%c2*w*u(1))
+    t%col(d(2)) = t%col(d(2)) + mu*(y(1) - 2*now%c2*w*u(2))
+    t%row(d(1)) = t%row(d(1)) + mu*(x(2) + z(1))
+    t%row(d(2)) = t%row(d(2)) + mu*(-x(1) + z(2))
+  end subroutine lump_tangent
+
+  !> The modal twin of element_tangent.
+  pure subroutine modal_tangent(t, bo, now, q, v, a, w, wd, qmq, qmv)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(alpha_step), intent(in) :: now
+    real(wp), intent(in) :: q(:), v(:), a(:)   !! (nf)
+    real(wp), intent(in) :: w, wd
+    real(wp), intent(out) :: qmq, qmv
+    real(wp) :: z, jj, kr, kc
+    integer :: i, j
+    kc = -2*now%c2*w
+    kr = 2*now%c2*w + 2*wd
+    qmq = 0.0_wp
+    qmv = 0.0_wp
+    do i = 1, t%nf
+      qmq = qmq + q(i)*q(i)
+      qmv = qmv + q(i)*v(i)
+      t%col(i) = t%col(i) + kc*q(i)
+      t%row(i) = t%row(i) + kr*q(i) + 2*w*v(i)
+    end do
+    do j = 1, t%nf
+      do i = 1, t%nf
+        z = bo%zmodal(i, j)
+        jj = bo%jmodal(i, j)
+        t%col(i) = t%col(i) - z*(now%c1*q(j) + 2*now%c2*v(j)) - kc*jj*q(j)
+        t%row(i) = t%row(i) + z*(a(j) - now%c1*q(j)) - jj*(kr*q(j) + 2*w*v(j))
+        qmq = qmq - q(i)*jj*q(j)
+        qmv = qmv - q(i)*jj*v(j)
+      end do
+    end do
+  end subroutine modal_tangent
+
+  !> Factors the constant block c1 m_ff + c2 C + K_eff.
+  subroutine base_block(t, bo, now, bad)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(alpha_step), intent(in) :: now
+    logical, intent(out) :: bad
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)
+    real(wp) :: x(6, 6)
+    integer :: e, i, j, n, info
+    if (bo%modal) then
+      t%dense = now%c2*bo%cmodal + t%stiff
+      do i = 1, t%nf
+        t%dense(i, i) = t%dense(i, i) + now%c1
+      end do
+      call dgetrf(t%nf, t%nf, t%dense, t%nf, t%base_pivots, info)
+      bad = info /= 0
+      return
+    end if
+    allocate (rows(21*bo%ne + 3*size(bo%lumps)), cols(21*bo%ne + 3*size(bo%lumps)), values(21*bo%ne + 3*size(bo%lumps)))
+    n = 0
+    do e = 1, bo%ne
+      x = element_base(t%el, e, now%c1, now%c2)
+      do i = 1, 6
+        do j = 1, i
+          if (bo%edof(i, e) == 0 .or. bo%edof(j, e) == 0 .or. abs(x(i, j)) <= 0.0_wp) cycle
+          n = n + 1
+          rows(n) = bo%edof(i, e)
+          cols(n) = bo%edof(j, e)
+          values(n) = x(i, j)
+        end do
+      end do
+    end do
+    do e = 1, size(bo%lumps)
+      do i = 1, 3
+        if (bo%dof(i, bo%lumps(e)%node) == 0) cycle
+        n = n + 1
+        rows(n) = bo%dof(i, bo%lumps(e)%node)
+        cols(n) = rows(n)
+        values(n) = now%c1*merge(bo%lumps(e)%inertia, bo%lumps(e)%mass, i == 3)
+      end do
+    end do
+    call factor_symmetric(bo%nf, rows(1:n), cols(1:n), values(1:n), t%base, info)
+    bad = info /= 0
+  end subroutine base_block
+
+  !> Factors the exact block at the state of the last body_residual.
+  subroutine exact_block(t, bo, now, w, wd, bad)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(alpha_step), intent(in) :: now
+    real(wp), intent(in) :: w, wd              !! frame rate [rad/s] and acceleration [rad/s2]
+    logical, intent(out) :: bad
+    real(wp) :: x(6, 6), k2
+    integer :: e, i, j, c, pi, pj, d(3), o, info
+    k2 = 2*now%c2*w + wd
+    if (bo%modal) then
+      do j = 1, t%nf
+        do i = 1, t%nf
+          t%lu(i, j) = now%c2*bo%cmodal(i, j) + t%stiff(i, j) + w**2*bo%jmodal(i, j) - k2*bo%zmodal(i, j)
+        end do
+        t%lu(j, j) = t%lu(j, j) + now%c1 - w**2
+      end do
+      call dgetrf(t%nf, t%nf, t%lu, t%nf, t%pivots, info)
+      bad = info /= 0
+      return
+    end if
+    o = 2*t%kb + 1
+    t%lu = 0.0_wp
+    do e = 1, bo%ne
+      x = element_block(t%el, bo, e, w, wd, now%c1, now%c2)
+      do j = 1, 6
+        if (bo%edof(j, e) == 0) cycle
+        pj = t%position(bo%edof(j, e))
+        do i = 1, 6
+          if (bo%edof(i, e) == 0) cycle
+          pi = t%position(bo%edof(i, e))
+          t%lu(o + pi - pj, pj) = t%lu(o + pi - pj, pj) + x(i, j)
+        end do
+      end do
+    end do
+    do e = 1, size(bo%lumps)
+      d = bo%dof(:, bo%lumps(e)%node)
+      do c = 1, 3
+        if (d(c) == 0) cycle
+        pi = t%position(d(c))
+        t%lu(o, pi) = t%lu(o, pi) + merge(now%c1*bo%lumps(e)%inertia, (now%c1 - w**2)*bo%lumps(e)%mass, c == 3)
+      end do
+      if (d(1) == 0 .or. d(2) == 0) cycle
+      pi = t%position(d(1))
+      pj = t%position(d(2))
+      t%lu(o + pi - pj, pj) = t%lu(o + pi - pj, pj) - k2*bo%lumps(e)%mass
+      t%lu(o + pj - pi, pi) = t%lu(o + pj - pi, pi) + k2*bo%lumps(e)%mass
+    end do
+    call dgbtrf(bo%nf, bo%nf, t%kb, t%kb, t%lu, 3*t%kb + 1, t%pivots, info)
+    bad = info /= 0
+  end subroutine exact_block
+
+  !> Solves with the elastic block, for the residual t%ff and (with_column) the column t%col.
+  subroutine elastic_solve(t, bo, exact, with_column)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    logical, intent(in) :: exact, with_column
+    integer :: n
+    n = t%nf
+    if (exact .or. bo%modal) then
+      t%many(:, 1) = t%ff(1:n)
+      if (with_column) t%many(:, 2) = t%col(1:n)
+      call solve_many(t, bo, exact, merge(2, 1, with_column))
+      t%ff(1:n) = t%many(:, 1)
+      if (with_column) t%col(1:n) = t%many(:, 2)
+    else if (with_column) then
+      call band_solve_two(t%base, t%ff(1:n), t%col(1:n))
+    else
+      call band_solve(t%base, t%ff(1:n))
+    end if
+  end subroutine elastic_solve
+
+  !> Solves for the first n columns of t%many with an LU factor.
+  subroutine solve_many(t, bo, exact, n)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    logical, intent(in) :: exact
+    integer, intent(in) :: n
+    integer :: info, j
+    if (bo%modal) then
+      if (exact) call dgetrs('N', t%nf, n, t%lu, t%nf, t%pivots, t%many, t%nf, info)
+      if (.not. exact) call dgetrs('N', t%nf, n, t%dense, t%nf, t%base_pivots, t%many, t%nf, info)
+      return
+    end if
+    do j = 1, n
+      t%x(t%position) = t%many(:, j)
+      t%many(:, j) = t%x(1:t%nf)
+    end do
+    call dgbtrs('N', t%nf, t%kb, t%kb, n, t%lu, 3*t%kb + 1, t%pivots, t%many, t%nf, info)
+    do j = 1, n
+      t%x(1:t%nf) = t%many(:, j)
+      t%many(:, j) = t%x(t%position)
+    end do
+  end subroutine solve_many
+
+  !> Columns B^-1 S-bar^T, B^-1 E^T and their products.
+  subroutine elastic_columns(t, bo, places, exact)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(place_model), intent(in) :: places(:)
+    logical, intent(in) :: exact
+    integer :: i, j, c, n
+    n = t%nf
+    t%xs = bo%sbar
+    t%xe = 0.0_wp
+    do j = 1, size(t%seat, 2)
+      associate (place => places(t%place(t%seat(1, j))), c => t%seat(2, j))
+        if (bo%modal) t%xe(:, j) = place%psi(c, :)
+        if (.not. bo%modal) t%xe(place%dof(c), j) = 1.0_wp
+      end associate
+    end do
+    if (exact .or. bo%modal) then
+      t%many(:, 1:2) = t%xs
+      t%many(:, 3:) = t%xe
+      call solve_many(t, bo, exact, size(t%many, 2))
+      t%xs = t%many(:, 1:2)
+      t%xe = t%many(:, 3:)
+    else
+      call band_solve_two(t%base, t%xs(:, 1), t%xs(:, 2))
+      do j = 1, size(t%xe, 2)
+        call band_solve(t%base, t%xe(:, j))
+      end do
+    end if
+    do j = 1, 2
+      do i = 1, 2
+        t%pss(i, j) = dot_product(bo%sbar(:, i), t%xs(:, j))
+      end do
+    end do
+    t%compliance = 0.0_wp
+    do j = 1, size(t%xe, 2)
+      do i = 1, 2
+        t%sxe(i, j) = dot_product(bo%sbar(:, i), t%xe(:, j))
+      end do
+      do i = 1, t%na
+        t%compliance(:, t%seat(2, j), i, t%seat(1, j)) = pick(places(t%place(i)), t%xe(:, j))
+      end do
+    end do
+    do i = 1, t%na
+      do c = 1, 2
+        t%exs(:, c, i) = pick(places(t%place(i)), t%xs(:, c))
+      end do
+    end do
+  end subroutine elastic_columns
+
+  !> E_k x: what a place sees of elastic coordinates.
+  pure function pick(place, x) result(u)
+    type(place_model), intent(in) :: place
+    real(wp), intent(in) :: x(:)          !! (nf)
+    real(wp) :: u(3)
+    integer :: c
+    u = 0.0_wp
+    if (allocated(place%psi)) then
+      do c = 1, size(x)
+        u = u + place%psi(:, c)*x(c)
+      end do
+    else
+      do c = 1, 3
+        if (place%dof(c) > 0) u(c) = x(place%dof(c))
+      end do
+    end if
+  end function pick
+
+  !> Inverse of a 3 x 3 matrix by elimination with pivots.
+  pure subroutine invert3(a, inverse, bad)
+    real(wp), intent(in) :: a(3, 3)
+    real(wp), intent(out) :: inverse(3, 3)
+    logical, intent(out) :: bad
+    real(wp) :: w(3, 6), row(6)
+    integer :: k, i, p
+    w = 0.0_wp
+    w(:, 1:3) = a
+    do k = 1, 3
+      w(k, 3 + k) = 1.0_wp
+    end do
+    bad = .false.
+    do k = 1, 3
+      p = k - 1 + maxloc(abs(w(k:3, k)), 1)
+      bad = bad .or. .not. (abs(w(p, k)) > 0.0_wp .and. abs(w(p, k)) < huge(1.0_wp))
+      if (bad) exit
+      row = w(p, :)
+      w(p, :) = w(k, :)
+      w(k, :) = row/row(k)
+      do i = 1, 3
+        if (i /= k) w(i, :) = w(i, :) - w(i, k)*w(k, :)
+      end do
+    end do
+    inverse = w(:, 4:6)
+  end subroutine invert3
+end module implicit_bodies

@@ -1,0 +1,146 @@
+!> Checks the implicit method's structured Newton step against finite differences of its own residual:
+!> tangent DECK STEP SPECTRAL_RADIUS SEED. A random state near the assembled one, the exact elastic blocks, the correction
+!> dq, dlambda of one iteration; printed: the largest component of (finite-difference tangent times correction + residual)
+!> relative to the largest component of the residual's own parts, for bodies and for constraints.
+program tangent
+  use kinds, only: wp
+  use deck_reader, only: read_deck
+  use errors, only: failure, fault_list
+  use generalized_alpha, only: chung_hulbert
+  use implicit_ghm, only: begin_terms
+  use implicit_model, only: implicit_solver, set_up_implicit
+  use implicit_newton, only: trial_residual, trial_tangent, trial_correction
+  use implicit_step, only: start_method
+  use scene_run, only: run_state, prepare_run
+  use, intrinsic :: iso_fortran_env, only: error_unit
+  implicit none (type, external)
+  type(run_state) :: run
+  type(implicit_solver) :: solver
+  type(fault_list) :: faults
+  type(failure) :: fail
+  character(512) :: word(4)
+  real(wp), allocatable :: q(:), v(:), vd(:), lambda(:)   ! the trial state
+  real(wp) :: h, rho
+  integer :: k, seed
+  do k = 1, 4
+    call get_command_argument(k, word(k))
+  end do
+  read (word(2), *) h
+  read (word(3), *) rho
+  read (word(4), *) seed
+  call read_deck(trim(word(1)), run%d, faults)
+  if (faults%count == 0) call prepare_run(run, faults, fail)
+  if (faults%count > 0) then
+    call faults%print(error_unit)
+    error stop 2, quiet=.true.
+  end if
+  if (fail%happened()) error stop 2, quiet=.true.
+  call set_up_implicit(solver, run%sys%m, chung_hulbert(rho))
+  call start_method(solver, run%sys%m, 0.0_wp, h, run%y)
+  call disturb()
+  call compare()
+
+contains
+
+  !> Random numbers in (-1, 1), the same on every machine.
+  function random(n) result(x)
+    integer, intent(in) :: n
+    real(wp) :: x(n)
+    integer :: i
+    do i = 1, n
+      seed = mod(1103*seed + 12345, 65536)
+      x(i) = 2*real(seed, wp)/65536 - 1
+    end do
+  end function random
+
+  !> A trial state away from the start: positions, rates, accelerations, multipliers, dissipative coordinates.
+  subroutine disturb()
+    integer :: n, nz
+    real(wp) :: speed
+    n = run%sys%m%s%nq
+    nz = run%sys%m%s%nz
+    speed = 30.0_wp
+    solver%z = solver%z + 1.0e-3_wp*random(nz)
+    call begin_terms(solver, run%sys%m)
+    solver%q1 = solver%q + 0.01_wp*random(n)
+    solver%v1 = solver%v + speed*random(n)
+    solver%vd1 = solver%vd + 10*speed**2*random(n)
+    solver%lambda1 = solver%lambda + 100*random(size(solver%lambda))
+  end subroutine disturb
+
+  !> Residuals of all bodies (global axes) and of the constraints.
+  function residual() result(r)
+    real(wp) :: r(run%sys%m%s%nq + run%sys%m%s%rows)
+    integer :: b, i
+    call trial_residual(solver, run%sys%m, h)
+    associate (m => run%sys%m)
+      do b = 1, size(solver%b)
+        i = m%s%qo(b)
+        associate (t => solver%b(b))
+          r(i + 1) = m%c(b)*t%rr(1) - m%sn(b)*t%rr(2)
+          r(i + 2) = m%sn(b)*t%rr(1) + m%c(b)*t%rr(2)
+          r(i + 3) = t%rr(3)
+          if (t%nf > 0) r(i + 4:i + 3 + t%nf) = t%ff(1:t%nf)
+        end associate
+      end do
+      r(m%s%nq + 1:) = m%rows%phi
+    end associate
+  end function residual
+
+  !> The tangent's action on the correction, column by column and by central differences.
+  subroutine compare()
+    real(wp), allocatable :: r0(:), sum(:), size_of(:), column(:), dq(:), dl(:)
+    real(wp) :: e
+    integer :: j, n, nr
+    logical :: bad
+    n = run%sys%m%s%nq
+    nr = run%sys%m%s%rows
+    q = solver%q1
+    v = solver%v1
+    vd = solver%vd1
+    lambda = solver%lambda1
+    allocate (size_of(n + nr), source=0.0_wp)
+    r0 = residual()
+    solver%exact = .true.
+    call trial_tangent(solver, run%sys%m, h, bad)
+    if (bad) error stop 3, quiet=.true.
+    call trial_correction(solver, run%sys%m)
+    dq = solver%dq
+    dl = solver%rows%y(1:nr)
+    sum = r0
+    do j = 1, n + nr
+      e = 1.0e-6_wp
+      if (j > n) e = 1.0_wp
+      call move(j, e)
+      column = residual()
+      call move(j, -e)
+      column = (column - residual())/(2*e)
+      if (j <= n) column = column*dq(j)
+      if (j > n) column = column*dl(j - n)
+      sum = sum + column
+      size_of = max(size_of, abs(column))
+    end do
+    write (*, '(a, 3(1x, es10.3))') 'mismatch', maxval(abs(sum(1:n)))/maxval(size_of(1:n)), &
+      maxval(abs(sum(1:n))/max(size_of(1:n), 1.0e-9_wp*maxval(size_of(1:n)))), &
+      maxval([0.0_wp, abs(sum(n + 1:))])/max(maxval([0.0_wp, size_of(n + 1:)]), tiny(1.0_wp))
+  end subroutine compare
+
+  !> The trial state with unknown j moved by e along the method's relations.
+  subroutine move(j, e)
+    integer, intent(in) :: j
+    real(wp), intent(in) :: e
+    integer :: n
+    n = size(q)
+    solver%q1 = q
+    solver%v1 = v
+    solver%vd1 = vd
+    solver%lambda1 = lambda
+    if (j <= n) then
+      solver%q1(j) = q(j) + e
+      solver%v1(j) = v(j) + solver%now%c2*e
+      solver%vd1(j) = vd(j) + solver%now%c1*e
+    else
+      solver%lambda1(j - n) = lambda(j - n) + e
+    end if
+  end subroutine move
+end program tangent
