@@ -16,9 +16,10 @@ MAY_USE = {
     "build": {"base", "deck", "model"},
     "system": {"base", "deck", "model", "build"},
     "integrate": {"base"},
-    "output": {"base", "deck", "model", "build", "system", "integrate"},
-    "analysis": {"base", "deck", "model", "build", "system", "integrate", "output"},
-    ".": {"base", "deck", "model", "build", "system", "integrate", "output", "analysis"},
+    "implicit": {"base", "deck", "model", "build", "system", "integrate"},
+    "output": {"base", "deck", "model", "build", "system", "integrate", "implicit"},
+    "analysis": {"base", "deck", "model", "build", "system", "integrate", "implicit", "output"},
+    ".": {"base", "deck", "model", "build", "system", "integrate", "implicit", "output", "analysis"},
 }
 MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
 USE = re.compile(r"^\s*use\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)

@@ -2,6 +2,7 @@
 module choose_stepper
   use kinds, only: wp
   use adaptive_dopri5, only: adaptive_stepper
+  use alpha_stepper, only: implicit_stepper
   use corner_list, only: scene_corners
   use deck_records, only: transient_record
   use error_groups, only: group_unknowns
@@ -35,12 +36,35 @@ contains
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
     class(stepper), allocatable, intent(out) :: march
-    if (r%adaptive) then
+    if (r%method == 'generalized_alpha') then
+      call make_implicit(r, s, march)
+    else if (r%adaptive) then
       call make_adaptive(r, s, march)
     else
       call make_fixed(r, march)
     end if
   end subroutine make_stepper
+
+  !> The implicit method, with fixed or controlled steps.
+  subroutine make_implicit(r, s, march)
+    type(transient_record), intent(in) :: r
+    type(scene), intent(in) :: s
+    class(stepper), allocatable, intent(out) :: march
+    type(implicit_stepper), allocatable :: alpha
+    type(corner), allocatable :: corners(:)
+    integer :: k
+    allocate (alpha)
+    alpha%spectral_radius = r%spectral_radius
+    alpha%adaptive = r%adaptive
+    alpha%step = r%step
+    alpha%tolerance = r%tolerance
+    alpha%first_step = r%first_step
+    if (r%max_step > 0.0_wp) alpha%max_step = r%max_step
+    call scene_corners(s, r%t_end, method_order(r%method), corners)
+    alpha%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
+    alpha%jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+    call move_alloc(alpha, march)
+  end subroutine make_implicit
 
   !> Explicit methods with a fixed step.
   subroutine make_fixed(r, march)

@@ -93,6 +93,7 @@ module implicit_model
     real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
     real(wp), allocatable :: rate_scale(:)   !! (groups) of the rates
     real(wp), allocatable :: unit(:)         !! (nq) weight over scale
+    logical :: stale = .false.               !! restored: factors are to be made again
     logical :: exact = .false.               !! this step uses the exact block
     real(wp) :: start_error = 0.0_wp         !! first correction of the last step, scaled [-]
     ! counts

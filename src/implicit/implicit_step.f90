@@ -2,7 +2,8 @@
 !> while they contract well and exact ones otherwise, change of the step, error estimate. Index 3: positions satisfy
 !> Phi = 0; the velocities that the method carries are off Phi' = 0 by its own O(h2), what is reported is projected.
 module implicit_step
-  use kinds, only: wp
+  use kinds, only: wp, ip
+  use archive, only: value_archive
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers, applied_forces
   use generalized_alpha, only: step_coefficients
   use implicit_ghm, only: set_terms, begin_terms, end_terms, dissipated_in_bodies
@@ -12,7 +13,8 @@ module implicit_step
   use projection, only: project
   implicit none (type, external)
   private
-  public :: start_method, change_step, try_step, accept_step, reported_state, loads_jump, estimated_error
+  public :: start_method, change_step, try_step, accept_step, reported_state, estimated_error
+  public :: same_step, full_state, full_rates, exchange_solver
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which exact elastic blocks pay [-]
@@ -91,12 +93,23 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: h                 !! [s]
     logical :: bad
-    if (abs(h - self%now%h) <= 0.0_wp) return
+    if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
+    self%stale = .false.
     self%now = step_coefficients(self%method, h)
     call set_terms(self, m)
     call constant_blocks(self, m, bad)
     if (bad) self%exact_left = huge(0)        ! cannot happen with positive definite mass; the exact block decides then
   end subroutine set_step
+
+  !> After a restart: the factors of the step, which count as made before it.
+  subroutine restore_factors(self, m)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    integer(ip) :: count
+    count = self%constant_factors
+    call set_step(self, m, self%now%h)
+    self%constant_factors = count
+  end subroutine restore_factors
 
   !> Goes on with another step size: what lags by a fraction of the step is scaled with it (Bruels & Arnold 2008).
   subroutine change_step(self, m, t, h, y)
@@ -125,6 +138,7 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok
     logical :: slowly
+    if (self%stale) call restore_factors(self, m)
     m%left = .true.
     call begin_terms(self, m)
     self%exact = self%exact_left > 0
@@ -294,17 +308,12 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout) :: y(:)           !! (layout in `scene_model`)
     logical, intent(out), optional :: ok
-    integer :: nq, nz
+    integer :: nq
     logical :: done
     nq = m%s%nq
-    nz = m%s%nz
-    y(1:nq) = self%q
-    y(nq + 1:2*nq) = self%v
-    y(2*nq + 1:2*nq + nz) = self%z
-    y(2*nq + nz + 1:2*nq + 2*nz) = self%zd
-    y(2*nq + 2*nz + 1) = self%dissipated
-    y(2*nq + 2*nz + 2) = self%work
+    call full_state(self, y)
     m%left = .false.
+    m%broken = .false.
     done = .true.
     call evaluate(m, t, self%q, self%v, self%z, self%zd)
     if (m%s%rows > 0) then
@@ -314,23 +323,43 @@ contains
     if (present(ok)) ok = done .and. .not. m%broken
   end subroutine reported_state
 
-  !> Whether some load jumps at time t: the method then starts again from there.
-  function loads_jump(m, t) result(yes)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: t                 !! [s]
+  !> Whether a step is the present one, but for the rounding of times.
+  pure function same_step(self, h) result(yes)
+    type(implicit_solver), intent(in) :: self
+    real(wp), intent(in) :: h                 !! [s]
     logical :: yes
-    real(wp) :: before, after
-    integer :: k
-    yes = .false.
-    do k = 1, size(m%s%loads)
-      associate (l => m%s%loads(k))
-        if (.not. l%timed .or. .not. l%acts(m%stage)) cycle
-        before = l%scale(t, .true.)
-        after = l%scale(t, .false.)
-        yes = yes .or. abs(after - before) > 1.0e-12_wp*max(abs(after), abs(before))
-      end associate
-    end do
-  end function loads_jump
+    yes = abs(h - self%now%h) <= 1.0e-9_wp*h
+  end function same_step
+
+  !> The method's own state (velocities not projected) in the layout of `scene_model`.
+  pure subroutine full_state(self, y)
+    type(implicit_solver), intent(in) :: self
+    real(wp), intent(inout) :: y(:)
+    integer :: nq, nz
+    nq = size(self%q)
+    nz = size(self%z)
+    y(1:nq) = self%q
+    y(nq + 1:2*nq) = self%v
+    y(2*nq + 1:2*nq + nz) = self%z
+    y(2*nq + nz + 1:2*nq + 2*nz) = self%zd
+    y(2*nq + 2*nz + 1) = self%dissipated
+    y(2*nq + 2*nz + 2) = self%work
+  end subroutine full_state
+
+  !> Its rates.
+  pure subroutine full_rates(self, y)
+    type(implicit_solver), intent(in) :: self
+    real(wp), intent(inout) :: y(:)
+    integer :: nq, nz
+    nq = size(self%q)
+    nz = size(self%z)
+    y(1:nq) = self%v
+    y(nq + 1:2*nq) = self%vd
+    y(2*nq + 1:2*nq + nz) = self%zd
+    y(2*nq + nz + 1:2*nq + 2*nz) = self%zdd
+    y(2*nq + 2*nz + 1) = self%power
+    y(2*nq + 2*nz + 2) = self%input
+  end subroutine full_rates
 
   !> Estimated local error of the trial step relative to the running maxima: positions from the change of v', rates from the
   !> change of that change (Geradin & Cardona, Flexible Multibody Dynamics).
@@ -351,4 +380,35 @@ contains
       if (ratio > 0.0_wp) error = max(error, fv*abs(d - ratio*self%before(i))*self%weight(i)/self%rate_scale(g))
     end do
   end function estimated_error
+
+  !> Saves or restores the method's state; the factors of the step are made again.
+  subroutine exchange_solver(self, a)
+    type(implicit_solver), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%now%h)
+    call a%exchange(self%q)
+    call a%exchange(self%v)
+    call a%exchange(self%vd)
+    call a%exchange(self%a)
+    call a%exchange(self%z)
+    call a%exchange(self%zd)
+    call a%exchange(self%zdd)
+    call a%exchange(self%az)
+    call a%exchange(self%lambda)
+    call a%exchange(self%dissipated)
+    call a%exchange(self%work)
+    call a%exchange(self%power)
+    call a%exchange(self%input)
+    call a%exchange(self%removed)
+    call a%exchange(self%before)
+    call a%exchange(self%h_before)
+    call a%exchange(self%exact_left)
+    call a%exchange(self%scale)
+    call a%exchange(self%rate_scale)
+    call a%exchange(self%unit)
+    call a%exchange(self%iterations)
+    call a%exchange(self%constant_factors)
+    call a%exchange(self%exact_factors)
+    if (.not. a%saving) self%stale = .true.
+  end subroutine exchange_solver
 end module implicit_step
