@@ -5,10 +5,10 @@ module alpha_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
   use dynamics, only: evaluate
-  use generalized_alpha, only: chung_hulbert, next_step
+  use generalized_alpha, only: chung_hulbert, next_step, step_memory
   use implicit_model, only: implicit_solver, set_up_implicit
-  use implicit_step, only: start_method, change_step, try_step, accept_step, reported_state, estimated_error, same_step, &
-                           full_state, full_rates, exchange_solver
+  use implicit_step, only: start_method, change_step, try_step, accept_step, reported_state, estimated_error, &
+                           remember_error, same_step, full_state, full_rates, exchange_solver
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use ode_system, only: ode, sane
@@ -37,6 +37,7 @@ module alpha_stepper
     integer :: level = 0                      !! fixed: the step is divided into 2**level parts
     integer :: part = 0                       !! fixed: parts of it done
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
+    type(step_memory) :: memory               !! adaptive: errors since the step last changed
     real(wp), allocatable :: dense(:, :)      !! (n, 4) states and rates at both ends of the step that passed an output
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
     real(wp) :: dense_step = 0.0_wp           !! its size [s]
@@ -44,6 +45,7 @@ module alpha_stepper
     procedure :: begin
     procedure :: advance
     procedure :: exchange
+    procedure :: account
   end type implicit_stepper
 
 contains
@@ -240,10 +242,10 @@ contains
     call ready(self, m, h)
     call try_step(self%solver, m, self%tried, ok)
     error = 8.0_wp
-    if (ok) error = estimated_error(self%solver)/(aim*self%tolerance)
+    if (ok) error = estimated_error(self%solver, m, self%tried)/(aim*self%tolerance)
     if (.not. ok .or. error > 1.0_wp) then
       self%rejected = self%rejected + 1
-      self%h = next_step(h, error)
+      self%h = next_step(self%memory, h, error)
       if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
       call give_up(self, m)
       if (ok) self%trouble = trouble_accuracy
@@ -256,13 +258,17 @@ contains
       call full_state(self%solver, self%dense(:, 1))
       call full_rates(self%solver, self%dense(:, 2))
     end if
+    call remember_error(self%solver)
     call accept(self, m, h)
     if (self%tried >= to) then
       call full_state(self%solver, self%dense(:, 3))
       call full_rates(self%solver, self%dense(:, 4))
     end if
-    self%h = next_step(h, error)
-    if (at_stop) self%h = max(self%h, min(h*2, self%h))
+    if (at_stop) then                         ! cut short: the step before it goes on
+      self%h = max(self%h, h)
+    else
+      self%h = next_step(self%memory, h, error)
+    end if
     if (.not. self%started) self%h = 0.0_wp
   end subroutine controlled_step
 
@@ -315,6 +321,19 @@ contains
     outcome = lost
   end subroutine output_adaptive
 
+  !> Newton iterations and factorisations, and steps that had to be divided.
+  function account(self) result(text)
+    class(implicit_stepper), intent(in) :: self
+    character(:), allocatable :: text
+    character(160) :: line
+    write (line, '(a, i0, a, i0, a, i0)') 'Newton iterations: ', self%solver%iterations, &
+      ', factorisations of elastic blocks: constant ', self%solver%constant_factors, ', exact ', self%solver%exact_factors
+    text = trim(line)
+    if (self%adaptive .or. self%rejected == 0) return
+    write (line, '(a, i0, a)') '; Newton''s method failed ', self%rejected, ' times, and the step was halved'
+    text = text//trim(line)
+  end function account
+
   !> Saves or restores the march.
   subroutine exchange(self, a)
     class(implicit_stepper), intent(inout) :: self
@@ -325,6 +344,8 @@ contains
     call a%exchange(self%level)
     call a%exchange(self%part)
     call a%exchange(self%h)
+    call a%exchange(self%memory%worst)
+    call a%exchange(self%memory%steps)
     if (self%adaptive) then
       call a%exchange(self%dense)
       call a%exchange(self%dense_start)

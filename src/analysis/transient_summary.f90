@@ -36,6 +36,7 @@ contains
       call add_line(text, trim(line))
       write (line, '(a, i0, a, i0)') '  evaluations: ', m%evaluations, ', banded solves: ', m%solves
       call add_line(text, trim(line))
+      if (len(method%account()) > 0) call add_line(text, '  '//method%account())
       if (run%monitor%smallest < huge(1.0_wp)) then
         write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
           ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'

@@ -10,13 +10,13 @@ module implicit_bodies
   use banded, only: band_solve, band_solve_two, factor_symmetric
   use body, only: body_model
   use generalized_alpha, only: alpha_step
-  use implicit_element, only: gather, element_residual, element_tangent, element_block, element_base
+  use implicit_element, only: gather, element_residual, element_tangent, element_block, element_base, element_mass_product
   use implicit_model, only: implicit_body
   use lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
   use place, only: place_model
   implicit none (type, external)
   private
-  public :: body_residual, body_tangent, base_block, exact_block, elastic_solve, elastic_columns, pick, invert3
+  public :: body_residual, body_tangent, base_block, exact_block, elastic_solve, elastic_columns, elastic_filter, pick, invert3
 
 contains
 
@@ -435,6 +435,46 @@ contains
       end do
     end do
   end subroutine elastic_columns
+
+  !> x <- B^-1 c1 m_ff x for two vectors of elastic coordinates: what a step resolves passes, faster motion does not.
+  subroutine elastic_filter(t, bo, c1, x, y)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: c1               !! [1/s2]
+    real(wp), intent(inout) :: x(:), y(:)    !! (nf)
+    if (bo%modal) then
+      t%many(:, 1) = c1*x
+      t%many(:, 2) = c1*y
+      call solve_many(t, bo, .false., 2)
+      x = t%many(:, 1)
+      y = t%many(:, 2)
+      return
+    end if
+    call mass_product(t, bo, c1, x, t%ff)
+    call mass_product(t, bo, c1, y, t%col)
+    call band_solve_two(t%base, t%ff(1:t%nf), t%col(1:t%nf))
+    x = t%ff(1:t%nf)
+    y = t%col(1:t%nf)
+  end subroutine elastic_filter
+
+  !> c1 m_ff x, lumps included.
+  subroutine mass_product(t, bo, c1, x, y)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: c1
+    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp), intent(inout) :: y(0:)         !! (0:nf)
+    integer :: k, c, i
+    t%x(1:t%nf) = c1*x
+    y = 0.0_wp
+    call element_mass_product(t%el, t%x, y)
+    do k = 1, size(bo%lumps)
+      do c = 1, 3
+        i = bo%dof(c, bo%lumps(k)%node)
+        if (i > 0) y(i) = y(i) + merge(bo%lumps(k)%inertia, bo%lumps(k)%mass, c == 3)*t%x(i)
+      end do
+    end do
+  end subroutine mass_product
 
   !> E_k x: what a place sees of elastic coordinates.
   pure function pick(place, x) result(u)

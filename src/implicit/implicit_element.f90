@@ -7,6 +7,7 @@ module implicit_element
   implicit none (type, external)
   private
   public :: element_arrays, set_up_elements, gather, element_residual, element_tangent, element_block, element_base
+  public :: element_mass_product
 
   !> Constants and work of all elements of a body.
   type :: element_arrays
@@ -322,6 +323,19 @@ contains
       g(e, 6) = l(e)*(kr*p(6) + kv*r(6) + t*(2*x1 + 3*x4))
     end do
   end subroutine tangent_products
+
+  !> Adds the consistent mass times x.
+  subroutine element_mass_product(el, x, y)
+    type(element_arrays), intent(inout) :: el
+    real(wp), intent(in) :: x(0:)            !! (0:nf), entry 0 is zero
+    real(wp), intent(inout) :: y(0:)         !! (0:nf)
+    real(wp) :: unused
+    call gather(el, x, el%a)
+    el%q = 0.0_wp
+    el%v = 0.0_wp
+    call inertia_residual(el%ne, 0.0_wp, 0.0_wp, el%w4, el%w6, el%l, el%rm, el%q, el%v, el%a, el%f, unused)
+    call scatter(el, el%f, y)
+  end subroutine element_mass_product
 
   !> One element's part of the constant block c1 m + c2 C + K_eff (body axes).
   pure function element_base(el, e, c1, c2) result(x)

@@ -79,7 +79,10 @@ module implicit_model
     real(wp) :: dissipated = 0.0_wp, work = 0.0_wp        !! [J]
     real(wp) :: power = 0.0_wp, input = 0.0_wp            !! [W]
     real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
-    real(wp), allocatable :: before(:)       !! (nq) change of v' in the step before, for the error estimate
+    real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq) of the equations at the ends of the step
+    real(wp), allocatable :: before(:)       !! (nq) their change in the step before, for the error estimate
+    real(wp), allocatable :: change(:)       !! (nq) change of the change
+    real(wp), allocatable :: old(:, :)       !! (nz, 4) z, z', z'', az at the start of a step that is being judged
     real(wp) :: h_before = 0.0_wp            !! and its size [s], 0: none
     integer :: exact_left = 0                !! steps that still use the exact block
     ! the trial step
@@ -92,6 +95,7 @@ module implicit_model
     real(wp), allocatable :: weight(:)       !! (nq) metres (radians) of a unit
     real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
     real(wp), allocatable :: rate_scale(:)   !! (groups) of the rates
+    real(wp), allocatable :: floor(:)        !! (groups) least scale [m, rad]; of a rate: moved in one step
     real(wp), allocatable :: unit(:)         !! (nq) weight over scale
     logical :: stale = .false.               !! restored: factors are to be made again
     logical :: exact = .false.               !! this step uses the exact block
@@ -116,9 +120,11 @@ contains
     nz = m%s%nz
     n = m%s%rows
     allocate (self%q(nq), self%v(nq), self%vd(nq), self%a(nq), self%before(nq), self%q1(nq), self%v1(nq), &
-              self%vd1(nq), self%dq(nq), self%unit(nq), self%weight(nq), source=0.0_wp)
+              self%vd1(nq), self%dq(nq), self%acceleration(nq), self%acceleration1(nq), self%change(nq), self%unit(nq), &
+              self%weight(nq), source=0.0_wp)
     allocate (self%z(nz), self%zd(nz), self%zdd(nz), self%az(nz), self%pre(nz), self%zk(nz), self%spring_z(nz), &
               self%spring_zd(nz), self%lambda(n), self%lambda1(n), source=0.0_wp)
+    allocate (self%old(nz, 4), source=0.0_wp)
     allocate (self%fp(3, size(m%s%places)), source=0.0_wp)
     call list_terms(self, m)
     call list_rows(self%rows, m)
@@ -269,6 +275,8 @@ contains
         self%scale(4*b) = 1.0e-6_wp
       end associate
     end do
-    self%rate_scale = self%scale
+    self%rate_scale = 0.0_wp
+    allocate (self%floor(size(self%scale)), source=1.0e-6_wp)
+    self%floor(1::2) = 1.0e-6_wp*m%s%size
   end subroutine set_up_measures
 end module implicit_model

@@ -6,6 +6,7 @@ module implicit_step
   use archive, only: value_archive
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers, applied_forces
   use generalized_alpha, only: step_coefficients
+  use implicit_bodies, only: elastic_filter
   use implicit_ghm, only: set_terms, begin_terms, end_terms, dissipated_in_bodies
   use implicit_model, only: implicit_solver
   use implicit_newton, only: trial_residual, trial_tangent, trial_elastic, trial_correction, constant_blocks
@@ -14,14 +15,15 @@ module implicit_step
   implicit none (type, external)
   private
   public :: start_method, change_step, try_step, accept_step, reported_state, estimated_error
-  public :: same_step, full_state, full_rates, exchange_solver
+  public :: remember_error, same_step, full_state, full_rates, exchange_solver
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which exact elastic blocks pay [-]
   integer, parameter :: exact_steps = 50           !! steps before the constant ones are tried again
   real(wp), parameter :: relative_goal = 1.0e-5_wp !! Newton's error, of the first correction [-]
   real(wp), parameter :: loose = 1.0e-9_wp         !! and at most this, of the groups' sizes [-]
-  real(wp), parameter :: rounding = 4.0e-15_wp     !! below this corrections are noise, of the groups' sizes [-]
+  real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
+  real(wp), parameter :: noise = 1.0e-12_wp        !! below this corrections that do not shrink are noise, of the sizes [-]
 
 contains
 
@@ -45,6 +47,7 @@ contains
     call evaluate(m, t, self%q, self%v, self%z, self%zd)
     self%vd = m%a
     self%a = m%a
+    self%acceleration = m%a
     self%zdd = m%zdd
     self%az = m%zdd
     self%lambda = m%lambda
@@ -57,7 +60,7 @@ contains
     call widen_scales(self)
   end subroutine start_method
 
-  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v''.
+  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts.
   subroutine start_offsets(self, m, t, h)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
@@ -82,7 +85,7 @@ contains
     call set_frames(m, self%q)                ! back to the factors' own configuration
     call m%schur%solve(self%lambda1)
     call apply_multipliers(m, self%lambda1, self%dq)        ! the constrained part of v''
-    self%a = self%vd + self%method%lag*h*self%dq
+    self%a = self%a + self%method%lag*h*self%dq
     self%v = self%v - self%method%offset*h**2*self%dq
     self%lambda1 = self%lambda
   end subroutine start_offsets
@@ -111,7 +114,8 @@ contains
     self%constant_factors = count
   end subroutine restore_factors
 
-  !> Goes on with another step size: what lags by a fraction of the step is scaled with it (Bruels & Arnold 2008).
+  !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008); where
+  !> constraints hold, v, v' and a are made anew, because there they carry the rounding of Phi = 0 over h and h2.
   subroutine change_step(self, m, t, h, y)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
@@ -119,16 +123,27 @@ contains
     real(wp), intent(inout) :: y(:)           !! work: the projected state
     real(wp) :: ratio
     integer :: nq
-    if (abs(h - self%now%h) <= 0.0_wp) return
     ratio = h/self%now%h
+    self%a = ratio*(self%a - self%vd)
+    self%az = self%zdd + ratio*(self%az - self%zdd)
+    call set_step(self, m, h)
     if (m%s%rows > 0) then
       nq = m%s%nq
       call reported_state(self, m, t, y)
-      self%v = y(nq + 1:2*nq) + ratio**2*(self%v - y(nq + 1:2*nq))
+      self%q = y(1:nq)
+      self%v = y(nq + 1:2*nq)
+      self%vd = m%a
+      self%lambda = m%lambda
+      call place_kinematics(m, self%q, self%a)
+      call row_rates(m, self%lambda1)
+      self%lambda1 = self%lambda1 - m%rows%phi_t
+      call m%schur%solve(self%lambda1)
+      call apply_multipliers(m, self%lambda1, self%dq)
+      self%a = self%vd + self%a + self%dq
+      call start_offsets(self, m, t, h)
+    else
+      self%a = self%vd + self%a
     end if
-    self%a = self%vd + ratio*(self%a - self%vd)
-    self%az = self%zdd + ratio*(self%az - self%zdd)
-    call set_step(self, m, h)
   end subroutine change_step
 
   !> Tries a step to time t1; ok is false where Newton's method fails.
@@ -204,11 +219,11 @@ contains
         goal = max(rounding, min(loose, relative_goal*size_now))
       else
         rate = size_now/before
-        slowly = slowly .or. rate > slow
+        slowly = slowly .or. (rate > slow .and. size_now > noise)
       end if
       ok = size_now <= rounding
       if (k > 1) ok = ok .or. (rate < 1.0_wp .and. size_now*rate/(1 - rate) <= goal)
-      if (k > 3) ok = ok .or. (rate > 0.5_wp .and. size_now <= 1.0e3_wp*rounding)     ! rounding of the residual
+      if (k > 2) ok = ok .or. (rate > 0.2_wp .and. size_now <= noise)     ! rounding of the residual
       if (ok) exit
       if (k > 2 .and. rate > 2.0_wp .and. size_now > loose) return
       before = size_now
@@ -267,14 +282,12 @@ contains
     self%power = power
     self%input = input
     do i = 1, size(self%q)
-      self%before(i) = self%vd1(i) - self%vd(i)
       self%a(i) = self%now%ad1*self%vd1(i) + self%now%ad*self%vd(i) + self%now%aa*self%a(i)
       self%q(i) = self%q1(i)
       self%v(i) = self%v1(i)
       self%vd(i) = self%vd1(i)
     end do
     self%lambda = self%lambda1
-    self%h_before = self%now%h
     self%steps = self%steps + 1
     if (self%exact_left > 0) self%exact_left = self%exact_left - 1
     call widen_scales(self)
@@ -361,25 +374,61 @@ contains
     y(2*nq + 2*nz + 2) = self%input
   end subroutine full_rates
 
-  !> Estimated local error of the trial step relative to the running maxima: positions from the change of v', rates from the
-  !> change of that change (Geradin & Cardona, Flexible Multibody Dynamics).
-  function estimated_error(self) result(error)
-    type(implicit_solver), intent(in) :: self
+  !> Estimated local error of the trial step relative to the running maxima: positions from the change of the accelerations
+  !> over the step, rates from the change of that change (Geradin & Cardona, Flexible Multibody Dynamics). The accelerations
+  !> are those of the equations at the ends of the step: the method's own ones carry, where constraints hold, the rounding of
+  !> Phi = 0 over h2. What the elastic coordinates do faster than the step resolves is filtered out (Hairer & Wanner, Solving
+  !> Ordinary Differential Equations II, IV.8).
+  function estimated_error(self, m, t1) result(error)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t1                !! end of the step [s]
     real(wp) :: error                         !! [-]
-    real(wp) :: d, fq, fv, ratio
-    integer :: i, g
-    fq = self%method%local*self%now%h**2
-    fv = self%method%local_rate*self%now%h
+    real(wp) :: fq, fv, ratio, h
+    integer :: i, g, b
+    self%old(:, 1) = self%z
+    self%old(:, 2) = self%zd
+    self%old(:, 3) = self%zdd
+    self%old(:, 4) = self%az
+    call set_frames(m, self%q1)
+    call place_kinematics(m, self%q1, self%v1)
+    call end_terms(self, m)
+    call evaluate(m, t1, self%q1, self%v1, self%z, self%zd)
+    self%acceleration1 = m%a
+    self%z = self%old(:, 1)
+    self%zd = self%old(:, 2)
+    self%zdd = self%old(:, 3)
+    self%az = self%old(:, 4)
+    h = self%now%h
     ratio = 0.0_wp
-    if (self%h_before > 0.0_wp) ratio = self%now%h/self%h_before
+    if (self%h_before > 0.0_wp) ratio = h/self%h_before
+    fq = self%method%local*h**2
+    fv = self%method%local_rate*h*2*ratio/(1 + ratio)       ! of divided differences over unequal steps
+    do i = 1, size(self%q)
+      self%dq(i) = self%acceleration1(i) - self%acceleration(i)
+      self%change(i) = self%dq(i) - ratio*self%before(i)
+    end do
+    do b = 1, size(self%b)
+      i = m%s%qo(b) + 3
+      g = i + self%b(b)%nf
+      if (g > i) call elastic_filter(self%b(b), m%s%bodies(b), self%now%c1, self%dq(i + 1:g), self%change(i + 1:g))
+    end do
     error = 0.0_wp
     do i = 1, size(self%q)
       g = self%group(i)
-      d = self%vd1(i) - self%vd(i)
-      error = max(error, fq*abs(d)*self%unit(i))
-      if (ratio > 0.0_wp) error = max(error, fv*abs(d - ratio*self%before(i))*self%weight(i)/self%rate_scale(g))
+      error = max(error, fq*abs(self%dq(i))*self%unit(i), &
+                  fv*abs(self%change(i))*self%weight(i)/max(self%rate_scale(g), self%floor(g)/h))
     end do
+    if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
   end function estimated_error
+
+  !> The estimate's memory of an accepted step.
+  subroutine remember_error(self)
+    type(implicit_solver), intent(inout) :: self
+    self%before = self%acceleration1 - self%acceleration
+    self%acceleration = self%acceleration1
+    self%h_before = self%now%h
+  end subroutine remember_error
 
   !> Saves or restores the method's state; the factors of the step are made again.
   subroutine exchange_solver(self, a)
@@ -401,6 +450,7 @@ contains
     call a%exchange(self%input)
     call a%exchange(self%removed)
     call a%exchange(self%before)
+    call a%exchange(self%acceleration)
     call a%exchange(self%h_before)
     call a%exchange(self%exact_left)
     call a%exchange(self%scale)

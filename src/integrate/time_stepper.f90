@@ -31,6 +31,7 @@ module time_stepper
     procedure(advance_march), deferred :: advance
     procedure(exchange_march), deferred :: exchange
     procedure :: count_step
+    procedure :: account => nothing_more
   end type stepper
 
   abstract interface
@@ -86,6 +87,14 @@ contains
     self%shortest = min(self%shortest, h)
     self%longest = max(self%longest, h)
   end subroutine count_step
+
+  !> A line for the summary about the method's own work; most methods have none.
+  function nothing_more(self) result(text)
+    class(stepper), intent(in) :: self
+    character(:), allocatable :: text
+    text = ''
+    if (self%steps < 0) text = 'steps overflowed'
+  end function nothing_more
 
   !> Number of fixed steps in an output interval: the step used is interval/ceiling(interval/step) (deck.md).
   pure function step_count(interval, step) result(n)
