@@ -7,7 +7,7 @@ module implicit_element
   implicit none (type, external)
   private
   public :: element_arrays, set_up_elements, gather, element_residual, element_tangent, element_block, element_base
-  public :: element_mass_product
+  public :: element_mass_product, mass_pairs
 
   !> Constants and work of all elements of a body.
   type :: element_arrays
@@ -336,6 +336,42 @@ contains
     call inertia_residual(el%ne, 0.0_wp, 0.0_wp, el%w4, el%w6, el%l, el%rm, el%q, el%v, el%a, el%f, unused)
     call scatter(el, el%f, y)
   end subroutine element_mass_product
+
+  !> Sum over the elements of el%q^T m el%v + el%a^T m el%g, the pairs gathered before.
+  pure function mass_pairs(el) result(x)
+    type(element_arrays), intent(in) :: el
+    real(wp) :: x                            !! [J]
+    x = pair_sum(el%ne, el%w4, el%l, el%q, el%v, el%a, el%g)
+  end function mass_pairs
+
+  !> The sum of mass_pairs.
+  pure function pair_sum(n, w4, l, q, v, a, g) result(x)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: w4(n), l(n), q(n, 6), v(n, 6), a(n, 6), g(n, 6)
+    real(wp) :: x, q3, q6, v3, v6, a3, a6, g3, g6
+    integer :: e
+    x = 0.0_wp
+    do e = 1, n
+      q3 = l(e)*q(e, 3)
+      q6 = l(e)*q(e, 6)
+      v3 = l(e)*v(e, 3)
+      v6 = l(e)*v(e, 6)
+      a3 = l(e)*a(e, 3)
+      a6 = l(e)*a(e, 6)
+      g3 = l(e)*g(e, 3)
+      g6 = l(e)*g(e, 6)
+      x = x + w4(e)*(q(e, 1)*(140*v(e, 1) + 70*v(e, 4)) + q(e, 4)*(70*v(e, 1) + 140*v(e, 4)) &
+                     + q(e, 2)*(156*v(e, 2) + 22*v3 + 54*v(e, 5) - 13*v6) &
+                     + q3*(22*v(e, 2) + 4*v3 + 13*v(e, 5) - 3*v6) &
+                     + q(e, 5)*(54*v(e, 2) + 13*v3 + 156*v(e, 5) - 22*v6) &
+                     - q6*(13*v(e, 2) + 3*v3 + 22*v(e, 5) - 4*v6) &
+                     + a(e, 1)*(140*g(e, 1) + 70*g(e, 4)) + a(e, 4)*(70*g(e, 1) + 140*g(e, 4)) &
+                     + a(e, 2)*(156*g(e, 2) + 22*g3 + 54*g(e, 5) - 13*g6) &
+                     + a3*(22*g(e, 2) + 4*g3 + 13*g(e, 5) - 3*g6) &
+                     + a(e, 5)*(54*g(e, 2) + 13*g3 + 156*g(e, 5) - 22*g6) &
+                     - a6*(13*g(e, 2) + 3*g3 + 22*g(e, 5) - 4*g6))
+    end do
+  end function pair_sum
 
   !> One element's part of the constant block c1 m + c2 C + K_eff (body axes).
   pure function element_base(el, e, c1, c2) result(x)

@@ -90,6 +90,7 @@ module implicit_model
     real(wp), allocatable :: pre(:), zk(:)   !! (nz) what the past adds to az, z
     real(wp), allocatable :: spring_z(:), spring_zd(:)    !! (nz) of springs at the trial state
     real(wp), allocatable :: fp(:, :)        !! (3, places) residual force (body axes) and moment
+    real(wp), allocatable :: pairs(:, :)     !! (nq, 4) v, v' means of a step and what the method adds to them
     ! measures
     integer, allocatable :: group(:)         !! (nq) 3 per body: origin, angles, elastic translations, elastic rotations
     real(wp), allocatable :: weight(:)       !! (nq) metres (radians) of a unit
@@ -124,7 +125,7 @@ contains
               self%weight(nq), source=0.0_wp)
     allocate (self%z(nz), self%zd(nz), self%zdd(nz), self%az(nz), self%pre(nz), self%zk(nz), self%spring_z(nz), &
               self%spring_zd(nz), self%lambda(n), self%lambda1(n), source=0.0_wp)
-    allocate (self%old(nz, 4), source=0.0_wp)
+    allocate (self%old(nz, 4), self%pairs(nq, 4), source=0.0_wp)
     allocate (self%fp(3, size(m%s%places)), source=0.0_wp)
     call list_terms(self, m)
     call list_rows(self%rows, m)

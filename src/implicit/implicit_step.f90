@@ -7,6 +7,7 @@ module implicit_step
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers, applied_forces
   use generalized_alpha, only: step_coefficients
   use implicit_bodies, only: elastic_filter
+  use implicit_energy, only: removed_energy
   use implicit_ghm, only: set_terms, begin_terms, end_terms, dissipated_in_bodies
   use implicit_model, only: implicit_solver
   use implicit_newton, only: trial_residual, trial_tangent, trial_elastic, trial_correction, constant_blocks
@@ -266,6 +267,7 @@ contains
     integer :: k, i
     call set_frames(m, self%q1)
     call place_kinematics(m, self%q1, self%v1)
+    self%removed = self%removed + removed_energy(self, m)
     call end_terms(self, m)
     power = dissipated_in_bodies(self, m)
     m%dissipated_power = 0.0_wp
