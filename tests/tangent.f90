@@ -109,7 +109,7 @@ contains
     dl = solver%rows%y(1:nr)
     sum = r0
     do j = 1, n + nr
-      e = 1.0e-6_wp
+      e = 1.0e-5_wp
       if (j > n) e = 1.0_wp
       call move(j, e)
       column = residual()

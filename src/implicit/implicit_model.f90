@@ -98,6 +98,7 @@ module implicit_model
     real(wp), allocatable :: rate_scale(:)   !! (groups) of the rates
     real(wp), allocatable :: floor(:)        !! (groups) least scale [m, rad]; of a rate: moved in one step
     real(wp), allocatable :: unit(:)         !! (nq) weight over scale
+    real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian
     logical :: stale = .false.               !! restored: factors are to be made again
     logical :: exact = .false.               !! this step uses the exact block
     real(wp) :: start_error = 0.0_wp         !! first correction of the last step, scaled [-]
@@ -279,5 +280,6 @@ contains
     self%rate_scale = 0.0_wp
     allocate (self%floor(size(self%scale)), source=1.0e-6_wp)
     self%floor(1::2) = 1.0e-6_wp*m%s%size
+    self%whole = 1.0e-6_wp*self%weight/self%floor(self%group)
   end subroutine set_up_measures
 end module implicit_model

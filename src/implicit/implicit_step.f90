@@ -24,7 +24,7 @@ module implicit_step
   real(wp), parameter :: relative_goal = 1.0e-5_wp !! Newton's error, of the first correction [-]
   real(wp), parameter :: loose = 1.0e-9_wp         !! and at most this, of the groups' sizes [-]
   real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
-  real(wp), parameter :: noise = 1.0e-12_wp        !! below this corrections that do not shrink are noise, of the sizes [-]
+  real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
 
 contains
 
@@ -193,7 +193,7 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
-    real(wp) :: size_now, before, rate, goal
+    real(wp) :: size_now, before, rate, goal, whole, blur
     integer :: k
     logical :: bad, fresh
     ok = .false.
@@ -202,6 +202,7 @@ contains
     before = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
+    blur = noise*(1 + maxval(abs(m%p%r))/m%s%size)
     do k = 1, most_iterations
       call trial_residual(self, m, t1)
       if (k == 1 .or. slowly) then
@@ -213,18 +214,18 @@ contains
       end if
       call trial_correction(self, m)
       self%iterations = self%iterations + 1
-      call correct(self, size_now)
+      call correct(self, size_now, whole)
       if (.not. size_now <= 1.0e3_wp) return                    ! also where it is not a number
       if (k == 1) then
         self%start_error = size_now
         goal = max(rounding, min(loose, relative_goal*size_now))
       else
         rate = size_now/before
-        slowly = slowly .or. (rate > slow .and. size_now > noise)
+        slowly = slowly .or. (rate > slow .and. whole > blur)
       end if
       ok = size_now <= rounding
       if (k > 1) ok = ok .or. (rate < 1.0_wp .and. size_now*rate/(1 - rate) <= goal)
-      if (k > 2) ok = ok .or. (rate > 0.2_wp .and. size_now <= noise)     ! rounding of the residual
+      if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
       if (ok) exit
       if (k > 2 .and. rate > 2.0_wp .and. size_now > loose) return
       before = size_now
@@ -233,16 +234,17 @@ contains
     if (ok .and. k <= 4) slowly = .false.
   end subroutine newton
 
-  !> Adds the correction; its largest component relative to its group.
-  subroutine correct(self, norm)
+  !> Adds the correction; its largest component relative to its group, and relative to the scene's size or one radian.
+  subroutine correct(self, norm, whole)
     type(implicit_solver), intent(inout) :: self
-    real(wp), intent(out) :: norm             !! [-]
+    real(wp), intent(out) :: norm, whole      !! [-]
     real(wp) :: d, c1, c2
     integer :: i
     logical :: finite
     c1 = self%now%c1
     c2 = self%now%c2
     norm = 0.0_wp
+    whole = 0.0_wp
     finite = .true.
     do i = 1, size(self%q)
       d = self%dq(i)
@@ -250,6 +252,7 @@ contains
       self%v1(i) = self%v1(i) + c2*d
       self%vd1(i) = self%vd1(i) + c1*d
       norm = max(norm, abs(d)*self%unit(i))
+      whole = max(whole, abs(d)*self%whole(i))
       finite = finite .and. abs(d) < huge(1.0_wp)
     end do
     if (.not. finite) norm = huge(1.0_wp)
