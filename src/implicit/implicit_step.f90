@@ -57,9 +57,59 @@ contains
     self%h_before = 0.0_wp
     self%exact_left = 0
     call set_step(self, m, h)
+    call smooth_start(self, m, t)
+    call evaluate(m, t, self%q, self%v, self%z, self%zd)
     if (m%s%rows > 0) call start_offsets(self, m, t, h)
     call widen_scales(self)
   end subroutine start_method
+
+  !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M v' within the constraints. Motion much faster than the
+  !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps v' to
+  !> second order.
+  subroutine smooth_start(self, m, t)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    integer :: b, i, n, k
+    logical :: bad
+    m%left = .false.
+    call begin_terms(self, m)
+    self%q1 = self%q
+    self%v1 = self%v
+    self%lambda1 = self%lambda
+    self%vd1 = self%vd
+    call trial_residual(self, m, t)
+    do b = 1, size(self%b)
+      i = m%s%qo(b)
+      n = self%b(b)%nf
+      self%change(i + 1:i + 3) = self%b(b)%rr
+      if (n > 0) self%change(i + 4:i + 3 + n) = self%b(b)%ff(1:n)
+    end do
+    self%vd1 = 0.0_wp
+    call trial_residual(self, m, t)
+    do b = 1, size(self%b)                    ! -c1 M v'
+      i = m%s%qo(b)
+      n = self%b(b)%nf
+      self%b(b)%rr = self%now%c1*(self%b(b)%rr - self%change(i + 1:i + 3))
+      if (n > 0) self%b(b)%ff(1:n) = self%now%c1*(self%b(b)%ff(1:n) - self%change(i + 4:i + 3 + n))
+    end do
+    self%exact = .false.
+    call trial_tangent(self, m, t, bad)
+    if (bad) return
+    call place_kinematics(m, self%q, self%vd)
+    call row_rates(m, m%rows%phi)             ! Phi x = Phi v'
+    m%rows%phi = m%rows%phi_t - m%rows%phi
+    call trial_correction(self, m)
+    if (.not. all(abs(self%dq) < huge(1.0_wp))) return
+    self%vd = self%dq
+    self%a = self%dq
+    do k = 1, size(self%terms)
+      associate (g => self%terms(k), d => self%now%d1*self%terms(k)%dinv)
+        self%zdd(g%o + 1:g%o + g%n) = d*self%zdd(g%o + 1:g%o + g%n)
+        self%az(g%o + 1:g%o + g%n) = self%zdd(g%o + 1:g%o + g%n)
+      end associate
+    end do
+  end subroutine smooth_start
 
   !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts.
   subroutine start_offsets(self, m, t, h)
@@ -215,7 +265,7 @@ contains
       call trial_correction(self, m)
       self%iterations = self%iterations + 1
       call correct(self, size_now, whole)
-      if (.not. size_now <= 1.0e3_wp) return                    ! also where it is not a number
+      if (.not. whole <= 1.0e3_wp) return                       ! also where it is not a number
       if (k == 1) then
         self%start_error = size_now
         goal = max(rounding, min(loose, relative_goal*size_now))
