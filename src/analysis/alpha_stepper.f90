@@ -19,7 +19,7 @@ module alpha_stepper
   private
 
   integer, parameter :: most_halvings = 30      !! of a fixed step that fails
-  real(wp), parameter :: aim = 0.1_wp           !! local errors add up over a run: part of the tolerance allowed to each [-]
+  real(wp), parameter :: aim = 0.025_wp         !! local errors add up over a run: part of the tolerance allowed to each [-]
 
   !> The method.
   type, extends(stepper), public :: implicit_stepper

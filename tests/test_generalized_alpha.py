@@ -1,0 +1,261 @@
+"""The implicit method: tangent, order, reference scenes, stiff scenes at steps of the motion, energy, counts, restart."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from compare import differences
+from conftest import REFERENCE, program
+from histories import read
+from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
+
+MIXED = (
+    MATERIALS
+    + beam("b", "two", "rod", 3, rest="position=0.1,0.2 angle=0.6 stiffening=.true.")
+    + frame("f")
+    + rigid("r")
+    + beam("m", "three", "strip", 5, rest="position=0.4,-0.3 angle=0.1 modes=4")
+    + LUMPS
+    + "&lump body='m' node=3 mass=0.2 inertia=1.0e-3 /\n"
+    + PUSHES
+    + SPRINGS
+    + """&spring name='s5' type='linear' body_a='m' node_a=2 body_b='b' node_b=3 stiffness=400.0 damping=9.0 free_length=0.1
+  ghm_alpha=0.4 ghm_zeta=0.8 ghm_omega=300.0 /
+&force name='p10' type='force' axes='section' body='m' node=4 fx=10.0 fy=7.0 /
+&force name='p11' type='force' axes='body' body='m' node=6 fx=-4.0 fy=5.0 /
+&joint name='rod' type='distance' body_a='b' node_a=1 body_b='r' point_b=0.1,0.02 /
+&joint name='guide' type='prismatic' body_a='f' node_a=2 body_b='m' node_b=3 direction=0.4 /
+&joint name='slide' type='slider' body_a='r' point_a=0.0,0.1 body_b='b' node_b=2 direction=0.9 /
+&sensor name='tip' quantity='position' body='b' node=2 /
+&transient t_end=1.0e-2 method='generalized_alpha' step=1.0e-3 /
+"""
+)
+FOUR_BAR = """&scene title='four-bar of bending members' gravity=0.0,-9.81 /
+&material name='steel' density=7850.0 young=2.1e11 /
+&material name='polymer' density=1200.0 young=3.0e9 ghm_alpha=0.4,0.6 ghm_zeta=1.5,2.5 ghm_omega=400.0,4000.0 /
+&section name='strip' shape='rectangle' width=0.02 height=0.006 /
+&body name='crank' kind='rigid' mass=0.3 inertia=4.0e-4 com=0.05,0.0 angle=1.5707963267948966 /
+&body name='coupler' kind='beam' length=0.35 elements=1 material='polymer' section='strip' position=0.0,0.1 angle=0.49 /
+&body name='rocker' kind='beam' length=0.28 elements=1 material='steel' section='strip' position=0.4,0.0 angle=1.9 axial=.false. /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='coupler' node_a=1 body_b='crank' point_b=0.1,0.0 /
+&joint name='c' type='revolute' body_a='coupler' node_a=-1 body_b='rocker' node_b=-1 /
+&joint name='d' type='revolute' body_a='rocker' node_a=1 point_b=0.4,0.0 /
+&history name='spin' kind='sine' offset=1.5707963267948966 amplitude=1.0 frequency=4.0 /
+&drive name='motor' type='rotation' body_a='crank' history='spin' /
+&sensor name='p' quantity='position' body='rocker' node=-1 /
+&sensor name='v' quantity='velocity' body='rocker' node=-1 /
+&sensor name='a' quantity='acceleration' body='rocker' node=-1 /
+&sensor name='q' quantity='coordinate' body='coupler' index=1 /
+&sensor name='motor' quantity='reaction' drive='motor' /
+&sensor name='pin' quantity='reaction' joint='c' /
+"""
+CRANK = """&material name='m' density=1600.0 young={young} {ghm} /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=0.3492 elements={elements} material='m' section='s' position=0.1524,0.0 /
+&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=0.1524 /
+&joint name='slider' type='slider' body_a='rod' node_a=-1 /
+&force name='torque' type='torque_about' body='rod' node=1 centre=0.0,0.0 moment=10.0 /
+&sensor name='pin' quantity='position' body='rod' node=1 /
+&sensor name='rod' quantity='angle' body='rod' /
+"""
+CANTILEVER = """&material name='steel' density=7850.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='arm' kind='beam' length=1.0 elements=8 material='steel' section='s' reference='clamped' /
+&joint name='w' type='weld' body_a='arm' node_a=1 /
+&force name='f' type='force' body='arm' node=-1 fy=10.0 {history} /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+"""
+
+
+def march(text):
+    """Return a &transient group of the implicit method."""
+    return f"&transient method='generalized_alpha' {text} /\n"
+
+
+def number(pattern, text):
+    """Return the number behind a pattern of the summary."""
+    return float(re.search(pattern + r"\s*([-+.\dE]+)", text)[1])
+
+
+@pytest.fixture(scope="module")
+def tangent():
+    """Return a function: mismatch of structured correction and finite differences, for bodies, worst row and constraints."""
+    path = program("TANGENT", f"bin/tangent{'-debug' if 'debug' in os.environ.get('PROBE', '') else ''}")
+
+    def measure(deck, step, radius, seed):
+        done = subprocess.run([path, deck, str(step), str(radius), str(seed)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return [float(x) for x in done.stdout.split()[1:]]
+
+    return measure
+
+
+@pytest.mark.parametrize("scene", ["mixed", "vrl_ghm", "four_bar", "viscoelastic_joint", "spin_up", "andrews"])
+@pytest.mark.parametrize(("step", "seed"), [(1e-4, 3), (1e-3, 7), (1e-2, 11)])
+def test_the_tangent_is_the_derivative_of_the_residual(scene, step, seed, tangent, tmp_path):
+    deck = REFERENCE / scene / "deck.nml"
+    if scene == "mixed":
+        deck = tmp_path / "mixed.nml"
+        deck.write_text(MIXED, encoding="utf-8")
+    bodies, row, constraints = tangent(deck, step, 0.6, seed)
+    assert bodies < 1e-7
+    assert row < 1e-5
+    assert constraints < 1e-7
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
+def test_order_two_on_the_four_bar(radius, run_deck):
+    """Positions, velocities, accelerations, and the multipliers as reactions of drive and joint."""
+    exact = run_deck(FOUR_BAR + "&transient t_end=0.05 method='dopri5' tolerance=1e-12 output_step=1e-3 /\n", name="exact").history
+    errors = []
+    for step in (1e-5, 5e-6, 2.5e-6):
+        text = FOUR_BAR + march(f"t_end=0.05 step={step} output_step=1e-3 spectral_radius={radius}")
+        errors.append({d.name: d.error for d in differences(run_deck(text, name=f"s{step}").history, exact)})
+    moving = [name for name, error in errors[0].items() if error > 1e-12]
+    assert len(moving) >= 10
+    for name in moving:
+        orders = [np.log2(a[name] / b[name]) for a, b in zip(errors[:-1], errors[1:], strict=True)]
+        assert min(orders) > 1.75, (name, orders, errors[-1][name])
+        assert errors[-1][name] < 2e-2
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
+def test_order_two_on_the_slider_crank(radius, run_deck):
+    deck = (REFERENCE / "vrl_ghm" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
+    expected = read(REFERENCE / "vrl_ghm" / "expected.csv")
+    errors = []
+    for step in (1e-6, 5e-7, 2.5e-7):
+        run = run_deck(deck + march(f"t_end=0.01 step={step} output_step=4e-5 spectral_radius={radius}"), name=f"s{step}")
+        errors.append({d.name: d.error for d in differences(run.history, expected)})
+    for name in (n for n in expected.names[1:] if errors[0][n] > 1e-12):
+        orders = [np.log2(a[name] / b[name]) for a, b in zip(errors[:-1], errors[1:], strict=True)]
+        assert min(orders) > 1.75, (name, orders)
+
+
+@pytest.mark.parametrize("scene", ["vrl_torque_on_rod", "viscoelastic_joint", "spin_up", "andrews"])
+def test_tolerance_leads_to_the_reference(scene, run_deck):
+    """The worst column stays within a factor 100 of the tolerance, and a tighter tolerance brings it nearer."""
+    deck = (REFERENCE / scene / "deck.nml").read_text(encoding="utf-8")
+    expected = read(REFERENCE / scene / "expected.csv")
+    worst = []
+    for tolerance in (1e-4, 1e-6):
+        text, count = re.subn(r"method='rk4' step=\S+", f"method='generalized_alpha' tolerance={tolerance}", deck)
+        assert count == 1
+        run = run_deck(text, name=f"t{tolerance}")
+        worst.append(max(d.error for d in differences(run.history, expected)))
+        assert worst[-1] < 130 * tolerance
+    assert worst[1] < 0.25 * worst[0]
+
+
+STIFF = {
+    "64 elements": ("2.1e10", 64, ""),
+    "young 1e15": ("1e15", 64, ""),
+    "pole of 1e7 rad/s": ("2.1e10", 2, "ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=1e7"),
+    "over-damped": ("2.1e10", 64, "ghm_alpha=0.5 ghm_zeta=100.0 ghm_omega=5e3"),
+    "almost undamped": ("2.1e10", 64, "ghm_alpha=0.5 ghm_zeta=1e-3 ghm_omega=1e7"),
+    "all of it": ("1e15", 64, "ghm_alpha=0.5,50.0 ghm_zeta=1e-3,100.0 ghm_omega=1e7,1e2"),
+}
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.8])
+@pytest.mark.parametrize("scene", STIFF)
+def test_stiff_scenes_run_at_steps_of_the_motion(scene, radius, run_deck):
+    """Steps thousands of times the explicit bound: the gross motion is right, two iterations and one factor do it."""
+    young, elements, ghm = STIFF[scene]
+    text = CRANK.format(young=young, elements=elements, ghm=ghm)
+    run = run_deck(text + march(f"t_end=0.01 step=2e-5 output_step=1e-4 spectral_radius={radius}"))
+    rigid_rod = CRANK.format(young="1e12", elements=1, ghm="").replace("position=", "flexible=.false. position=")
+    exact = run_deck(rigid_rod + "&transient t_end=0.01 method='dopri5' tolerance=1e-9 output_step=1e-4 /\n", name="rigid").history
+    assert np.abs(run.history["pin.x"] - exact["pin.x"]).max() < 3e-4
+    assert number("rejected:", run.summary) == 0
+    assert number("Newton iterations:", run.summary) <= 2.6 * 500
+    assert number("constant", run.summary.split("Newton")[1]) == 1
+    energy = run.energy
+    assert np.abs(energy["residual"]).max() < 2e-4 * np.abs(energy["work"]).max()
+
+
+def test_no_spurious_first_accelerations(run_deck):
+    """The row of t = 0 is that of the equations, and the first rows after it do not ring."""
+    deck = CANTILEVER.format(history="") + "&sensor name='a' quantity='acceleration' body='arm' node=-1 /\n"
+    deck += "&sensor name='w' quantity='reaction' joint='w' /\n"
+    implicit = run_deck(deck + march("t_end=2e-3 step=1e-6 output_step=1e-4")).history
+    exact = run_deck(deck + "&transient t_end=2e-3 method='dopri5' tolerance=1e-10 output_step=1e-4 /\n", name="e").history
+    for column in ("a.y", "w.fy", "w.m"):
+        assert implicit[column][0] == pytest.approx(exact[column][0], rel=1e-12, abs=1e-9)
+    coarse = run_deck(deck + march("t_end=0.02 step=1e-3"), name="coarse").history
+    assert np.abs(coarse["tip.v"]).max() < 1.1 * 2 * 10.0 / (3 * 2.1e11 * 0.02 * 0.01**3 / 12)
+
+
+def test_the_energy_that_the_method_removes_explains_the_residual(run_deck):
+    deck = CANTILEVER.format(history="history='h'")
+    deck += "&history name='h' kind='cycloid' start_value=0.0 end_value=1.0 start=0.0 finish=5e-3 /\n"
+    removed = {}
+    for radius in (0.2, 0.5):
+        ends = []
+        for t_end in (0.01, 0.2):  # between them no load varies: the trapezoidal work adds nothing
+            run = run_deck(deck + march(f"t_end={t_end} step=1e-4 output_step=1e-3 spectral_radius={radius}"), name=f"r{radius}")
+            ends.append((number("removed by the method itself:", run.summary), run.energy["residual"][-1]))
+        removed[radius] = ends[1][0] - ends[0][0]
+        assert removed[radius] == pytest.approx(ends[0][1] - ends[1][1], rel=0.25)
+    assert removed[0.2] > 2 * removed[0.5] > 0
+
+
+def test_a_jump_at_the_end_of_a_step_is_felt_from_there_on(run_deck):
+    """A pulse that starts and ends at step ends keeps order 2."""
+    deck = CANTILEVER.replace("elements=8", "elements=1").format(history="history='h'")
+    deck += "&history name='h' kind='pulse' value=1.0 start=4e-3 finish=9e-3 /\n"
+    exact = run_deck(deck + "&transient t_end=0.02 method='dopri5' tolerance=1e-11 output_step=1e-3 /\n", name="e").history
+    errors = []
+    for step in (2e-5, 1e-5):
+        found = run_deck(deck + march(f"t_end=0.02 step={step} output_step=1e-3"), name=f"s{step}").history
+        errors.append(np.abs(found["tip.v"] - exact["tip.v"]).max())
+    assert np.log2(errors[0] / errors[1]) > 1.8
+
+
+def test_a_step_that_fails_is_divided_and_the_summary_says_so(run_deck):
+    """Near its dead points a rigid slider-crank cannot be solved in steps of half a radian."""
+    deck = CRANK.format(young="2.1e10", elements=1, ghm="").replace("position=", "flexible=.false. position=")
+    run = run_deck(deck + march("t_end=0.1 step=2e-3 output_step=2e-3"))
+    assert number("rejected:", run.summary) > 0
+    assert "the step was halved" in run.summary
+    assert run.energy["position_violation"].max() < 1e-12
+
+
+def test_counts_of_a_smooth_run(run_deck):
+    """Two Newton iterations a step, one factorisation a body, no evaluation beside the rows'."""
+    text = CRANK.format(young="2.1e10", elements=32, ghm="ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=5e3")
+    run = run_deck(text + march("t_end=0.01 step=1e-5 output_step=1e-3"))
+    assert number("steps:", run.summary.split("transient")[1]) == 1000
+    assert number("Newton iterations:", run.summary) <= 2100
+    assert number("constant", run.summary.split("Newton")[1]) == 1
+    assert number("exact", run.summary.split("Newton")[1]) == 0
+    assert number("evaluations:", run.summary) < 50
+
+
+@pytest.mark.parametrize("steps", ["step=2e-6", "tolerance=1e-6"])
+def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
+    deck = (REFERENCE / "four_bar" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
+    deck += march(f"t_end=0.15 {steps} output_step=1.5e-3")
+    texts = []
+    for interrupted in (False, True):
+        folder = tmp_path / str(interrupted)
+        folder.mkdir()
+        (folder / "scene.nml").write_text(deck, encoding="utf-8")
+        command = [str(biela), "--quiet", "scene.nml"]
+        if interrupted:
+            job = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
+            time.sleep(0.25)
+            job.send_signal(signal.SIGINT)
+            if job.wait(timeout=60) == 128 + signal.SIGINT:
+                command.insert(1, "--restart")
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        results = folder / "results" / "scene"
+        summary = (results / "summary.txt").read_text(encoding="utf-8")
+        kept = [line for line in summary.splitlines() if not line.strip().startswith("timing:")]
+        texts.append([(results / f"{n}.txt").read_bytes() for n in ("history", "energy")] + [kept])
+    assert texts[0] == texts[1]
