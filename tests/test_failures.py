@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import resource
 import signal
@@ -82,7 +81,7 @@ def test_a_drive_that_demands_the_impossible(method, run_deck):
     match = re.search(r'"(o|pull)"(?: opens most, then|,) "(o|pull)"', told)
     assert {match[1], match[2]} == {"pull", "o"}
     if "tolerance" not in method:
-        assert f"the joints cannot be kept closed after t = {told.split(' t = ')[1].split()[0]} s: \"{match[1]}\" opens most" in told
+        assert re.search(rf'the joints cannot be kept closed after t = \S+ s: "{match[1]}" opens most', told)
     assert float(re.search(r" t = (\S+) s", told)[1]) == pytest.approx(0.05, abs=2e-4)
     assert "elsewhere" not in told
 
@@ -143,7 +142,7 @@ def test_a_result_file_that_cannot_be_replaced(run_deck, tmp_path):
     (tmp_path / "results" / "scene" / "energy.txt").mkdir(parents=True)
     run = run_deck(CRANK + "&transient t_end=1e-4 step=4e-6 /\n", expect=3)
     assert "results cannot be written" in run.stderr
-    assert os.listdir(run.folder / "energy.txt") == []
+    assert list((run.folder / "energy.txt").iterdir()) == []
 
 
 PENDULUM = """&scene gravity=0.0,-9.81 /
