@@ -147,7 +147,10 @@ contains
     if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
     call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), text)
     ok = .true.
-    if (fail%status /= status_bad_input) call write_whole(run%folder//'/summary.txt', text, ok)
+    if (fail%status /= status_bad_input) then
+      call write_whole(run%folder//'/summary.txt', text, ok)
+      call remove_old_results(run)
+    end if
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
     status = fail%status
@@ -157,6 +160,19 @@ contains
     end if
     if (fail%happened()) write (error_unit, '(a)') run%d%path//': '//fail%message
   end function run_in_folder
+
+  !> Removes what an earlier run of biela left in the folder and this deck does not ask for; other files are not touched.
+  subroutine remove_old_results(run)
+    type(run_state), intent(in) :: run
+    if (.not. run%d%static%present) call remove_file(run%folder//'/static.txt')
+    if (.not. run%d%modal%present) call remove_file(run%folder//'/modes.txt')
+    if (.not. run%d%response%present) call remove_file(run%folder//'/frequency_response.txt')
+    if (.not. run%d%transient%present) then
+      call remove_file(run%folder//'/history.txt')
+      call remove_file(run%folder//'/energy.txt')
+    end if
+    if (.not. run%d%transient%motion_step > 0.0_wp) call remove_file(run%folder//'/motion.txt')
+  end subroutine remove_old_results
 
   !> The end of the summary: outcome, version, times, the deck's text.
   subroutine finish_summary(run, fail, seconds, text)

@@ -103,12 +103,18 @@ contains
     type(run_state), intent(in) :: run
     character(:), allocatable, intent(inout) :: text
     character(:), allocatable :: warnings
+    integer :: from, to
     warnings = run%watch%warnings(run%sys%m)
     if (len(warnings) == 0) then
       call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
     else
       text = text//warnings
-      write (error_unit, '(a)', advance='no') warnings
+      from = 1
+      do while (from <= len(warnings))
+        to = from + index(warnings(from:), new_line('a')) - 2
+        write (error_unit, '(a)') run%d%path//': '//warnings(from:to)
+        from = to + 2
+      end do
     end if
   end subroutine validity_lines
 end module transient_summary
