@@ -81,9 +81,13 @@ contains
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
     call allocate_rows(self, m, list, with_motion)
+    self%history%failed = .not. (self%history%covers(folder//'/history.txt') .and. &
+                                 self%energy%covers(folder//'/energy.txt'))
+    if (with_motion .and. .not. self%history%failed) self%history%failed = .not. self%motion%covers(folder//'/motion.txt')
+    if (self%history%failed) return           ! before anything is cut
     call self%history%resume(folder//'/history.txt')
-    if (.not. self%history%failed) call self%energy%resume(folder//'/energy.txt')
-    if (with_motion .and. .not. self%energy%failed) call self%motion%resume(folder//'/motion.txt')
+    call self%energy%resume(folder//'/energy.txt')
+    if (with_motion) call self%motion%resume(folder//'/motion.txt')
   end subroutine resume_results
 
   !> Room for rows.

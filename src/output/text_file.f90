@@ -22,6 +22,7 @@ module text_file
     character(:), allocatable :: buffer
   contains
     procedure :: open => open_file
+    procedure :: covers
     procedure :: resume
     procedure :: line
     procedure :: row
@@ -45,16 +46,24 @@ contains
     self%failed = self%handle < 0
   end subroutine open_file
 
+  !> Whether a file holds at least the bytes that its checkpoint counts on.
+  function covers(self, path) result(yes)
+    class(result_file), intent(in) :: self
+    character(*), intent(in) :: path
+    logical :: yes
+    integer(ip) :: bytes
+    inquire (file=path, size=bytes)
+    yes = bytes >= self%written
+  end function covers
+
   !> Opens a file of an interrupted run and cuts it to the bytes (`written`) that its checkpoint counts on.
   subroutine resume(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    integer(ip) :: bytes
     self%path = path
     self%used = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
-    inquire (file=path, size=bytes)
-    self%failed = bytes < self%written
+    self%failed = .not. self%covers(path)
     if (self%failed) return
     self%failed = .not. truncate_file(path, int(self%written, c_long))
     if (self%failed) return
