@@ -47,13 +47,13 @@ contains
     type(progress_line) :: line
     call prepare(run, march, fail)
     if (fail%happened()) return
+    call catch_signals()
     if (run%restart) then
       call continue_run(run, march, fail)
     else
       call start_run(run, march, fail)
     end if
     if (.not. fail%happened()) then
-      call catch_signals()
       call line%begin(run%quiet)
       do while (march%done < march%outputs)
         call one_output(run, march, fail)

@@ -81,8 +81,8 @@ contains
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
     call allocate_rows(self, m, list, with_motion)
-    self%history%failed = .not. (self%history%covers(folder//'/history.txt') .and. &
-                                 self%energy%covers(folder//'/energy.txt'))
+    self%history%failed = .not. self%history%covers(folder//'/history.txt')
+    if (.not. self%history%failed) self%history%failed = .not. self%energy%covers(folder//'/energy.txt')
     if (with_motion .and. .not. self%history%failed) self%history%failed = .not. self%motion%covers(folder//'/motion.txt')
     if (self%history%failed) return           ! before anything is cut
     call self%history%resume(folder//'/history.txt')
