@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -75,16 +76,19 @@ def measure(jobs):
 
 
 def run_process(name, text):
-    """Seconds of the process and of its march by the summary [s]; None where biela refuses the deck."""
+    """Seconds of the process by the clock, of its march by the summary, and of the processor; None where refused."""
     deck = WORK / f"{name}.nml"
     deck.write_text(text)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     done = subprocess.run([str(BIELA), "--quiet", "--output", str(WORK / name), str(deck)], capture_output=True, check=False)
     seconds = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         return None
     march = re.search(r"timing: analyses took\s+(\S+) s", (WORK / name / "summary.txt").read_text())
-    return seconds, float(march.group(1))
+    processor = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return seconds, float(march.group(1)), processor
 
 
 def median(values):
@@ -208,10 +212,8 @@ def whole_processes(table, quick):
     """Whole processes, start-up and memory."""
     table.add()
     run = scenes.transient(4e-6, 2500, every=1)
-    times = [run_process("files", scenes.slider_crank(2, run))[0] * 1e3 for _ in range(9)]
-    table.add(
-        f"whole process, 2 elements, 2,500 steps, rows each step: {median(times):.1f} ms ({min(times):.1f} .. {max(times):.1f})"
-    )
+    runs = [run_process("files", scenes.slider_crank(2, run)) for _ in range(9)]
+    table.add(f"whole process, 2 elements, 2,500 steps, rows each step: {milliseconds(runs)}")
     scene = {
         "2 elements": lambda: scenes.slider_crank(2, scenes.transient(4e-6, 1)),
         "2048 elements": lambda: scenes.slider_crank(2048, scenes.transient(scenes.explicit_step(2048), 1)),
@@ -222,8 +224,16 @@ def whole_processes(table, quick):
         runs = [run_process("start", make()) for _ in range(5)]
         if None in runs:
             fail(f"biela refused the deck of {name}")
-        times = [r[0] * 1e3 for r in runs]
-        table.add(f"whole process of one step, {name}: {median(times):.1f} ms ({min(times):.1f} .. {max(times):.1f})")
+        table.add(f"whole process of one step, {name}: {milliseconds(runs)}")
+
+
+def milliseconds(runs):
+    """Processor and clock times of some runs of run_process, in words."""
+    processor, clock = ([r[k] * 1e3 for r in runs] for k in (2, 0))
+    return (
+        f"{median(processor):.1f} ms of the processor ({min(processor):.1f} .. {max(processor):.1f}), "
+        f"{median(clock):.1f} ms by the clock ({min(clock):.1f} .. {max(clock):.1f})"
+    )
 
 
 def verdicts(table, rod, rigid, flexible, dense):
