@@ -15,7 +15,7 @@ import pytest
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
-import scenes
+import bench_scenes as scenes
 
 SCENES = {
     "elastic": lambda run: scenes.slider_crank(4, run),

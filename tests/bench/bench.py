@@ -20,8 +20,8 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
+import bench_scenes as scenes
 import matplotlib.pyplot as plt
-import scenes
 
 HERE = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
