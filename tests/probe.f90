@@ -1,8 +1,9 @@
 !> The solver's inside for the tests: coordinates, accelerations, multipliers, energies at states given on standard input.
 !> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z') | probe linear DECK < states: the same
-!> and the matrices of the linearisation.
+!> and the matrices of the linearisation. | probe numbers < bit patterns of reals as integers: each as result files show it.
 program probe
   use kinds, only: wp
+  use decimal, only: number_width, write_number
   use deck_reader, only: read_deck
   use energy, only: energies
   use errors, only: failure, fault_list
@@ -10,13 +11,17 @@ program probe
   use dynamics, only: row_rates
   use linearisation, only: linear_mechanism, linearise
   use triplets, only: triplet_matrix
-  use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, iostat_end
+  use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, int64, iostat_end
   implicit none (type, external)
   type(run_state) :: run
   type(fault_list) :: faults
   type(failure) :: fail
   character(512) :: word, path
   call get_command_argument(1, word)
+  if (word == 'numbers') then
+    call numbers()
+    stop
+  end if
   call get_command_argument(2, path)
   call read_deck(trim(path), run%d, faults)
   if (faults%count == 0) call prepare_run(run, faults, fail)
@@ -35,6 +40,19 @@ program probe
   end if
 
 contains
+
+  !> Reals, given by their bits, as result files show them.
+  subroutine numbers()
+    character(number_width) :: text
+    integer(int64) :: bits
+    integer :: status
+    do
+      read (input_unit, *, iostat=status) bits
+      if (status /= 0) exit
+      call write_number(transfer(bits, 1.0_wp), text)
+      write (*, '(a)') text
+    end do
+  end subroutine numbers
 
   !> Sizes, offsets and meanings of the unknowns.
   subroutine layout()
