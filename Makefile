@@ -62,7 +62,7 @@ joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both:
 	@$(RUN) post/attenuation.py --biela $(BIELA)
 
 test: $(BIELA) $(PROBE) $(VENV)    ## all tests
-	@BIELA=$(BIELA) PROBE=$(PROBE) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
+	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
 test-debug:                        ## all tests, against the checked build
 	@$(MAKE) DEBUG=1 test
 
