@@ -7,10 +7,11 @@ program tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use generalized_alpha, only: chung_hulbert
+  use implicit_condensation, only: trial_correction
   use implicit_ghm, only: begin_terms
   use implicit_model, only: implicit_solver, set_up_implicit
-  use implicit_newton, only: trial_residual, trial_tangent, trial_correction
-  use implicit_step, only: start_method
+  use implicit_newton, only: trial_residual, trial_tangent
+  use implicit_start, only: start_method
   use scene_run, only: run_state, prepare_run
   use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)

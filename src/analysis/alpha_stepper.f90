@@ -6,20 +6,21 @@ module alpha_stepper
   use archive, only: value_archive
   use dynamics, only: evaluate
   use generalized_alpha, only: chung_hulbert, next_step, step_memory
+  use implicit_error, only: error_vector, remember_error
   use implicit_model, only: implicit_solver, set_up_implicit
-  use implicit_step, only: start_method, change_step, try_step, accept_step, reported_state, estimated_error, &
-                           remember_error, same_step, full_state, full_rates, exchange_solver
+  use implicit_start, only: start_method, change_step, reported_state, same_step, full_state
+  use implicit_step, only: try_step, accept_step, full_rates, exchange_solver
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use ode_system, only: ode, sane
   use projection, only: project
+  use step_control, only: error_norm
   use time_stepper, only: stepper, exchange_common, step_count, reached, paused, lost, trouble_none, trouble_size, &
                           trouble_manifold, trouble_accuracy, trouble_iteration
   implicit none (type, external)
   private
 
   integer, parameter :: most_halvings = 30      !! of a fixed step that fails
-  real(wp), parameter :: aim = 0.025_wp         !! local errors add up over a run: part of the tolerance allowed to each [-]
 
   !> The method.
   type, extends(stepper), public :: implicit_stepper
@@ -37,6 +38,8 @@ module alpha_stepper
     integer :: level = 0                      !! fixed: the step is divided into 2**level parts
     integer :: part = 0                       !! fixed: parts of it done
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
+    type(error_norm) :: norm                  !! adaptive
+    real(wp), allocatable :: error(:)         !! (n) adaptive: estimated local error
     type(step_memory) :: memory               !! adaptive: errors since the step last changed
     real(wp), allocatable :: dense(:, :)      !! (n, 4) states and rates at both ends of the step that passed an output
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
@@ -59,7 +62,8 @@ contains
     self%t = t
     self%y = y
     self%trial = y
-    if (self%adaptive) allocate (self%dense(size(y), 4), source=0.0_wp)
+    if (self%adaptive) allocate (self%dense(size(y), 4), self%error(size(y)), source=0.0_wp)
+    if (self%adaptive) call self%norm%watch(y)
     select type (system)
     class is (mechanism_system)
       call set_up_implicit(self%solver, system%m, chung_hulbert(self%spectral_radius))
@@ -242,7 +246,11 @@ contains
     call ready(self, m, h)
     call try_step(self%solver, m, self%tried, ok)
     error = 8.0_wp
-    if (ok) error = estimated_error(self%solver, m, self%tried)/(aim*self%tolerance)
+    if (ok) then
+      call error_vector(self%solver, m, self%tried, self%error, self%trial)
+      error = self%norm%measure(self%error, self%trial, h, self%tolerance)
+      if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
+    end if
     if (.not. ok .or. error > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = next_step(self%memory, h, error)
@@ -259,6 +267,7 @@ contains
       call full_rates(self%solver, self%dense(:, 2))
     end if
     call remember_error(self%solver)
+    call self%norm%watch(self%trial)
     call accept(self, m, h)
     if (self%tried >= to) then
       call full_state(self%solver, self%dense(:, 3))
@@ -347,6 +356,7 @@ contains
     call a%exchange(self%memory%worst)
     call a%exchange(self%memory%steps)
     if (self%adaptive) then
+      call a%exchange(self%norm%largest)
       call a%exchange(self%dense)
       call a%exchange(self%dense_start)
       call a%exchange(self%dense_step)

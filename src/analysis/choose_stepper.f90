@@ -59,6 +59,7 @@ contains
     alpha%step = r%step
     alpha%tolerance = r%tolerance
     alpha%first_step = r%first_step
+    if (r%adaptive) call group_unknowns(s, alpha%norm)
     if (r%max_step > 0.0_wp) alpha%max_step = r%max_step
     call scene_corners(s, r%t_end, method_order(r%method), corners)
     alpha%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]

@@ -5,7 +5,8 @@ module implicit_model
   use banded, only: band_factor
   use generalized_alpha, only: alpha_method, alpha_step
   use implicit_element, only: element_arrays, set_up_elements
-  use implicit_rows, only: row_system, list_rows, order_rows
+  use implicit_row_lists, only: list_rows, order_rows
+  use implicit_rows, only: row_system
   use mechanism, only: mechanism_model
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -79,9 +80,9 @@ module implicit_model
     real(wp) :: dissipated = 0.0_wp, work = 0.0_wp        !! [J]
     real(wp) :: power = 0.0_wp, input = 0.0_wp            !! [W]
     real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
-    real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq) of the equations at the ends of the step
-    real(wp), allocatable :: before(:)       !! (nq) their change in the step before, for the error estimate
-    real(wp), allocatable :: change(:)       !! (nq) change of the change
+    real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq + nz) of the equations at the ends of the step
+    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before, for the error estimate
+    real(wp), allocatable :: change(:)       !! (nq) work of the start
     real(wp), allocatable :: old(:, :)       !! (nz, 4) z, z', z'', az at the start of a step that is being judged
     real(wp) :: h_before = 0.0_wp            !! and its size [s], 0: none
     integer :: exact_left = 0                !! steps that still use the exact block
@@ -95,8 +96,6 @@ module implicit_model
     integer, allocatable :: group(:)         !! (nq) 3 per body: origin, angles, elastic translations, elastic rotations
     real(wp), allocatable :: weight(:)       !! (nq) metres (radians) of a unit
     real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
-    real(wp), allocatable :: rate_scale(:)   !! (groups) of the rates
-    real(wp), allocatable :: floor(:)        !! (groups) least scale [m, rad]; of a rate: moved in one step
     real(wp), allocatable :: unit(:)         !! (nq) weight over scale
     real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian
     logical :: stale = .false.               !! restored: factors are to be made again
@@ -121,11 +120,12 @@ contains
     nq = m%s%nq
     nz = m%s%nz
     n = m%s%rows
-    allocate (self%q(nq), self%v(nq), self%vd(nq), self%a(nq), self%before(nq), self%q1(nq), self%v1(nq), &
-              self%vd1(nq), self%dq(nq), self%acceleration(nq), self%acceleration1(nq), self%change(nq), self%unit(nq), &
+    allocate (self%q(nq), self%v(nq), self%vd(nq), self%a(nq), self%q1(nq), self%v1(nq), &
+              self%vd1(nq), self%dq(nq), self%change(nq), self%unit(nq), &
               self%weight(nq), source=0.0_wp)
     allocate (self%z(nz), self%zd(nz), self%zdd(nz), self%az(nz), self%pre(nz), self%zk(nz), self%spring_z(nz), &
               self%spring_zd(nz), self%lambda(n), self%lambda1(n), source=0.0_wp)
+    allocate (self%before(nq + nz), self%acceleration(nq + nz), self%acceleration1(nq + nz), source=0.0_wp)
     allocate (self%old(nz, 4), self%pairs(nq, 4), source=0.0_wp)
     allocate (self%fp(3, size(m%s%places)), source=0.0_wp)
     call list_terms(self, m)
@@ -248,13 +248,13 @@ contains
     end associate
   end subroutine order_exact
 
-  !> Groups in which corrections and errors are measured: origin, angle, elastic translations and rotations of every body.
+  !> Groups in which Newton's corrections are measured: origin, angle, elastic translations and rotations of every body.
   subroutine set_up_measures(self, m)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     integer :: b, i, k, c
     allocate (self%group(m%s%nq), source=1)
-    allocate (self%scale(4*size(m%s%bodies)), self%rate_scale(4*size(m%s%bodies)), source=0.0_wp)
+    allocate (self%scale(4*size(m%s%bodies)), source=0.0_wp)
     self%weight = 1.0_wp
     do b = 1, size(m%s%bodies)
       associate (bo => m%s%bodies(b))
@@ -277,9 +277,7 @@ contains
         self%scale(4*b) = 1.0e-6_wp
       end associate
     end do
-    self%rate_scale = 0.0_wp
-    allocate (self%floor(size(self%scale)), source=1.0e-6_wp)
-    self%floor(1::2) = 1.0e-6_wp*m%s%size
-    self%whole = 1.0e-6_wp*self%weight/self%floor(self%group)
+    self%whole = self%weight/m%s%size
+    where (mod(self%group, 2) == 0) self%whole = self%weight
   end subroutine set_up_measures
 end module implicit_model

@@ -1,0 +1,249 @@
+!> Which rows there are between bodies, where their ends are, and in which order their system is solved. Set-up work only.
+module implicit_row_lists
+  use kinds, only: wp
+  use implicit_rows, only: coupling, row_system, from_joint, from_spring, from_load
+  use load, only: load_force, load_about, axes_section
+  use mechanism, only: mechanism_model
+  use ordering, only: reverse_cuthill_mckee
+  implicit none (type, external)
+  private
+  public :: list_rows, order_rows
+
+  !> Ends while they are collected.
+  type :: end_list
+    integer :: n = 0
+    integer, allocatable :: body(:), row(:), place(:), kind(:)
+    integer, allocatable :: soft(:, :)       !! (5, places) row of each component that has one
+  end type end_list
+
+contains
+
+  !> Constraint rows, soft rows and rate rows with their ends, body by body.
+  subroutine list_rows(r, m)
+    type(row_system), intent(inout) :: r
+    type(mechanism_model), intent(in) :: m
+    type(end_list) :: list
+    integer :: most, k, i, side
+    most = 2*m%s%rows + 10*(size(m%s%springs) + size(m%s%constraints) + size(m%s%loads))
+    allocate (list%body(most), list%row(most), list%place(most), list%kind(most))
+    allocate (list%soft(5, size(m%s%places)), source=0)
+    r%nc = m%s%rows
+    r%n = m%s%rows
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        do i = c%first, c%first + c%rows - 1
+          do side = 1, 2
+            call add_end(list, m, merge(c%ia, c%ib, side == 1), i, -side)
+          end do
+        end do
+      end associate
+    end do
+    call list_laws(r, m, list)
+    call sort_ends(r, m, list)
+    allocate (r%rate_row(r%n), source=.false.)
+    do k = 1, size(r%laws)
+      r%rate_row(r%laws(k)%rate(1:r%laws(k)%nr)) = .true.
+    end do
+  end subroutine list_rows
+
+  !> Adds one end, unless its place is on the ground.
+  subroutine add_end(list, m, place, row, kind)
+    type(end_list), intent(inout) :: list
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: place, row, kind
+    if (m%s%places(place)%body == 0) return
+    list%n = list%n + 1
+    list%body(list%n) = m%s%places(place)%body
+    list%row(list%n) = row
+    list%place(list%n) = place
+    list%kind(list%n) = kind
+  end subroutine add_end
+
+  !> Springs, curved joints and loads that need rows.
+  subroutine list_laws(r, m, list)
+    type(row_system), intent(inout) :: r
+    type(mechanism_model), intent(in) :: m
+    type(end_list), intent(inout) :: list
+    type(coupling), allocatable :: all(:)
+    integer :: k, n
+    allocate (all(size(m%s%constraints) + size(m%s%springs) + size(m%s%loads)))
+    n = 0
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        if (.not. c%curved()) cycle
+        if (c%turns_b()) then
+          if (m%s%places(c%ib)%body == 0) cycle        ! a line fixed to the ground is straight
+          all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5, 6])
+        else
+          all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5])
+        end if
+      end associate
+    end do
+    do k = 1, size(m%s%springs)
+      associate (s => m%s%springs(k))
+        if (s%torsional) all(n + 1) = new_law(from_spring, k, s%ia, s%ib, [3, 6])
+        if (.not. s%torsional) all(n + 1) = new_law(from_spring, k, s%ia, s%ib, [1, 2, 4, 5])
+        if (.not. s%torsional .and. s%damping > 0.0_wp) call add_rates(all(n), s%ia, s%ib)
+      end associate
+    end do
+    do k = 1, size(m%s%loads)
+      associate (l => m%s%loads(k))
+        if (l%kind == load_about) all(n + 1) = new_law(from_load, k, l%place, l%place, [1, 2])
+        if (l%kind == load_force .and. l%axes == axes_section) all(n + 1) = new_law(from_load, k, l%place, l%place, [1, 2, 3])
+      end associate
+    end do
+    r%laws = all(1:n)
+  contains
+    !> A law between components of places a (1 to 3) and b (4 to 6); counts it.
+    function new_law(kind, item, ia, ib, slots) result(t)
+      integer, intent(in) :: kind, item, ia, ib, slots(:)
+      type(coupling) :: t
+      integer :: j, i
+      t%kind = kind
+      t%item = item
+      n = n + 1
+      do j = 1, size(slots)
+        i = soft_row(merge(ia, ib, slots(j) <= 3), mod(slots(j) - 1, 3) + 1)
+        if (i == 0) cycle
+        t%n = t%n + 1
+        t%row(t%n) = i
+        t%slot(t%n) = slots(j)
+      end do
+    end function new_law
+
+    !> Row of a place's component, made where there is none yet; 0 on the ground.
+    integer function soft_row(place, component)
+      integer, intent(in) :: place, component
+      soft_row = 0
+      if (m%s%places(place)%body == 0) return
+      if (list%soft(component, place) == 0) then
+        r%n = r%n + 1
+        list%soft(component, place) = r%n
+        call add_end(list, m, place, r%n, component)
+      end if
+      soft_row = list%soft(component, place)
+    end function soft_row
+
+    !> Rate rows of a damper.
+    subroutine add_rates(t, ia, ib)
+      type(coupling), intent(inout) :: t
+      integer, intent(in) :: ia, ib
+      integer :: c, i, slot
+      do slot = 1, 5
+        if (slot == 3) cycle
+        c = mod(slot - 1, 3) + 1
+        i = soft_row(merge(ia, ib, slot <= 3), 3 + c)
+        if (i == 0) cycle
+        t%nr = t%nr + 1
+        t%rate(t%nr) = i
+        t%rate_slot(t%nr) = slot
+      end do
+    end subroutine add_rates
+  end subroutine list_laws
+
+  !> Sorts the ends by body.
+  subroutine sort_ends(r, m, list)
+    type(row_system), intent(inout) :: r
+    type(mechanism_model), intent(in) :: m
+    type(end_list), intent(in) :: list
+    integer, allocatable :: fill(:)
+    logical, allocatable :: moves(:), turns_a(:), turns_b(:)
+    integer :: nb, n, k, i
+    nb = size(m%s%bodies)
+    n = list%n
+    allocate (r%first(nb + 1), r%row(n), r%place(n), r%kind(n), r%local(n), source=0)
+    allocate (r%wr(3, n), r%wc(3, n), r%jr(3, n), r%jc(3, n), r%mj(3, n), source=0.0_wp)
+    allocate (r%acts(3, n), source=.false.)
+    allocate (moves(r%nc), turns_a(r%nc), turns_b(r%nc))
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        moves(c%first:c%first + c%rows - 1) = c%moves()
+        turns_a(c%first:c%first + c%rows - 1) = c%turns_a()
+        turns_b(c%first:c%first + c%rows - 1) = c%turns_b()
+      end associate
+    end do
+    do k = 1, n
+      r%first(list%body(k) + 1) = r%first(list%body(k) + 1) + 1
+    end do
+    r%first(1) = 1
+    do k = 1, nb
+      r%first(k + 1) = r%first(k + 1) + r%first(k)
+    end do
+    fill = r%first(1:nb)
+    do k = 1, n
+      i = fill(list%body(k))
+      fill(list%body(k)) = i + 1
+      r%row(i) = list%row(k)
+      r%place(i) = list%place(k)
+      r%kind(i) = list%kind(k)
+      select case (r%kind(i))
+      case (-1)
+        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), turns_a(r%row(i))]
+      case (-2)
+        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), turns_b(r%row(i))]
+      case (3)
+        r%acts(3, i) = .true.
+      case default
+        r%acts(1:2, i) = .true.
+      end select
+    end do
+  end subroutine sort_ends
+
+  !> Orders the rows: rows meet in bodies, and through laws each soft row meets all rows of the bodies its law joins.
+  subroutine order_rows(r)
+    type(row_system), intent(inout) :: r
+    integer, allocatable :: rows(:), cols(:), order(:), starts(:), body(:)
+    integer :: k, n, b, e, f, i, j, pass
+    allocate (body(r%n), source=0)          ! of soft rows
+    do b = 1, size(r%first) - 1
+      do e = r%first(b), r%first(b + 1) - 1
+        body(r%row(e)) = b
+      end do
+    end do
+    do pass = 1, 2
+      n = 0
+      do b = 1, size(r%first) - 1
+        do e = r%first(b), r%first(b + 1) - 1
+          do f = r%first(b), e - 1
+            call pair(r%row(e), r%row(f))
+          end do
+        end do
+      end do
+      do k = 1, size(r%laws)
+        associate (t => r%laws(k))
+          do i = 1, t%n
+            do j = 1, t%n
+              b = body(t%row(j))
+              do e = r%first(b), r%first(b + 1) - 1
+                call pair(t%row(i), r%row(e))
+              end do
+            end do
+            do j = 1, t%nr
+              call pair(t%row(i), t%rate(j))
+            end do
+          end do
+        end associate
+      end do
+      if (pass == 1) allocate (rows(n), cols(n))
+    end do
+    call reverse_cuthill_mckee(r%n, rows, cols, order, starts)
+    allocate (r%position(r%n), r%pivots(r%n))
+    r%position(order) = [(k, k=1, r%n)]
+    r%kd = 0
+    do k = 1, n
+      r%kd = max(r%kd, abs(r%position(rows(k)) - r%position(cols(k))))
+    end do
+    allocate (r%s(-r%kd:r%kd, r%n), r%e(-r%kd:r%kd, r%n), r%lu(3*r%kd + 1, r%n), r%scale(r%n), r%d(r%n), r%y(r%n), &
+              r%x(r%n), source=0.0_wp)
+  contains
+    !> Counts a pair, and in the second pass notes it.
+    subroutine pair(x, y)
+      integer, intent(in) :: x, y
+      if (x == y) return
+      n = n + 1
+      if (pass == 1) return
+      rows(n) = x
+      cols(n) = y
+    end subroutine pair
+  end subroutine order_rows
+end module implicit_row_lists

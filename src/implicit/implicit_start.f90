@@ -1,0 +1,253 @@
+!> Start of the implicit method at a consistent state, change of its step, and the state that it reports. Index 3: positions
+!> satisfy Phi = 0; the velocities that the method carries are off Phi' = 0 by its own O(h2), what is reported is projected.
+module implicit_start
+  use kinds, only: wp, ip
+  use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use generalized_alpha, only: step_coefficients
+  use implicit_condensation, only: trial_correction
+  use implicit_ghm, only: set_terms, begin_terms
+  use implicit_model, only: implicit_solver
+  use implicit_newton, only: trial_residual, trial_tangent, constant_blocks
+  use mechanism, only: mechanism_model
+  use projection, only: project
+  implicit none (type, external)
+  private
+  public :: start_method, change_step, restore_factors, widen_scales, reported_state, same_step, full_state
+
+contains
+
+  !> Starts (or starts again, after a jump of loads) at a consistent state y at time t: accelerations and multipliers from
+  !> the equations, and what index-3 solutions differ from them by (Arnold, Bruels & Cardona 2015).
+  subroutine start_method(self, m, t, h, y)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t, h              !! [s]
+    real(wp), intent(in) :: y(:)              !! the state (layout in `scene_model`)
+    integer :: nq, nz
+    nq = m%s%nq
+    nz = m%s%nz
+    self%q = y(1:nq)
+    self%v = y(nq + 1:2*nq)
+    self%z = y(2*nq + 1:2*nq + nz)
+    self%zd = y(2*nq + nz + 1:2*nq + 2*nz)
+    self%dissipated = y(2*nq + 2*nz + 1)
+    self%work = y(2*nq + 2*nz + 2)
+    m%left = .false.
+    call evaluate(m, t, self%q, self%v, self%z, self%zd)
+    self%vd = m%a
+    self%a = m%a
+    self%acceleration(1:nq) = m%a
+    self%acceleration(nq + 1:) = m%zdd
+    self%zdd = m%zdd
+    self%az = m%zdd
+    self%lambda = m%lambda
+    self%power = m%dissipated_power
+    self%input = m%input_power
+    self%h_before = 0.0_wp
+    self%exact_left = 0
+    call set_step(self, m, h)
+    call smooth_start(self, m, t)
+    call evaluate(m, t, self%q, self%v, self%z, self%zd)
+    if (m%s%rows > 0) call start_offsets(self, m, t, h)
+    call widen_scales(self)
+  end subroutine start_method
+
+  !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M v' within the constraints. Motion much faster than the
+  !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps v' to
+  !> second order.
+  subroutine smooth_start(self, m, t)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    integer :: b, i, n, k
+    logical :: bad
+    m%left = .false.
+    call begin_terms(self, m)
+    self%q1 = self%q
+    self%v1 = self%v
+    self%lambda1 = self%lambda
+    self%vd1 = self%vd
+    call trial_residual(self, m, t)
+    do b = 1, size(self%b)
+      i = m%s%qo(b)
+      n = self%b(b)%nf
+      self%change(i + 1:i + 3) = self%b(b)%rr
+      if (n > 0) self%change(i + 4:i + 3 + n) = self%b(b)%ff(1:n)
+    end do
+    self%vd1 = 0.0_wp
+    call trial_residual(self, m, t)
+    do b = 1, size(self%b)                    ! -c1 M v'
+      i = m%s%qo(b)
+      n = self%b(b)%nf
+      self%b(b)%rr = self%now%c1*(self%b(b)%rr - self%change(i + 1:i + 3))
+      if (n > 0) self%b(b)%ff(1:n) = self%now%c1*(self%b(b)%ff(1:n) - self%change(i + 4:i + 3 + n))
+    end do
+    self%exact = .false.
+    call trial_tangent(self, m, t, bad)
+    if (bad) return
+    call place_kinematics(m, self%q, self%vd)
+    call row_rates(m, m%rows%phi)             ! Phi x = Phi v'
+    m%rows%phi = m%rows%phi_t - m%rows%phi
+    call trial_correction(self, m)
+    if (.not. all(abs(self%dq) < huge(1.0_wp))) return
+    self%vd = self%dq
+    self%a = self%dq
+    do k = 1, size(self%terms)
+      associate (g => self%terms(k), d => self%now%d1*self%terms(k)%dinv)
+        self%zdd(g%o + 1:g%o + g%n) = d*self%zdd(g%o + 1:g%o + g%n)
+        self%az(g%o + 1:g%o + g%n) = self%zdd(g%o + 1:g%o + g%n)
+      end associate
+    end do
+  end subroutine smooth_start
+
+  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts.
+  subroutine start_offsets(self, m, t, h)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t, h
+    integer :: k, i
+    self%q1 = self%q + h*self%v + 0.5_wp*h**2*self%vd       ! constraint kinematics a step later: d/dt of Phi_q v' - gamma
+    self%v1 = self%v + h*self%vd
+    call set_frames(m, self%q1)
+    call place_kinematics(m, self%q1, self%v1)
+    call constraint_values(m, t + h)
+    do k = 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item, r => m%rows)
+        do i = c%first, c%first + c%rows - 1
+          self%lambda1(i) = r%extra(i) + dot_product(r%na(:, i), m%p%bias(:, c%ia)) &
+                            + dot_product(r%nb(:, i), m%p%bias(:, c%ib))
+        end do
+      end associate
+    end do
+    call place_kinematics(m, self%q1, self%vd)
+    call row_rates(m, m%schur%r)
+    self%lambda1 = (self%lambda1 + m%schur%r - m%rows%phi_t)/h
+    call set_frames(m, self%q)                ! back to the factors' own configuration
+    call m%schur%solve(self%lambda1)
+    call apply_multipliers(m, self%lambda1, self%dq)        ! the constrained part of v''
+    self%a = self%a + self%method%lag*h*self%dq
+    self%v = self%v - self%method%offset*h**2*self%dq
+    self%lambda1 = self%lambda
+  end subroutine start_offsets
+
+  !> Coefficients and constant factors of a step size.
+  subroutine set_step(self, m, h)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: h                 !! [s]
+    logical :: bad
+    if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
+    self%stale = .false.
+    self%now = step_coefficients(self%method, h)
+    call set_terms(self, m)
+    call constant_blocks(self, m, bad)
+    if (bad) self%exact_left = huge(0)        ! cannot happen with positive definite mass; the exact block decides then
+  end subroutine set_step
+
+  !> After a restart: the factors of the step, which count as made before it.
+  subroutine restore_factors(self, m)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    integer(ip) :: count
+    count = self%constant_factors
+    call set_step(self, m, self%now%h)
+    self%constant_factors = count
+  end subroutine restore_factors
+
+  !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008); where
+  !> constraints hold, v, v' and a are made anew, because there they carry the rounding of Phi = 0 over h and h2.
+  subroutine change_step(self, m, t, h, y)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t, h              !! [s]
+    real(wp), intent(inout) :: y(:)           !! work: the projected state
+    real(wp) :: ratio
+    integer :: nq
+    ratio = h/self%now%h
+    self%a = ratio*(self%a - self%vd)
+    self%az = self%zdd + ratio*(self%az - self%zdd)
+    call set_step(self, m, h)
+    if (m%s%rows > 0) then
+      nq = m%s%nq
+      call reported_state(self, m, t, y)
+      self%q = y(1:nq)
+      self%v = y(nq + 1:2*nq)
+      self%vd = m%a
+      self%lambda = m%lambda
+      call place_kinematics(m, self%q, self%a)
+      call row_rates(m, self%lambda1)
+      self%lambda1 = self%lambda1 - m%rows%phi_t
+      call m%schur%solve(self%lambda1)
+      call apply_multipliers(m, self%lambda1, self%dq)
+      self%a = self%vd + self%a + self%dq
+      call start_offsets(self, m, t, h)
+    else
+      self%a = self%vd + self%a
+    end if
+  end subroutine change_step
+
+  !> Running maxima of the groups of every body.
+  subroutine widen_scales(self)
+    type(implicit_solver), intent(inout) :: self
+    integer :: i, g
+    logical :: wider
+    wider = self%unit(1) <= 0.0_wp
+    do i = 1, size(self%q)
+      g = self%group(i)
+      if (mod(g, 4) == 1 .or. mod(g, 4) == 2) cycle         ! frames: the scene's size and one radian
+      if (self%weight(i)*abs(self%q(i)) > self%scale(g)) then
+        self%scale(g) = self%weight(i)*abs(self%q(i))
+        wider = .true.
+      end if
+    end do
+    if (.not. wider) return
+    do i = 1, size(self%q)
+      self%unit(i) = self%weight(i)/self%scale(self%group(i))
+    end do
+  end subroutine widen_scales
+
+  !> The projected state with its evaluation (accelerations, multipliers in m); the method's own variables stay.
+  subroutine reported_state(self, m, t, y, ok)
+    type(implicit_solver), intent(in) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout) :: y(:)           !! (layout in `scene_model`)
+    logical, intent(out), optional :: ok
+    integer :: nq
+    logical :: done
+    nq = m%s%nq
+    call full_state(self, y)
+    m%left = .false.
+    m%broken = .false.
+    done = .true.
+    call evaluate(m, t, self%q, self%v, self%z, self%zd)
+    if (m%s%rows > 0) then
+      call project(m, t, y(1:nq), y(nq + 1:2*nq), self%z, self%zd, done)
+      call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), self%z, self%zd)
+    end if
+    if (present(ok)) ok = done .and. .not. m%broken
+  end subroutine reported_state
+
+  !> Whether a step is the present one, but for the rounding of times.
+  pure function same_step(self, h) result(yes)
+    type(implicit_solver), intent(in) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    logical :: yes
+    yes = abs(h - self%now%h) <= 1.0e-9_wp*h
+  end function same_step
+
+  !> The method's own state (velocities not projected) in the layout of `scene_model`.
+  pure subroutine full_state(self, y)
+    type(implicit_solver), intent(in) :: self
+    real(wp), intent(inout) :: y(:)
+    integer :: nq, nz
+    nq = size(self%q)
+    nz = size(self%z)
+    y(1:nq) = self%q
+    y(nq + 1:2*nq) = self%v
+    y(2*nq + 1:2*nq + nz) = self%z
+    y(2*nq + nz + 1:2*nq + 2*nz) = self%zd
+    y(2*nq + 2*nz + 1) = self%dissipated
+    y(2*nq + 2*nz + 2) = self%work
+  end subroutine full_state
+end module implicit_start
