@@ -154,7 +154,7 @@ contains
       call start_method(self%solver, m, self%t, h, self%y)
       self%started = .true.
     else if (.not. same_step(self%solver, h)) then
-      call change_step(self%solver, m, self%t, h, self%y)
+      call change_step(self%solver, m, self%t, h)
     end if
   end subroutine ready
 

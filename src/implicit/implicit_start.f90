@@ -2,7 +2,7 @@
 !> satisfy Phi = 0; the velocities that the method carries are off Phi' = 0 by its own O(h2), what is reported is projected.
 module implicit_start
   use kinds, only: wp, ip
-  use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates
   use generalized_alpha, only: step_coefficients
   use implicit_condensation, only: trial_correction
   use implicit_ghm, only: set_terms, begin_terms
@@ -24,6 +24,7 @@ contains
     real(wp), intent(in) :: t, h              !! [s]
     real(wp), intent(in) :: y(:)              !! the state (layout in `scene_model`)
     integer :: nq, nz
+    logical :: bad
     nq = m%s%nq
     nz = m%s%nz
     self%q = y(1:nq)
@@ -46,21 +47,20 @@ contains
     self%h_before = 0.0_wp
     self%exact_left = 0
     call set_step(self, m, h)
-    call smooth_start(self, m, t)
-    call evaluate(m, t, self%q, self%v, self%z, self%zd)
-    if (m%s%rows > 0) call start_offsets(self, m, t, h)
+    call smooth_start(self, m, t, bad)
+    if (m%s%rows > 0 .and. .not. bad) call add_offsets(self, m, t, h)
     call widen_scales(self)
   end subroutine start_method
 
   !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M v' within the constraints. Motion much faster than the
   !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps v' to
   !> second order.
-  subroutine smooth_start(self, m, t)
+  subroutine smooth_start(self, m, t, bad)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                 !! [s]
+    logical, intent(out) :: bad               !! no tangent
     integer :: b, i, n, k
-    logical :: bad
     m%left = .false.
     call begin_terms(self, m)
     self%q1 = self%q
@@ -89,7 +89,8 @@ contains
     call row_rates(m, m%rows%phi)             ! Phi x = Phi v'
     m%rows%phi = m%rows%phi_t - m%rows%phi
     call trial_correction(self, m)
-    if (.not. all(abs(self%dq) < huge(1.0_wp))) return
+    bad = .not. all(abs(self%dq) < huge(1.0_wp))
+    if (bad) return
     self%vd = self%dq
     self%a = self%dq
     do k = 1, size(self%terms)
@@ -100,17 +101,33 @@ contains
     end do
   end subroutine smooth_start
 
-  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts.
-  subroutine start_offsets(self, m, t, h)
+  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts. Directions are
+  !> those of the tangent that stands, so that stiff motion moves in equilibrium with them.
+  subroutine add_offsets(self, m, t, h)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t, h
-    integer :: k, i
     self%q1 = self%q + h*self%v + 0.5_wp*h**2*self%vd       ! constraint kinematics a step later: d/dt of Phi_q v' - gamma
     self%v1 = self%v + h*self%vd
-    call set_frames(m, self%q1)
-    call place_kinematics(m, self%q1, self%v1)
-    call constraint_values(m, t + h)
+    call acceleration_rows(self, m, t + h, self%q1, self%v1)
+    self%lambda1 = -self%lambda1/h            ! Phi_q v''
+    call set_frames(m, self%q)
+    call along_rows(self, m, self%lambda1)
+    self%a = self%a + self%method%lag*h*self%dq
+    self%v = self%v - self%method%offset*h**2*self%dq
+    self%lambda1 = self%lambda
+  end subroutine add_offsets
+
+  !> lambda1 <- second derivatives of all rows at positions q, rates v and the accelerations self%vd.
+  subroutine acceleration_rows(self, m, t, q, v)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq)
+    integer :: k, i
+    call set_frames(m, q)
+    call place_kinematics(m, q, v)
+    call constraint_values(m, t)
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item, r => m%rows)
         do i = c%first, c%first + c%rows - 1
@@ -119,16 +136,24 @@ contains
         end do
       end associate
     end do
-    call place_kinematics(m, self%q1, self%vd)
+    call place_kinematics(m, q, self%vd)
     call row_rates(m, m%schur%r)
-    self%lambda1 = (self%lambda1 + m%schur%r - m%rows%phi_t)/h
-    call set_frames(m, self%q)                ! back to the factors' own configuration
-    call m%schur%solve(self%lambda1)
-    call apply_multipliers(m, self%lambda1, self%dq)        ! the constrained part of v''
-    self%a = self%a + self%method%lag*h*self%dq
-    self%v = self%v - self%method%offset*h**2*self%dq
-    self%lambda1 = self%lambda
-  end subroutine start_offsets
+    self%lambda1 = self%lambda1 + m%schur%r - m%rows%phi_t
+  end subroutine acceleration_rows
+
+  !> dq with Phi_q dq = goal and T dq + Phi_q^T mu = 0, T the tangent that stands.
+  subroutine along_rows(self, m, goal)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: goal(:)           !! (rows)
+    integer :: b
+    do b = 1, size(self%b)
+      self%b(b)%rr = 0.0_wp
+      if (self%b(b)%nf > 0) self%b(b)%ff = 0.0_wp
+    end do
+    m%rows%phi = -goal
+    call trial_correction(self, m)
+  end subroutine along_rows
 
   !> Coefficients and constant factors of a step size.
   subroutine set_step(self, m, h)
@@ -154,37 +179,64 @@ contains
     self%constant_factors = count
   end subroutine restore_factors
 
-  !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008); where
-  !> constraints hold, v, v' and a are made anew, because there they carry the rounding of Phi = 0 over h and h2.
-  subroutine change_step(self, m, t, h, y)
+  !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008). Where
+  !> constraints hold, v, v' and a carry the rounding of Phi = 0 over h and h2 and the offsets of the old step: these are taken
+  !> off in the old step's directions, and those of the new step are added in its own.
+  subroutine change_step(self, m, t, h)
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t, h              !! [s]
-    real(wp), intent(inout) :: y(:)           !! work: the projected state
     real(wp) :: ratio
-    integer :: nq
+    logical :: bad
     ratio = h/self%now%h
     self%a = ratio*(self%a - self%vd)
     self%az = self%zdd + ratio*(self%az - self%zdd)
+    if (m%s%rows > 0) then
+      call tangent_here(self, m, t, bad)
+      if (.not. bad) call take_off(self, m, t)
+    end if
+    self%a = self%vd + self%a
     call set_step(self, m, h)
     if (m%s%rows > 0) then
-      nq = m%s%nq
-      call reported_state(self, m, t, y)
-      self%q = y(1:nq)
-      self%v = y(nq + 1:2*nq)
-      self%vd = m%a
-      self%lambda = m%lambda
-      call place_kinematics(m, self%q, self%a)
-      call row_rates(m, self%lambda1)
-      self%lambda1 = self%lambda1 - m%rows%phi_t
-      call m%schur%solve(self%lambda1)
-      call apply_multipliers(m, self%lambda1, self%dq)
-      self%a = self%vd + self%a + self%dq
-      call start_offsets(self, m, t, h)
-    else
-      self%a = self%vd + self%a
+      call tangent_here(self, m, t, bad)
+      if (.not. bad) call add_offsets(self, m, t, h)
     end if
   end subroutine change_step
+
+  !> The tangent of the present step at the state from which it starts.
+  subroutine tangent_here(self, m, t, bad)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    logical, intent(out) :: bad
+    if (self%stale) call restore_factors(self, m)
+    m%left = .false.
+    call begin_terms(self, m)
+    self%q1 = self%q
+    self%v1 = self%v
+    self%vd1 = self%vd
+    self%lambda1 = self%lambda
+    self%exact = .false.
+    call trial_residual(self, m, t)
+    call trial_tangent(self, m, t, bad)
+  end subroutine tangent_here
+
+  !> v, v' and a - v' (in self%a) onto the derivatives of Phi = 0.
+  subroutine take_off(self, m, t)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    call row_rates(m, self%lambda1)
+    call along_rows(self, m, -self%lambda1)
+    self%v = self%v + self%dq
+    call acceleration_rows(self, m, t, self%q, self%v)
+    call along_rows(self, m, -self%lambda1)
+    self%vd = self%vd + self%dq
+    call place_kinematics(m, self%q, self%a)
+    call row_rates(m, self%lambda1)
+    call along_rows(self, m, m%rows%phi_t - self%lambda1)
+    self%a = self%a + self%dq
+  end subroutine take_off
 
   !> Running maxima of the groups of every body.
   subroutine widen_scales(self)
