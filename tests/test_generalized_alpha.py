@@ -259,3 +259,26 @@ def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
         kept = [line for line in summary.splitlines() if not line.strip().startswith("timing:")]
         texts.append([(results / f"{n}.txt").read_bytes() for n in ("history", "energy")] + [kept])
     assert texts[0] == texts[1]
+
+
+def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_deck):
+    """Two four-bars in a row (IFToMM A02, N = 2) through all their change points: end values of the exact reduction."""
+    deck = "&scene gravity=0.0,-9.81 /\n"
+    for k in range(3):
+        spin = "angular_velocity=-1.0" if k == 0 else ""
+        deck += (
+            f"&body name='v{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,0.0 angle={np.pi / 2} {spin} /\n"
+        )
+        deck += f"&joint name='g{k}' type='revolute' body_a='v{k}' point_b={k}.0,0.0 /\n"
+    for k in range(2):
+        deck += f"&body name='h{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,1.0 /\n"
+        deck += f"&joint name='l{k}' type='revolute' body_a='h{k}' body_b='v{k}' point_b=1.0,0.0 /\n"
+        deck += f"&joint name='r{k}' type='revolute' body_a='h{k}' point_a=1.0,0.0 body_b='v{k + 1}' point_b=1.0,0.0 /\n"
+    deck += "&sensor name='b' quantity='position' body='v0' point=1.0,0.0 /\n"
+    errors = []
+    for step in (1e-3, 5e-4):
+        run = run_deck(deck + march(f"t_end=10.0 step={step} output_step=0.01"), name=f"s{step}")
+        errors.append(abs(run.history["b.x"][-1] - 0.3284581115347))
+        assert run.energy["position_violation"].max() < 1e-12
+    assert errors[1] < 1e-5
+    assert np.log2(errors[0] / errors[1]) > 1.9

@@ -13,7 +13,7 @@ module implicit_rows
   public :: coupling, row_system, factor_rows, solve_rows
 
   integer, parameter, public :: from_joint = 1, from_spring = 2, from_load = 3
-  real(wp), parameter :: shift = 1.0e-11_wp  !! added to the diagonal of constraint rows, relative: dependent rows [-]
+  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of row_system%shift [-]
 
   !> A law between soft rows: force_i = sum_j k_ij u_j + g_ij y_j.
   type :: coupling
@@ -54,6 +54,7 @@ module implicit_rows
     real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows
     real(wp), allocatable :: y(:)            !! (n) solution, by row
     real(wp), allocatable :: x(:)            !! (n) right-hand side, by position
+    real(wp) :: shift = light_shift          !! added to the diagonal of constraint rows, relative: dependent rows [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
 
@@ -70,7 +71,7 @@ contains
     do i = 1, r%nc
       p = r%position(i)
       r%e(:, p) = r%s(:, p)
-      r%e(0, p) = r%e(0, p)*(1 + shift)
+      r%e(0, p) = r%e(0, p)*(1 + r%shift)
     end do
     do i = r%nc + 1, n
       p = r%position(i)

@@ -9,6 +9,7 @@ module implicit_step
   use implicit_ghm, only: begin_terms, end_terms, dissipated_in_bodies
   use implicit_model, only: implicit_solver
   use implicit_newton, only: trial_residual, trial_tangent, trial_elastic
+  use implicit_rows, only: light_shift, strong_shift
   use implicit_start, only: restore_factors, widen_scales
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -38,14 +39,19 @@ contains
     self%exact = self%exact_left > 0
     call predict(self)
     call newton(self, m, t1, ok, slowly)
-    if (slowly .or. .not. ok) then
-      if (.not. self%exact) self%exact_left = exact_steps
-      if (.not. ok .and. .not. self%exact) then
+    if ((slowly .or. .not. ok) .and. .not. self%exact) then
+      self%exact_left = exact_steps
+      if (.not. ok) then
         self%exact = .true.
         call predict(self)
         call newton(self, m, t1, ok, slowly)
       end if
     end if
+    if (ok .or. self%rows%nc == 0) return
+    self%rows%shift = strong_shift              ! a singular position: rows that depend on others there are held back
+    call predict(self)
+    call newton(self, m, t1, ok, slowly)
+    self%rows%shift = light_shift
   end subroutine try_step
 
   !> First guess: the accelerations of the step's start.
