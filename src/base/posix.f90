@@ -36,6 +36,7 @@ module posix
       integer(c_int), value :: flags
       integer(c_int) :: fd
     end function c_open
+    !> write(2): bytes to an open file; how many were taken, -1 on failure.
     function c_write(fd, bytes, count) bind(c, name='write') result(done)
       import :: c_char, c_int, c_size_t, c_long
       integer(c_int), value :: fd
@@ -43,6 +44,7 @@ module posix
       integer(c_size_t), value :: count
       integer(c_long) :: done
     end function c_write
+    !> lseek(2): where the next byte of an open file goes.
     function c_lseek(fd, offset, whence) bind(c, name='lseek') result(position)
       import :: c_int, c_long
       integer(c_int), value :: fd, whence

@@ -87,7 +87,7 @@ module implicit_model
     real(wp) :: h_before = 0.0_wp            !! and its size [s], 0: none
     integer :: exact_left = 0                !! steps that still use the exact block
     ! the trial step
-    real(wp), allocatable :: q1(:), v1(:), vd1(:), lambda1(:), dq(:)
+    real(wp), allocatable :: q1(:), v1(:), vd1(:), lambda1(:), dq(:)   !! [m, rad], their rates, [N] and a correction
     real(wp), allocatable :: pre(:), zk(:)   !! (nz) what the past adds to az, z
     real(wp), allocatable :: spring_z(:), spring_zd(:)    !! (nz) of springs at the trial state
     real(wp), allocatable :: fp(:, :)        !! (3, places) residual force (body axes) and moment

@@ -43,11 +43,11 @@ module generalized_alpha
     real(wp) :: va = 0.0_wp             !! h (1 - gamma) [s]
     real(wp) :: va1 = 0.0_wp            !! h gamma [s]
     real(wp) :: ad1 = 0.0_wp            !! a1 = ad1 v1' + ad v' + aa a [-]
-    real(wp) :: ad = 0.0_wp
-    real(wp) :: aa = 0.0_wp
+    real(wp) :: ad = 0.0_wp             !! [-]
+    real(wp) :: aa = 0.0_wp             !! [-]
     real(wp) :: d1 = 0.0_wp             !! v1' = d1 a1 + da a + dd v' [-]
-    real(wp) :: da = 0.0_wp
-    real(wp) :: dd = 0.0_wp
+    real(wp) :: da = 0.0_wp             !! [-]
+    real(wp) :: dd = 0.0_wp             !! [-]
   end type alpha_step
 
 contains

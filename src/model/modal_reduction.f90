@@ -5,7 +5,7 @@ module modal_reduction
   use banded, only: band_factor, factor_symmetric, band_solve
   use beam_element, only: element_stiffness, element_mass, element_gyroscopic
   use body, only: body_model, ghm_run
-  use body_setup, only: mass_triplets
+  use body_setup, only: mass_triplets, add_lower
   use lapack, only: dsygvd
   implicit none (type, external)
   private
@@ -21,20 +21,12 @@ contains
     integer, allocatable, intent(out) :: rows(:), cols(:)
     real(wp), allocatable, intent(out) :: values(:)     !! [N/m, N, N m]
     real(wp) :: k(6, 6)
-    integer :: e, i, j, n
+    integer :: e, n
     allocate (rows(21*b%ne), cols(21*b%ne), values(21*b%ne))
     n = 0
     do e = 1, b%ne
       k = element_stiffness(b%elements(e))
-      do i = 1, 6
-        do j = 1, i
-          if (b%edof(i, e) == 0 .or. b%edof(j, e) == 0 .or. abs(k(i, j)) <= 0.0_wp) cycle
-          n = n + 1
-          rows(n) = b%edof(i, e)
-          cols(n) = b%edof(j, e)
-          values(n) = k(i, j)
-        end do
-      end do
+      call add_lower(b%edof(:, e), k, rows, cols, values, n)
     end do
     rows = rows(1:n)
     cols = cols(1:n)
