@@ -3,7 +3,7 @@ module sensors
   use kinds, only: wp
   use deck_records, only: deck, sensor_record
   use dynamics, only: one_place
-  use build_scene, only: make_place
+  use build_places, only: make_place
   use beam_element, only: deformation_matrix
   use body, only: body_model
   use mechanism, only: mechanism_model

@@ -1,0 +1,145 @@
+!> Joints and drives of the model from their records: the factories of both.
+module build_constraints
+  use kinds, only: wp, pi
+  use build_history, only: make_history
+  use build_places, only: place_table, find_place
+  use constraint, only: constraint_model
+  use deck_records, only: deck, place_record, joint_record, drive_record
+  use distance_joint, only: distance_model
+  use errors, only: fault_list
+  use history, only: history_function, corner
+  use line_joint, only: line_model
+  use pin_joint, only: pin_model
+  use rotation_drive, only: rotation_model
+  use scene_model, only: scene
+  implicit none (type, external)
+  private
+  public :: build_all_constraints
+
+contains
+
+  !> Joints, then drives, with their rows numbered.
+  subroutine build_all_constraints(d, s, places, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s
+    type(place_table), intent(inout) :: places
+    type(fault_list), intent(inout) :: faults
+    integer :: k, n
+    s%joints = size(d%joints)
+    allocate (s%constraints(size(d%joints) + size(d%drives)))
+    do k = 1, size(s%constraints)
+      if (k <= s%joints) then
+        call make_joint(d, d%joints(k), s%constraints(k)%item)
+        call find_ends(d%joints(k)%a, d%joints(k)%b, s%constraints(k)%item)
+      else
+        n = k - s%joints
+        call make_drive(d, d%drives(n), s%constraints(k)%item, faults)
+        call find_ends(d%drives(n)%a, d%drives(n)%b, s%constraints(k)%item)
+      end if
+      s%constraints(k)%item%first = s%rows + 1
+      s%constraints(k)%item%size = s%size
+      s%rows = s%rows + s%constraints(k)%item%rows
+    end do
+  contains
+    !> Places of both ends.
+    subroutine find_ends(a, b, c)
+      type(place_record), intent(in) :: a, b
+      class(constraint_model), intent(inout) :: c
+      c%ia = find_place(s, places, a)
+      c%ib = find_place(s, places, b)
+    end subroutine find_ends
+  end subroutine build_all_constraints
+
+  !> The factory of joints: the deck's word into the kind.
+  subroutine make_joint(d, r, item)
+    type(deck), intent(in) :: d
+    type(joint_record), intent(in) :: r
+    class(constraint_model), allocatable, intent(out) :: item
+    type(pin_model) :: pin
+    type(line_model) :: line
+    type(distance_model) :: distance
+    select case (r%type)
+    case ('revolute', 'weld')
+      pin%name = r%name
+      pin%welded = r%type == 'weld'
+      pin%rows = merge(3, 2, pin%welded)
+      pin%angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
+      allocate (item, source=pin)
+    case ('slider', 'prismatic')
+      line%name = r%name
+      line%prismatic = r%type == 'prismatic'
+      line%rows = merge(2, 1, line%prismatic)
+      line%direction = r%direction + pi/2
+      line%angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
+      allocate (item, source=line)
+    case default
+      distance%name = r%name
+      distance%rows = 1
+      distance%length = r%length
+      distance%pending = .not. r%has_length
+      allocate (item, source=distance)
+    end select
+  end subroutine make_joint
+
+  !> Angle of a body in the deck, 0 for the ground [rad].
+  pure function deck_angle(d, k) result(angle)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: k
+    real(wp) :: angle
+    angle = 0.0_wp
+    if (k > 0) angle = d%bodies(k)%angle
+  end function deck_angle
+
+  !> The factory of drives.
+  subroutine make_drive(d, r, item, faults)
+    type(deck), intent(in) :: d
+    type(drive_record), intent(in) :: r
+    class(constraint_model), allocatable, intent(out) :: item
+    type(fault_list), intent(inout) :: faults
+    type(rotation_model) :: rotation
+    type(line_model) :: line
+    type(history_function) :: h
+    call make_history(d%histories(r%history), h)
+    call check_smooth(d, r, h, faults)
+    if (r%type == 'rotation') then
+      rotation%name = r%name
+      rotation%rows = 1
+      rotation%drive = .true.
+      rotation%rate = r%rate
+      rotation%target = h
+      allocate (item, source=rotation)
+    else
+      line%name = r%name
+      line%rows = 1
+      line%drive = .true.
+      line%rate = r%rate
+      line%target = h
+      line%direction = r%direction
+      allocate (item, source=line)
+    end if
+  end subroutine make_drive
+
+  !> A drive cannot follow a jump, nor a jump of slope where the quantity itself is driven.
+  subroutine check_smooth(d, r, h, faults)
+    type(deck), intent(in) :: d
+    type(drive_record), intent(in) :: r
+    type(history_function), intent(in) :: h
+    type(fault_list), intent(inout) :: faults
+    type(corner), allocatable :: corners(:)
+    character(24) :: text
+    real(wp) :: until
+    integer :: k
+    corners = h%corners()
+    until = huge(1.0_wp)
+    if (d%transient%present) until = d%transient%t_end
+    do k = 1, size(corners)
+      if (corners(k)%time <= 0.0_wp .or. corners(k)%time >= until) cycle
+      if (corners(k)%order > merge(0, 1, r%rate)) cycle
+      write (text, '(es12.5)') corners(k)%time
+      call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
+                      merge(' of slope', '         ', corners(k)%order == 1)//' at t = '//trim(adjustl(text))// &
+                      ' s, which no mechanism can follow; expected a history with continuous '// &
+                      merge('values          ', 'value and slope ', r%rate))
+    end do
+  end subroutine check_smooth
+end module build_constraints

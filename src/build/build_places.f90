@@ -1,0 +1,173 @@
+!> Places of the model from places of the deck, each kept once; the size of a scene.
+module build_places
+  use kinds, only: wp
+  use body_setup, only: body_length
+  use deck_records, only: deck, place_record
+  use place, only: place_model
+  use scene_model, only: scene
+  implicit none (type, external)
+  private
+  public :: place_table, make_place, find_place, scene_size, list_loaded, sort_by_body
+
+  !> Places found so far, body by body, so that each is kept once.
+  type :: place_table
+    type(place_model), allocatable :: items(:)
+    integer, allocatable :: next(:)        !! next place of the same body, 0: none
+    integer, allocatable :: head(:)        !! (0:nb) first place of each body
+    integer :: count = 0
+  end type place_table
+
+contains
+
+  !> A place of the model from a deck's place.
+  function make_place(s, r) result(p)
+    type(scene), intent(in) :: s
+    type(place_record), intent(in) :: r
+    type(place_model) :: p
+    p%body = r%body
+    p%node = r%node
+    p%x = r%point
+    if (r%node == 0 .or. r%body == 0) return
+    associate (b => s%bodies(r%body))
+      p%x = b%x(:, r%node)
+      if (.not. b%flexible) return
+      if (b%modal) then
+        p%psi = b%psi(3*r%node - 2:3*r%node, :)
+      else
+        p%dof = b%dof(:, r%node)
+      end if
+    end associate
+  end function make_place
+
+  !> Index of a place, added where it is new.
+  integer function find_place(s, places, r) result(k)
+    type(scene), intent(in) :: s
+    type(place_table), intent(inout) :: places
+    type(place_record), intent(in) :: r
+    k = places%head(r%body)
+    do while (k > 0)
+      if (places%items(k)%node == r%node) then
+        if (r%node > 0) return
+        if (all(abs(places%items(k)%x - r%point) <= 0.0_wp)) return
+      end if
+      k = places%next(k)
+    end do
+    places%count = places%count + 1
+    k = places%count
+    places%items(k) = make_place(s, r)
+    places%next(k) = places%head(r%body)
+    places%head(r%body) = k
+  end function find_place
+
+  !> The scene's size S: the largest distance between two places, nodes or mass centres of one body, or between two
+  !> places on the ground (deck.md). Frames on which drives, torques and torsional springs act are not places.
+  function scene_size(d, s) result(size_s)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: s
+    real(wp) :: size_s                      !! [m]
+    real(wp), allocatable :: points(:, :)   !! (2, n) points of one body [m]
+    type(place_record), allocatable :: list(:)
+    integer, allocatable :: first(:), sorted(:)
+    integer :: b, k, n
+    call list_points(d, list)
+    call sort_by_body(list%body, size(s%bodies), first, sorted)
+    size_s = 0.0_wp
+    do b = 0, size(s%bodies)
+      n = first(b + 1) - first(b)
+      allocate (points(2, n + 1))
+      do k = 1, n
+        points(:, k) = list(sorted(first(b) + k - 1))%point
+      end do
+      if (b > 0) then
+        points(:, n + 1) = s%bodies(b)%i1/s%bodies(b)%mass
+        size_s = max(size_s, body_length(reshape([s%bodies(b)%x, points], [2, s%bodies(b)%nn + n + 1])))
+      else
+        size_s = max(size_s, body_length(points(:, 1:n)))
+      end if
+      deallocate (points)
+    end do
+    if (size_s > 0.0_wp) return
+    size_s = maxval(sqrt(s%bodies%i11/s%bodies%mass))     ! one body held at its mass centre: radius of gyration
+    if (.not. size_s > 0.0_wp) size_s = 1.0_wp
+  end function scene_size
+
+  !> All places that are points, nodes left out (bodies know their nodes).
+  subroutine list_points(d, list)
+    type(deck), intent(in) :: d
+    type(place_record), allocatable, intent(out) :: list(:)
+    integer :: k, n
+    allocate (list(2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces) + size(d%sensors)))
+    n = 0
+    do k = 1, size(d%joints)
+      call put(d%joints(k)%a)
+      call put(d%joints(k)%b)
+    end do
+    do k = 1, size(d%drives)
+      if (d%drives(k)%type == 'rotation') cycle
+      call put(d%drives(k)%a)
+      call put(d%drives(k)%b)
+    end do
+    do k = 1, size(d%springs)
+      if (d%springs(k)%type == 'torsional') cycle
+      call put(d%springs(k)%a)
+      call put(d%springs(k)%b)
+    end do
+    do k = 1, size(d%forces)
+      if (d%forces(k)%type /= 'torque') call put(d%forces(k)%place)
+    end do
+    do k = 1, size(d%sensors)
+      if (any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration'])) &
+        call put(d%sensors(k)%place)
+    end do
+    list = list(1:n)
+  contains
+    !> Adds a place that is a point.
+    subroutine put(place)
+      type(place_record), intent(in) :: place
+      if (place%node > 0) return
+      n = n + 1
+      list(n) = place
+    end subroutine put
+  end subroutine list_points
+
+  !> Numbers of the entries of each body (0: the ground), body after body.
+  pure subroutine sort_by_body(body, nb, first, sorted)
+    integer, intent(in) :: body(:), nb
+    integer, allocatable, intent(out) :: first(:)    !! (0:nb+1) first entry of each body in sorted
+    integer, allocatable, intent(out) :: sorted(:)
+    integer, allocatable :: fill(:)
+    integer :: k
+    allocate (first(0:nb + 1), source=0)
+    allocate (sorted(size(body)))
+    do k = 1, size(body)
+      first(body(k) + 1) = first(body(k) + 1) + 1
+    end do
+    first(0) = 1
+    do k = 1, nb + 1
+      first(k) = first(k) + first(k - 1)
+    end do
+    allocate (fill(0:nb), source=first(0:nb))
+    do k = 1, size(body)
+      sorted(fill(body(k))) = k
+      fill(body(k)) = fill(body(k)) + 1
+    end do
+  end subroutine sort_by_body
+
+  !> Places on bodies where springs and loads act, sorted by body.
+  subroutine list_loaded(s)
+    type(scene), intent(inout) :: s
+    logical, allocatable :: acts(:)
+    integer, allocatable :: first(:), sorted(:)
+    integer :: k
+    allocate (acts(size(s%places)), source=.false.)
+    do k = 1, size(s%springs)
+      acts([s%springs(k)%ia, s%springs(k)%ib]) = .true.
+    end do
+    acts(s%loads%place) = .true.
+    associate (active => pack([(k, k=1, size(acts))], acts))
+      call sort_by_body(s%places(active)%body, size(s%bodies), first, sorted)
+      s%loaded = active(sorted(first(1):))
+    end associate
+    s%loaded_first = first(1:) - first(1) + 1
+  end subroutine list_loaded
+end module build_places
