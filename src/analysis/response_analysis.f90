@@ -12,6 +12,7 @@ module response_analysis
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use summary, only: add_line, number
+  use text, only: to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -43,7 +44,7 @@ contains
         f = frequency(run, k)
         call respond(run, ds, cmplx(0.0_wp, 2*pi*f, wp), values)
         if (.not. all(abs(values) <= huge(1.0_wp))) then
-          call fail%raise(status_failed, 'the frequency response is singular at '//decimal(f)//' Hz: an undamped mode '// &
+          call fail%raise(status_failed, 'the frequency response is singular at '//to_text(f)//' Hz: an undamped mode '// &
                           'or a free motion lies there; expected damping or other frequencies')
           exit
         end if
@@ -185,15 +186,6 @@ contains
     end if
   end function input_name
 
-  !> A frequency as text.
-  function decimal(f) result(text)
-    real(wp), intent(in) :: f
-    character(:), allocatable :: text
-    character(16) :: buffer
-    write (buffer, '(es12.5)') f
-    text = trim(adjustl(buffer))
-  end function decimal
-
   !> First lines of the file.
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
@@ -201,9 +193,7 @@ contains
     character(:), allocatable :: text
     character(5), parameter :: parts(2) = ['.re  ', '.im  ']
     integer :: k, j, bracket
-    call file%line('# biela: frequency response of the sensors about the present state')
-    call file%line('# deck: '//run%d%name)
-    if (len(run%sys%m%s%title) > 0) call file%line('# title: '//run%sys%m%s%title)
+    call file%head('frequency response of the sensors about the present state', run%d%name, run%sys%m%s%title)
     call file%line('# input: '//input_name(run)//'; peak amplitude per unit of its history, phase ahead of it (-pi to pi)')
     text = '# columns: f[Hz]'
     do k = 1, run%list%columns

@@ -13,6 +13,7 @@ module static_analysis
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use summary, only: add_line, number
+  use text, only: to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -110,8 +111,8 @@ contains
     call add_line(text, '')
     call add_line(text, 'static')
     call add_line(text, '  load steps done: '//number(k - 1)//', Newton steps: '//number(steps))
-    call add_line(text, '  residual over the largest force: '//decimal(report%residual)//' (rounding: '// &
-                  decimal(report%noise)//')')
+    call add_line(text, '  residual over the largest force: '//to_text(report%residual)//' (rounding: '// &
+                  to_text(report%noise)//')')
   end subroutine run_static
 
   !> Whether an unknown is an elastic coordinate.
@@ -131,9 +132,7 @@ contains
     type(result_file), intent(inout) :: file
     character(:), allocatable :: names, text
     integer :: from, k
-    call file%line('# biela: static equilibrium, one row a load step')
-    call file%line('# deck: '//run%d%name)
-    if (len(run%sys%m%s%title) > 0) call file%line('# title: '//run%sys%m%s%title)
+    call file%head('static equilibrium, one row a load step', run%d%name, run%sys%m%s%title)
     call file%line('# load: fraction of loads and weight; residual: largest over the largest force; then the sensors, then '// &
                    'body frames and nodes')
     names = join_names(run%list)
@@ -162,13 +161,4 @@ contains
     call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
     call file%row([factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
   end subroutine write_row
-
-  !> A number as text.
-  function decimal(x) result(text)
-    real(wp), intent(in) :: x
-    character(:), allocatable :: text
-    character(16) :: buffer
-    write (buffer, '(es9.2)') x
-    text = trim(adjustl(buffer))
-  end function decimal
 end module static_analysis

@@ -38,15 +38,15 @@ contains
     n = 0
     do k = 1, deck%tokens(place)
       token = deck%token(place, k)
-        call real_of(deck, name, token, value, good)
-        if (.not. good) return
-        if (.not. in_range(value, above)) then
-          call deck%complain(name, name//' has the value '//deck%written(token)//', expected every '// &
-            range_text(name, above))
-          return
-        end if
-        values(n + 1:n + token%repeats) = value
-        n = n + token%repeats
+      call real_of(deck, name, token, value, good)
+      if (.not. good) return
+      if (.not. in_range(value, above)) then
+        call deck%complain(name, name//' has the value '//deck%written(token)//', expected every '// &
+          range_text(name, above))
+        return
+      end if
+      values(n + 1:n + token%repeats) = value
+      n = n + token%repeats
     end do
     call move_alloc(values, x)
     call deck%settle(place)
@@ -72,15 +72,15 @@ contains
     n = 0
     do k = 1, deck%tokens(place)
       token = deck%token(place, k)
-        call get_token(deck, name, token, 'a whole number', good)
-        if (.not. good) return
-        call read_integer(deck%word(token), value, problem)
-        if (len(problem) > 0) then
-          call deck%complain(name, name//'='//deck%written(token)//' '//problem)
-          return
-        end if
-        values(n + 1:n + token%repeats) = value
-        n = n + token%repeats
+      call get_token(deck, name, token, 'a whole number', good)
+      if (.not. good) return
+      call read_integer(deck%word(token), value, problem)
+      if (len(problem) > 0) then
+        call deck%complain(name, name//'='//deck%written(token)//' '//problem)
+        return
+      end if
+      values(n + 1:n + token%repeats) = value
+      n = n + token%repeats
     end do
     call move_alloc(values, x)
     call deck%settle(place)

@@ -45,6 +45,7 @@ module constraint
     procedure :: moves => always_moves    !! whether rows can act on positions
     procedure :: corners => no_corners    !! times at which accelerations are not smooth, with the order of their jump
     procedure :: curved => never_curved   !! whether `geometric` is not zero
+    procedure :: hold_angle               !! the row that keeps a relative angle
   end type constraint_model
 
   !> Makes an array of different kinds possible.
@@ -107,4 +108,20 @@ contains
     type(corner), allocatable :: list(:)
     allocate (list(min(0, self%rows)))
   end function no_corners
+
+  !> One row: the angle of section a minus that of section b stays as it is.
+  pure subroutine hold_angle(self, i, angle, p, r)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: i                      !! row
+    real(wp), intent(in) :: angle                 !! relative angle [rad]
+    type(place_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    r%na(:, i) = 0.0_wp
+    r%nb(:, i) = 0.0_wp
+    r%sa(i) = self%size
+    r%sb(i) = -self%size
+    r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - angle)
+    r%phi_t(i) = 0.0_wp
+    r%extra(i) = 0.0_wp
+  end subroutine hold_angle
 end module constraint

@@ -49,16 +49,7 @@ contains
     r%phi(i) = dot_product(n, d) - h(0)
     r%phi_t(i) = -h(1)
     r%extra(i) = 2*om*dot_product(turn(n), dd) - om**2*dot_product(n, d) - h(2)
-    if (self%prismatic) then
-      i = i + 1
-      r%na(:, i) = 0.0_wp
-      r%nb(:, i) = 0.0_wp
-      r%sa(i) = self%size
-      r%sb(i) = -self%size
-      r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - self%angle)
-      r%phi_t(i) = 0.0_wp
-      r%extra(i) = 0.0_wp
-    end if
+    if (self%prismatic) call self%hold_angle(i + 1, self%angle, p, r)
   end subroutine line_rows
 
   !> Target of a position drive and its two derivatives; zero for joints.

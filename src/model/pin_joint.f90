@@ -37,16 +37,7 @@ contains
       r%phi_t(i + c) = 0.0_wp*t
       r%extra(i + c) = 0.0_wp
     end do
-    if (self%welded) then
-      i = i + 2
-      r%na(:, i) = 0.0_wp
-      r%nb(:, i) = 0.0_wp
-      r%sa(i) = self%size
-      r%sb(i) = -self%size
-      r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - self%angle)
-      r%phi_t(i) = 0.0_wp
-      r%extra(i) = 0.0_wp
-    end if
+    if (self%welded) call self%hold_angle(i + 2, self%angle, p, r)
   end subroutine pin_rows
 
   !> The rows are linear in positions and angles.

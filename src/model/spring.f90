@@ -2,6 +2,7 @@
 !> Deformation: length minus free length, or angle of a minus angle of b minus free angle. theory.md, section 5.
 module spring
   use kinds, only: wp
+  use small_matrices, only: outer
   use place, only: place_states
   use constraint, only: place_stiffness
   implicit none (type, external)
@@ -100,14 +101,4 @@ contains
     t%k = t%k + f/length*outer([across, 0.0_wp, -across, 0.0_wp], [across, 0.0_wp, -across, 0.0_wp]) &
           + ceff*vt/length*outer(g, [across, 0.0_wp, -across, 0.0_wp])   ! e turns: the rate along it changes
   end subroutine spring_tangent
-
-  !> Outer product.
-  pure function outer(a, b) result(m)
-    real(wp), intent(in) :: a(6), b(6)
-    real(wp) :: m(6, 6)
-    integer :: j
-    do j = 1, 6
-      m(:, j) = a*b(j)
-    end do
-  end function outer
 end module spring

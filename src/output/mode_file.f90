@@ -24,9 +24,7 @@ contains
     type(result_file) :: file
     integer :: k
     call file%open(path)
-    call file%line('# biela: modes about the present state')
-    call file%line('# deck: '//deck_name)
-    if (len(m%s%title) > 0) call file%line('# title: '//m%s%title)
+    call file%head('modes about the present state', deck_name, m%s%title)
     call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
                    '3 real pole (over-damped)')
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')

@@ -48,9 +48,7 @@ contains
     character(*), intent(in) :: what          !! what the file holds
     character(*), intent(in) :: deck_name, title
     character(*), intent(in) :: columns       !! names with units, separated by blanks
-    call file%line('# biela: '//what)
-    call file%line('# deck: '//deck_name)
-    if (len(title) > 0) call file%line('# title: '//title)
+    call file%head(what, deck_name, title)
     call file%line('# columns: '//columns)
   end subroutine file_header
 

@@ -24,6 +24,7 @@ module text_file
     procedure :: open => open_file
     procedure :: covers
     procedure :: resume
+    procedure :: head
     procedure :: line
     procedure :: row
     procedure :: flush => flush_file
@@ -156,4 +157,15 @@ contains
     if (self%failed) cut = truncate_file(self%path, int(self%written, c_long))
     self%handle = -1
   end subroutine close_result
+
+  !> First lines of a result file: what it holds, which deck it is of.
+  subroutine head(self, what, deck_name, title)
+    class(result_file), intent(inout) :: self
+    character(*), intent(in) :: what          !! what the file holds
+    character(*), intent(in) :: deck_name
+    character(*), intent(in) :: title         !! empty: none
+    call self%line('# biela: '//what)
+    call self%line('# deck: '//deck_name)
+    if (len(title) > 0) call self%line('# title: '//title)
+  end subroutine head
 end module text_file

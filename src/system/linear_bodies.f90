@@ -2,6 +2,7 @@
 !> velocities and accelerations add, elasticity, damping, and the stiffness that GHM terms multiply.
 module linear_bodies
   use kinds, only: wp
+  use small_matrices, only: outer
   use beam_element, only: element_mass, element_gyroscopic, element_stiffness, deformation_matrix, element_rotation
   use body, only: body_model
   use mechanism, only: mechanism_model
@@ -302,14 +303,4 @@ contains
     db = matmul(d, bm)
     k = matmul(transpose(bm), db)
   end subroutine tangent
-
-  !> Outer product.
-  pure function outer(a, b) result(m)
-    real(wp), intent(in) :: a(6), b(6)
-    real(wp) :: m(6, 6)
-    integer :: j
-    do j = 1, 6
-      m(:, j) = a*b(j)
-    end do
-  end function outer
 end module linear_bodies
