@@ -63,10 +63,11 @@ contains
     text = model_lines(run%d, run%sys%m, run%assembly)
     call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
     call add_line(text, '')
-    text = text//advice%text
+    text = text//advice%text//deck_step(run, advice)
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
-      write (output_unit, '(a)', advance='no') text
+      write (output_unit, '(a)') text(:len(text) - 1)
+      flush (output_unit)
       status = status_ok
       return
     end if
@@ -106,7 +107,7 @@ contains
     refused = .false.
     k = method_number(run%d%transient%method)
     if (.not. run%d%transient%present .or. run%d%transient%adaptive .or. k == 0) return
-    h = run%d%transient%output_step/real(step_count(run%d%transient%output_step, run%d%transient%step), wp)
+    h = fixed_step_of(run)
     if (h <= advice%safe%step(k)) return
     refused = .not. (check .or. run%d%transient%accept_unstable)
     prefix = 'warning: '
@@ -115,8 +116,42 @@ contains
       trim(method_names(k)), ', ', advice%safe%step(k), ' s, set by ', trim(advice%safe%what(k)), &
       '; expected at most ', 0.98_wp*advice%safe%step(k), ' s, or generalized_alpha, or accept_unstable=.true.'
     write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//trim(line)
-    if (refused) write (error_unit, '(a)', advance='no') advice%text
+    if (refused) write (error_unit, '(a)') advice%text(:len(advice%text) - 1)
+    flush (error_unit)
   end function step_refused
+
+  !> The fixed step in use.
+  function fixed_step_of(run) result(h)
+    type(run_state), intent(in) :: run
+    real(wp) :: h                           !! [s]
+    h = run%d%transient%output_step/real(step_count(run%d%transient%output_step, run%d%transient%step), wp)
+  end function fixed_step_of
+
+  !> Whether the step that the deck asks for is stable, in words.
+  function deck_step(run, advice) result(text)
+    type(run_state), intent(in) :: run
+    type(stability_advice), intent(in) :: advice
+    character(:), allocatable :: text
+    character(200) :: line
+    real(wp) :: share                       ! of the safe bound [-]
+    integer :: k
+    text = ''
+    if (.not. run%d%transient%present) return
+    k = method_number(run%d%transient%method)
+    if (k == 0) then
+      line = 'generalized_alpha, stable with any step for small vibrations: accuracy alone sets it'
+    else if (run%d%transient%adaptive) then
+      line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
+             'its steps near or below the current bound'
+    else if (advice%safe%step(k) >= huge(1.0_wp)) then
+      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s: nothing limits it'
+    else
+      share = fixed_step_of(run)/advice%safe%step(k)
+      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, '//to_text(anint(100*share)/100)// &
+             ' of the safe bound: '//merge('stable          ', 'above that bound', share <= 1.0_wp)
+    end if
+    text = '  this deck: '//trim(line)//new_line('a')
+  end function deck_step
 
   !> Runs the analyses with the results folder locked.
   integer function run_in_folder(run, text) result(status)

@@ -1,0 +1,44 @@
+"""`--check` says before a run whether the deck's own step is stable."""
+import os
+import pathlib
+import re
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+BIELA = ROOT / os.environ.get('BIELA', 'bin/biela')
+ROD = (ROOT / 'input' / 'slider_crank_elastic.nml').read_text(encoding='utf-8')
+
+
+def check(folder, transient):
+    """Standard output of `--check` for the slider-crank with another &transient group."""
+    deck = folder / 'rod.nml'
+    deck.write_text(re.sub(r'&transient[^/]*/', f'&transient t_end=0.01 {transient} /', ROD), encoding='utf-8')
+    done = subprocess.run([BIELA, '--check', deck.name], cwd=folder, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def bound(text, method):
+    """The safe bound that a check states [s]."""
+    return float(re.search(rf'{method}: safe bound +(\S+) s', text).group(1))
+
+
+@pytest.mark.parametrize(('share', 'words'), [(0.5, '0.5 of the safe bound: stable'),
+                                              (1.25, '1.25 of the safe bound: above that bound')])
+@pytest.mark.parametrize('method', ['rk4', 'dopri5'])
+def test_a_fixed_step_is_compared_with_the_safe_bound(tmp_path, method, share, words):
+    step = share*bound(check(tmp_path, "method='rk4' step=1e-6"), method)
+    text = check(tmp_path, f"method='{method}' step={step:.6e} output_step={step:.6e}")
+    assert f'this deck: {method} with step=' in text
+    assert words in text.splitlines()[-1]
+
+
+@pytest.mark.parametrize(('transient', 'words'), [
+    ("method='dopri5' tolerance=1e-8", 'dopri5 with tolerance=1e-8: the error control keeps its steps'),
+    ("method='generalized_alpha' step=1e-4", 'generalized_alpha, stable with any step'),
+])
+def test_other_methods_say_what_sets_their_step(tmp_path, transient, words):
+    text = check(tmp_path, transient)
+    assert words in text.splitlines()[-1]
+    assert text.endswith('\n')
