@@ -1,5 +1,6 @@
 !> The command line (deck.md): biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help.
 module command_line
+  use deck_paths, only: deck_name
   use errors, only: status_ok, status_bad_input
   use run_deck, only: run_options
   use summary, only: version
@@ -34,11 +35,12 @@ contains
     allocate (character(longest()) :: decks(command_argument_count()))
     do k = 1, command_argument_count()
       word = argument(k)
-      if (output_next) then
+      if (output_next .and. len(word) > 0 .and. index(word, '--') /= 1) then
         asked%options%output = word
         output_next = .false.
         cycle
       end if
+      if (output_next) exit
       select case (word)
       case ('--check')
         asked%options%check = .true.
@@ -66,8 +68,24 @@ contains
     if (output_next) call complain('--output needs a folder', status)
     if (n == 0) call complain('no deck given', status)
     if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
-    if (status == status_ok) asked%decks = decks(1:n)
+    if (status /= status_ok) return
+    asked%decks = decks(1:n)
+    if (.not. asked%options%check) call warn_of_one_name(asked%decks)
   end subroutine parse_arguments
+
+  !> Decks of one name in several folders share results/<deck name>: only those of the last one would be left.
+  subroutine warn_of_one_name(decks)
+    character(*), intent(in) :: decks(:)      !! paths of the decks
+    integer :: k, j
+    do k = 2, size(decks)
+      do j = 1, k - 1
+        if (deck_name(trim(decks(j))) /= deck_name(trim(decks(k)))) cycle
+        write (error_unit, '(a)') 'biela: warning: the results of '//trim(decks(k))//' replace those of '// &
+          trim(decks(j))//', both are written into results/'//deck_name(trim(decks(k)))//' (one deck and --output keeps both)'
+        exit
+      end do
+    end do
+  end subroutine warn_of_one_name
 
   !> One argument.
   function argument(k) result(word)

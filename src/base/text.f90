@@ -5,6 +5,8 @@ module text
   private
   public :: lower, to_text, joined, edit_distance, nearest_word, allowed_distance, read_file, word_hash, printable
 
+  integer, parameter :: most_streamed = 20000000   !! length of a deck from a pipe beyond which it is none [bytes]
+
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
     module procedure :: integer_text, real_text
@@ -206,10 +208,38 @@ contains
       raw = repeat(' ', bytes)
       if (bytes > 0) read (unit, iostat=status, iomsg=reason) raw
       if (status /= 0) problem = plain_reason(reason)
+      if (bytes == 0) call read_stream(unit, raw, problem)
     end if
     close (unit)
     if (len(problem) == 0) call normalize(raw, content)
   end subroutine read_file
+
+  !> All that a file without a known size holds (a pipe, standard input), up to a length that no deck has.
+  subroutine read_stream(unit, raw, problem)
+    integer, intent(in) :: unit                            !! open for unformatted stream access
+    character(:), allocatable, intent(inout) :: raw        !! its bytes
+    character(:), allocatable, intent(inout) :: problem    !! why it could not be read
+    character(:), allocatable :: larger
+    character :: byte
+    integer :: n, status
+    n = 0
+    do
+      read (unit, iostat=status) byte
+      if (status /= 0) exit
+      if (n == most_streamed) then
+        problem = 'endless or too long'
+        return
+      end if
+      if (n == len(raw)) then
+        larger = repeat(' ', max(65536, 2*n))
+        larger(1:n) = raw
+        call move_alloc(larger, raw)
+      end if
+      n = n + 1
+      raw(n:n) = byte
+    end do
+    raw = raw(1:n)
+  end subroutine read_stream
 
   !> The last part of a run-time message such as `Cannot open file 'x': No such file or directory`.
   pure function plain_reason(message) result(reason)

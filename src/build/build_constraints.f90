@@ -137,9 +137,9 @@ contains
       if (corners(k)%order > merge(0, 1, r%rate)) cycle
       write (text, '(es12.5)') corners(k)%time
       call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
-                      merge(' of slope', '         ', corners(k)%order == 1)//' at t = '//trim(adjustl(text))// &
+                      trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '//trim(adjustl(text))// &
                       ' s, which no mechanism can follow; expected a history with continuous '// &
-                      merge('values          ', 'value and slope ', r%rate))
+                      trim(merge('values         ', 'value and slope', r%rate)))
     end do
   end subroutine check_smooth
 end module build_constraints

@@ -61,6 +61,9 @@ contains
       if (b%kind == 'rigid') then
         if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
           ''' does not apply to '//body_text(d, s%place%body)//', expected a beam or frame')
+      else if (.not. b%flexible .and. s%quantity /= 'deflection') then
+        call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
+          body_text(d, s%place%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
       else if (deck%is_set('element') .and. s%element > b%elements) then
         call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
           body_text(d, s%place%body)//', expected 1 to '//to_text(b%elements))

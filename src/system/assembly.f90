@@ -4,6 +4,7 @@ module assembly
   use kinds, only: wp
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, condense_constraints, &
                       apply_multipliers
+  use directions, only: require_directions
   use errors, only: failure, status_bad_input
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -48,6 +49,8 @@ contains
       call self%s%constraints(k)%item%settle(self%p)
     end do
     call settle_springs(self)
+    call require_directions(self, tolerance(self), fail)
+    if (fail%happened()) return
     call close_velocities(self, q, v, report, fail)
     if (fail%happened()) return
     call count_freedoms(self, q, v, report)
