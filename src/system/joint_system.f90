@@ -7,7 +7,7 @@ module joint_system
   implicit none (type, external)
   private
   public :: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frame, push_elastic, &
-            apply_multipliers, solve_frame
+            apply_multipliers, solve_frame, add_frame_compliance
 
 contains
 

@@ -46,6 +46,8 @@ module mechanism
     real(wp), allocatable :: w(:, :)            !! (3, ends) wrench of a unit multiplier, body axes
     real(wp), allocatable :: jw(:, :)           !! (3, ends) the same on the condensed frame, J^T w
     real(wp), allocatable :: g(:, :)            !! (3, ends) L^-1 J^T w
+    type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
+    real(wp), allocatable :: lever(:, :)        !! (3, ends) wrench of a unit multiplier on the frame, elastic coordinates held
     ! frames
     real(wp), allocatable :: c(:), sn(:)        !! (nb) cosine and sine of the frame angle [-]
     real(wp), allocatable :: low(:, :)          !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32
@@ -178,7 +180,7 @@ contains
     end do
     n = self%end_first(nb + 1) - 1
     allocate (self%end_row(n), self%end_place(n), self%end_local(n), self%end_is_a(n))
-    allocate (self%w(3, n), self%jw(3, n), self%g(3, n), source=0.0_wp)
+    allocate (self%w(3, n), self%jw(3, n), self%g(3, n), self%lever(3, n), source=0.0_wp)
     self%end_local = 0
     fill = self%end_first(1:nb)
     do k = 1, size(self%s%constraints)
@@ -215,6 +217,7 @@ contains
       end do
     end do
     call self%schur%set_up(self%s%rows, rows(1:n), cols(1:n))
+    self%closing = self%schur
   end subroutine collect_ends
 
   !> Columns and compliances of the places where constraints act on flexible bodies.

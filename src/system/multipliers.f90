@@ -8,7 +8,7 @@ module multipliers
   private
   public :: multiplier_system
 
-  real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot below which S is treated as singular [-]
+  real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
@@ -21,6 +21,7 @@ module multipliers
     real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal, 1/D on it; columns beyond n are zero
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
+    real(wp) :: weakest = weak_pivot           !! relative pivot below which S is treated as singular [-]
     logical :: singular = .false.              !! the factor is that of S + eps 1
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
     real(wp), allocatable :: r(:), best(:)     !! (n) work
@@ -67,7 +68,7 @@ contains
     self%singular = .false.
     if (self%n == 0) return
     call take_matrix(self)
-    call eliminate(self%n, self%kd, self%f, self%s, weak_pivot, good)
+    call eliminate(self%n, self%kd, self%f, self%s, self%weakest, good)
     if (good) return
     self%singular = .true.
     call take_matrix(self)

@@ -1,8 +1,11 @@
 !> Projection of a state onto Phi = 0 and then Phi' = 0, mass-orthogonally (theory.md, section 6), with the factors of the
 !> last evaluation: a correction is of the size of the step's own error, so slightly old factors only cost a pass.
+!> Positions of mechanisms with flexible bodies are corrected in the frames alone wherever these can close the joints well
+!> (`frame_closing`).
 module projection
   use kinds, only: wp
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use frame_closing, only: prepare_frames, close_frames
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -38,6 +41,7 @@ contains
     logical, intent(out) :: ok
     real(wp) :: worst, before, goal, enough
     integer :: pass
+    logical :: by_frames
     goal = position_goal*(self%s%size + largest(size(self%p%r), self%p%r))
     enough = max(accepted*self%s%size, 16*goal)
     before = huge(1.0_wp)
@@ -51,12 +55,19 @@ contains
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, t, q, v, z, zd)
+        by_frames = .false.
+        if (worst <= enough) call prepare_frames(self, by_frames)
       end if
+      if (pass == 1) call prepare_frames(self, by_frames)
       before = worst
       self%lambda = self%rows%phi
-      call self%schur%solve(self%lambda)
-      call apply_multipliers(self, self%lambda, self%a)
-      q = q + self%a
+      if (by_frames) then
+        call close_frames(self, self%lambda, q)
+      else
+        call self%schur%solve(self%lambda)
+        call apply_multipliers(self, self%lambda, self%a)
+        q = q + self%a
+      end if
     end do
     ok = worst <= enough
   end subroutine project_positions
