@@ -8,6 +8,7 @@ cd "$(dirname "$0")" || exit 1
 fc=${FC:-gfortran}
 libraries=${LDLIBS:--llapack -lblas}
 python=${PYTHON:-python3}
+no_python="Python 3.9 or newer with the module venv"
 
 say() { echo "setup: $*"; }
 fail() { echo "setup: $*" >&2; exit 1; }
@@ -15,7 +16,7 @@ fail() { echo "setup: $*" >&2; exit 1; }
 # Does a program compile, link with LAPACK and BLAS, and run?
 fortran_works() {
   command -v "$fc" >/dev/null 2>&1 || return 1
-  folder=$(mktemp -d) || return 1
+  folder=$(mktemp -d 2>/dev/null || mktemp -d ./.try.XXXXXX) || fail "no folder for temporary files can be made"
   cat > "$folder/try.f90" <<'END'
 program try
   implicit none
@@ -38,31 +39,34 @@ python_works() {
   command -v "$python" >/dev/null 2>&1 && "$python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 9))' 2>/dev/null
 }
 
-# install_line WHAT: the command that installs the compiler and libraries, or Python, on this distribution.
+# install_line WHAT...: the command that installs the compiler and libraries, Python, or both, on this distribution.
 install_line() {
   for manager in apt-get dnf pacman zypper apk none; do
     command -v $manager >/dev/null 2>&1 && break
   done
-  case $manager/$1 in
-    apt-get/toolchain) packages="gfortran libc6-dev liblapack-dev libblas-dev make" ;;
-    apt-get/python) packages="python3 python3-venv" ;;
-    dnf/toolchain) packages="gcc-gfortran lapack-devel blas-devel make" ;;
-    pacman/toolchain) packages="gcc-fortran lapack blas make" ;;
-    pacman/python) packages="python" ;;
-    zypper/toolchain) packages="gcc-fortran lapack-devel blas-devel make" ;;
-    apk/toolchain) packages="gfortran musl-dev lapack-dev blas-dev make" ;;
-    */python) packages="python3" ;;
-  esac
+  packages=
+  for what in "$@"; do
+    case $manager/$what in
+      apt-get/toolchain) packages="$packages gfortran libc6-dev liblapack-dev libblas-dev make" ;;
+      apt-get/python) packages="$packages python3 python3-venv" ;;
+      dnf/toolchain) packages="$packages gcc-gfortran lapack-devel blas-devel make" ;;
+      pacman/toolchain) packages="$packages gcc-fortran lapack blas make" ;;
+      pacman/python) packages="$packages python" ;;
+      zypper/toolchain) packages="$packages gcc-fortran lapack-devel blas-devel make" ;;
+      apk/toolchain) packages="$packages gfortran musl-dev lapack-dev blas-dev make" ;;
+      */python) packages="$packages python3" ;;
+    esac
+  done
   case $manager in
-    apt-get) echo "apt-get update; DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $packages" ;;
-    dnf) echo "dnf install -y $packages" ;;
-    pacman) echo "pacman -Sy --needed --noconfirm $packages" ;;
-    zypper) echo "zypper --non-interactive install $packages" ;;
-    apk) echo "apk add $packages" ;;
+    apt-get) echo "apt-get update; DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends -o DPkg::Lock::Timeout=300$packages" ;;
+    dnf) echo "dnf install -y$packages" ;;
+    pacman) echo "pacman -Sy --needed --noconfirm$packages" ;;
+    zypper) echo "zypper --non-interactive install$packages" ;;
+    apk) echo "apk add$packages" ;;
   esac
 }
 
-# install WHAT REASON: as root, or with sudo; elsewhere the line to type.
+# install WHAT REASON: as root, or with sudo; elsewhere the line to type, which then installs all that is missing.
 install() {
   line=$(install_line "$1")
   [ -n "$line" ] || fail "$2, and no package manager that this script knows was found: please install it by hand"
@@ -72,6 +76,8 @@ install() {
   elif command -v sudo >/dev/null 2>&1 && { [ -t 0 ] || sudo -n true 2>/dev/null; }; then
     say "$2: installing it with: sudo sh -c '$line'"
     sudo sh -c "$line" >&2
+  elif [ "$1" = toolchain ] && [ "$python" = python3 ] && ! python_works; then
+    fail "$2; so is $no_python. As an administrator, please type: $(install_line toolchain python)"
   else
     fail "$2. As an administrator, please type: $line"
   fi
@@ -86,12 +92,12 @@ toolchain() {
 
 virtual_environment() {
   if ! python_works; then
-    [ "$python" = python3 ] || fail "PYTHON=$python is no Python 3.9 or newer with the module venv"
-    install python "Python 3.9 or newer with the module venv is missing"
-    python_works || fail "python3 is still no Python 3.9 or newer with the module venv"
+    [ "$python" = python3 ] || fail "PYTHON=$python is no $no_python"
+    install python "$no_python is missing"
+    python_works || fail "python3 is still no $no_python"
   fi
   say "Python packages into .venv (once)"
-  .venv/bin/python -c '' 2>/dev/null || rm -rf .venv
+  .venv/bin/python -m pip --version >/dev/null 2>&1 || rm -rf .venv
   "$python" -m venv .venv || fail "$python -m venv .venv failed"
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --prefer-binary --requirement requirements.txt ||
     fail "the packages of requirements.txt could not be installed (is there a network?)"

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Callable
 
 import pytest
 from histories import History, read
@@ -54,6 +56,22 @@ class Run:
     def summary(self) -> str:
         """The text of summary.txt."""
         return (self.folder / "summary.txt").read_text(encoding="utf-8")
+
+
+def wait_for(file: Path, process: subprocess.Popen) -> None:
+    """Wait until a run has made a file; a run that ends without it is a failure, not a reason to wait for ever."""
+    while not file.exists():
+        assert process.poll() is None or file.exists(), f"ended with status {process.returncode} without {file.name}"
+        time.sleep(0.001)
+
+
+def caught(start: Callable):
+    """Call start() until it returns something: on a busy machine a run may end before the signal that should stop it."""
+    for _ in range(50):
+        found = start()
+        if found is not None:
+            return found
+    pytest.fail("every run was faster than its signal")
 
 
 def program(variable: str, default: str) -> Path:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -9,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from compare import differences
-from conftest import REFERENCE, program
+from conftest import REFERENCE, caught, program, wait_for
 from histories import read
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
@@ -237,6 +238,18 @@ def test_counts_of_a_smooth_run(run_deck):
     assert number("evaluations:", run.summary) < 50
 
 
+def stopped(command, folder):
+    """Run until rows are written, then interrupt: whether the run was still going on (None where it was not)."""
+    shutil.rmtree(folder / "results", ignore_errors=True)
+    job = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
+    wait_for(folder / "results" / "scene" / "history.txt", job)
+    time.sleep(0.1)
+    job.send_signal(signal.SIGINT)
+    status = job.wait(timeout=120)
+    assert status in (0, 128 + signal.SIGINT)
+    return True if status else None
+
+
 @pytest.mark.parametrize("steps", ["step=2e-6", "tolerance=1e-6"])
 def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
     deck = (REFERENCE / "four_bar" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
@@ -248,11 +261,8 @@ def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
         (folder / "scene.nml").write_text(deck, encoding="utf-8")
         command = [str(biela), "--quiet", "scene.nml"]
         if interrupted:
-            job = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
-            time.sleep(0.25)
-            job.send_signal(signal.SIGINT)
-            if job.wait(timeout=60) == 128 + signal.SIGINT:
-                command.insert(1, "--restart")
+            caught(lambda command=command, folder=folder: stopped(command, folder))
+            command.insert(1, "--restart")
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
         results = folder / "results" / "scene"
         summary = (results / "summary.txt").read_text(encoding="utf-8")

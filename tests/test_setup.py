@@ -12,7 +12,7 @@ NEEDED = ["sh", "dirname", "mktemp", "cat", "rm", "ln", "chmod", "mkdir", "pwd",
 DISTRIBUTIONS = {
     "apt-get": (
         "apt-get update; DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "
-        "gfortran libc6-dev liblapack-dev libblas-dev make"
+        "-o DPkg::Lock::Timeout=300 gfortran libc6-dev liblapack-dev libblas-dev make"
     ),
     "dnf": "dnf install -y gcc-gfortran lapack-devel blas-devel make",
     "pacman": "pacman -Sy --needed --noconfirm gcc-fortran lapack blas make",
@@ -105,6 +105,7 @@ def test_sudo_installs_where_it_may(machine):
 
 @pytest.mark.parametrize("manager", DISTRIBUTIONS)
 def test_others_are_told_the_line_to_type(machine, manager):
+    machine.script("python3", "exit 0")
     machine.manager(manager)
     machine.script("sudo", "exit 1")
     status, told, asked = machine.setup("toolchain")
@@ -114,7 +115,29 @@ def test_others_are_told_the_line_to_type(machine, manager):
     assert told == f"setup: gfortran, LAPACK or BLAS is missing. As an administrator, please type: {line}\n"
 
 
+PYTHONS = {"apt-get": "python3 python3-venv", "dnf": "python3", "pacman": "python", "zypper": "python3", "apk": "python3"}
+
+
+@pytest.mark.parametrize("manager", DISTRIBUTIONS)
+def test_where_python_lacks_too_one_line_installs_all(machine, manager):
+    machine.manager(manager)
+    status, told, asked = machine.setup("toolchain")
+    assert (status != 0, asked) == (True, [])
+    missing = "gfortran, LAPACK or BLAS is missing; so is Python 3.9 or newer with the module venv"
+    line = f"{DISTRIBUTIONS[manager]} {PYTHONS[manager]}"
+    assert told == f"setup: {missing}. As an administrator, please type: {line}\n"
+    assert [path.name for path in machine.project.iterdir()] == ["setup.sh"]
+
+
+def test_temporary_files_find_a_place(machine):
+    """Also where the folder of temporary files cannot be written."""
+    subprocess.run(compiler(machine), shell=True, check=True)
+    assert machine.setup("toolchain", TMPDIR=str(machine.project / "nowhere")) == (0, "", [])
+    assert [path.name for path in machine.project.iterdir()] == ["setup.sh"]
+
+
 def test_missing_libraries_are_found_out(machine):
+    machine.script("python3", "exit 0")
     subprocess.run(compiler(machine), shell=True, check=True)
     machine.manager("apt-get")
     status, told, _ = machine.setup("toolchain", LDLIBS="-lno_such_library")
@@ -153,7 +176,7 @@ def test_python_without_venv_is_installed_then_used(machine):
     status, told, asked = machine.setup("python")
     assert status == 0, told
     assert "Python 3.9 or newer with the module venv is missing: installing it with: apt-get update;" in told
-    assert asked[1] == "apt-get install -y --no-install-recommends python3 python3-venv"
+    assert asked[1] == "apt-get install -y --no-install-recommends -o DPkg::Lock::Timeout=300 python3 python3-venv"
     assert any(line.endswith("--requirement requirements.txt") and " -m pip install " in line for line in asked)
 
 

@@ -29,7 +29,7 @@ def study(biela: Path, tmp_path: Path):
     def run(deck: Path, *options: str, status: int | None = 0) -> tuple[int, Path, str, str]:
         folder = tmp_path / "study"
         command = [sys.executable, str(TOOL), str(deck), *options, "--biela", str(biela), "--output", str(folder), "--quiet"]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
         assert status is None or done.returncode == status, done.stdout + done.stderr
         return done.returncode, folder, done.stdout, done.stderr
 
@@ -96,7 +96,7 @@ def test_points_below_the_truths_own_uncertainty_are_marked(study):
 
 
 def test_budget_takes_the_most_accurate_run_that_fits(study, run_deck):
-    own = float(re.search(r"analyses took +([\d.]+) s", run_deck(CRANK).summary)[1])
+    own = np.median([float(re.search(r"analyses took +([\d.]+) s", run_deck(CRANK).summary)[1]) for _ in range(9)])
     budget = f"{4.0 * own:.4f}"  # the tolerance takes more than ten times the deck's own steps
     _, folder, told, _ = study(CRANK, "--tolerance", "1e-7", "--budget", budget, "--methods", "rk4", status=1)
     assert "most accurate setting within the budget" in told.replace("\n", " ")
@@ -118,12 +118,11 @@ def test_interrupt_keeps_what_was_run(biela: Path, tmp_path: Path):
     command = [sys.executable, str(TOOL), str(REFERENCE / "four_bar" / "deck.nml"), "--biela", str(biela), "--output", "study"]
     child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
     kept = tmp_path / "study" / "kept"
-    for _ in range(200):
+    until = time.monotonic() + 120.0
+    while time.monotonic() < until and not any(kept.glob("*.npz")):
         time.sleep(0.05)
-        if kept.is_dir() and any(kept.glob("*.npz")):
-            break
     child.send_signal(signal.SIGINT)
-    _, told = child.communicate(timeout=20)
+    _, told = child.communicate(timeout=120)
     assert child.returncode == 130
     assert told.splitlines()[-1].startswith("tradeoff: interrupted")
     assert "Traceback" not in told
