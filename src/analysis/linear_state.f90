@@ -3,6 +3,7 @@
 module linear_state
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
+  use joint_geometry, only: condense_geometry
   use linearisation, only: linear_mechanism, linearise
   use scene_run, only: run_state
   implicit none (type, external)
@@ -37,7 +38,10 @@ contains
     if (anew) call evaluate_state(run)
     call linearise(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), lin)
     allocate (dependent(lin%rows))
-    if (lin%rows > 0) call run%sys%m%schur%weak_rows(redundant, dependent)
+    if (lin%rows > 0) then
+      call condense_geometry(run%sys%m)
+      call run%sys%m%schur%weak_rows(redundant, dependent)
+    end if
     call ds%build(run%sys%m, lin, dependent)
     if (present(linear)) linear = lin
   end subroutine linear_system

@@ -5,6 +5,7 @@ module assembly
   use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, condense_constraints, &
                       apply_multipliers
   use directions, only: require_directions
+  use joint_geometry, only: condense_geometry
   use errors, only: failure, status_bad_input
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -372,6 +373,7 @@ contains
       where (diagonal > 0.0_wp) self%schur%scale = 1.0_wp/sqrt(diagonal)
       call evaluate(self, 0.0_wp, q, v, none, none)
     end if
+    call condense_geometry(self)
     call self%schur%weak_rows(redundant, weak)
     report%rank = count(.not. weak)
     report%freedoms = self%s%nq - report%rank
@@ -416,6 +418,7 @@ contains
     if (.not. reach > 1.0e-9_wp*self%s%size) return
     motion = q + 2.0e-3_wp*self%s%size/reach*motion
     call evaluate(self, 0.0_wp, motion, v, none, none)
+    call condense_geometry(self)
     call self%schur%weak_rows(redundant, weak)
     yes = any(weak)
   end function stays_redundant

@@ -4,6 +4,8 @@
 module dynamics
   use kinds, only: wp
   use banded, only: band_solve_two
+  use joint_correction, only: correct_accelerations
+  use joint_geometry, only: factor_joints
   use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frame, &
                           push_elastic, apply_multipliers, solve_frame
   use mechanism, only: mechanism_model, factor_frame
@@ -43,9 +45,12 @@ contains
     call free_accelerations(self)
     call constraint_values(self, t)
     call condense_constraints(self)
-    call self%schur%factor()
-    call multiplier_forces(self, v)
+    call factor_joints(self)
+    call multiplier_forces(self)
     call accelerations(self)
+    if (self%schur%uneven) call correct_accelerations(self)
+    call drive_powers(self)
+    if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
   end subroutine evaluate
 
   !> Springs and loads as wrenches on their places; adds to the powers.
@@ -306,22 +311,25 @@ contains
   end subroutine free_accelerations
 
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
-  subroutine multiplier_forces(self, v)
+  subroutine multiplier_forces(self)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: v(:)          !! (nq)
-    integer :: k, i
     if (self%s%rows == 0) return
     call joint_accelerations(self)
     if (any(self%baumgarte > 0.0_wp)) call add_baumgarte(self)
     call self%schur%solve(self%lambda)
+  end subroutine multiplier_forces
+
+  !> Adds what the drives do to the power.
+  pure subroutine drive_powers(self)
+    type(mechanism_model), intent(inout) :: self
+    integer :: k, i
     do k = self%s%joints + 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         i = c%first
         self%input_power = self%input_power + self%lambda(i)*self%rows%phi_t(i)
       end associate
     end do
-    if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
-  end subroutine multiplier_forces
+  end subroutine drive_powers
 
   !> 2 alpha Phi' + beta^2 Phi (Baumgarte 1972).
   subroutine add_baumgarte(self)

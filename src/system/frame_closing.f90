@@ -37,8 +37,7 @@ contains
                                 self%closing%kd, self%closing%s)
     end do
     self%closing%weakest = well_held
-    call self%closing%factor()
-    usable = .not. self%closing%singular
+    call self%closing%factor_strong(usable)
   end subroutine prepare_frames
 
   !> Wrenches on places, moved to the frame's origin.

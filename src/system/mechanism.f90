@@ -58,6 +58,8 @@ module mechanism
     real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
     ! results of the last evaluation
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
+    real(wp), allocatable :: lambda_change(:)   !! (rows) correction of the multipliers [N]
+    real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins
     real(wp), allocatable :: zdd(:)             !! (nz) dissipative accelerations
     real(wp), allocatable :: spring_force(:)    !! (springs) force or moment
@@ -95,7 +97,8 @@ contains
     call attach_places(self)
     allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), &
               self%pin(2, nb), source=0.0_wp)
-    allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%a(s%nq), self%zdd(s%nz), &
+    allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%lambda_change(s%rows), self%a(s%nq), &
+              self%change(s%nq), self%zdd(s%nz), &
               self%spring_force(size(s%springs)), source=0.0_wp)
     self%factorisations = count(s%bodies%flexible .and. .not. s%bodies%modal)
   end subroutine set_up_mechanism

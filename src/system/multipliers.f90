@@ -1,6 +1,9 @@
 !> The system for the multipliers, S lambda = r with S = Phi_q M^-1 Phi_q^T: its block graph is the joint graph, so it is
-!> kept banded in a good ordering (theory.md, sections 6 and 7). Where rows are redundant or a position is singular, the
-!> factor of S + eps 1 and a few corrections give the minimum-norm multipliers without a rank decision.
+!> kept banded in a good ordering (theory.md, sections 6 and 7). A weak pivot has one of two causes. Very uneven masses (a heavy
+!> body held by a light link) leave S regular: its own factor serves, and whoever uses the multipliers corrects them by the
+!> residual. Dependent rows (redundant joints, a singular position) make S singular: the factor of S + eps 1 and a few
+!> corrections give the minimum-norm multipliers. The matrix G of the joints' geometry alone, the same rows on bodies of unit
+!> mass, tells the two apart.
 module multipliers
   use kinds, only: wp
   use ordering, only: reverse_cuthill_mckee
@@ -8,7 +11,8 @@ module multipliers
   private
   public :: multiplier_system
 
-  real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! [-]
+  real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot from which rows count as independent [-]
+  real(wp), parameter :: least_pivot = 1.0e-14_wp !! relative pivot that still stands above rounding [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
@@ -18,17 +22,22 @@ module multipliers
     integer, allocatable :: position(:)        !! (n) reordered place of each row
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
+    real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed
     real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal, 1/D on it; columns beyond n are zero
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
-    real(wp) :: weakest = weak_pivot           !! relative pivot below which S is treated as singular [-]
-    logical :: singular = .false.              !! the factor is that of S + eps 1
+    real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
+    logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
+    logical :: uneven = .false.                !! very uneven masses: multipliers are exact only after corrections
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
     real(wp), allocatable :: r(:), best(:)     !! (n) work
+    logical, allocatable :: held(:)            !! (n) reordered rows that depend on earlier ones by geometry
   contains
     procedure :: set_up
     procedure :: clear
     procedure :: factor
+    procedure :: factor_strong
+    procedure :: factor_weak
     procedure :: solve
     procedure :: share
     procedure :: weak_rows
@@ -52,7 +61,8 @@ contains
     do k = 1, size(rows)
       self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
     end do
-    allocate (self%s(0:self%kd, n), self%f(0:self%kd, n + self%kd), self%x(n + self%kd), source=0.0_wp)
+    allocate (self%held(n), source=.false.)
+    allocate (self%s(0:self%kd, n), self%g(0:self%kd, n), self%f(0:self%kd, n + self%kd), self%x(n + self%kd), source=0.0_wp)
   end subroutine set_up
 
   !> Forgets S before it is summed anew.
@@ -65,16 +75,59 @@ contains
   subroutine factor(self)
     class(multiplier_system), intent(inout) :: self
     logical :: good
+    call self%factor_strong(good)
+    if (.not. good) call factor_shifted(self)
+  end subroutine factor
+
+  !> Factors S; good is false where a pivot is weak.
+  subroutine factor_strong(self, good)
+    class(multiplier_system), intent(inout) :: self
+    logical, intent(out) :: good
     self%singular = .false.
+    self%uneven = .false.
+    good = .true.
     if (self%n == 0) return
     call take_matrix(self)
     call eliminate(self%n, self%kd, self%f, self%s, self%weakest, good)
-    if (good) return
+  end subroutine factor_strong
+
+  !> Factors an S with weak pivots, knowing G: as it is where no row depends on others; with a shift of all rows where S is
+  !> singular but otherwise even; with the dependent rows alone shifted, by their own diagonal, where it is both.
+  subroutine factor_weak(self)
+    class(multiplier_system), intent(inout) :: self
+    logical :: good
+    call mark_dependent(self, weak_pivot)
+    self%singular = any(self%held)
+    call take_held(self)
+    call eliminate(self%n, self%kd, self%f, self%s, merge(weak_pivot, least_pivot, self%singular), good)
+    self%uneven = self%singular .neqv. good
+    if (.not. self%uneven) then
+      call factor_shifted(self)
+    else if (self%singular) then
+      call take_held(self)
+      call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
+    end if
+  end subroutine factor_weak
+
+  !> f = S with the diagonal entries of dependent rows doubled.
+  subroutine take_held(self)
+    class(multiplier_system), intent(inout) :: self
+    integer :: k
+    call take_matrix(self)
+    do k = 1, self%n
+      if (self%held(k)) self%f(0, k) = 2*self%f(0, k)
+    end do
+  end subroutine take_held
+
+  !> The factor of S + eps 1.
+  subroutine factor_shifted(self)
+    class(multiplier_system), intent(inout) :: self
+    logical :: good
     self%singular = .true.
     call take_matrix(self)
     self%f(0, 1:self%n) = self%f(0, 1:self%n) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
-  end subroutine factor
+  end subroutine factor_shifted
 
   !> f = S, with zeros beyond its last column.
   subroutine take_matrix(self)
@@ -289,30 +342,31 @@ contains
     end do
   end subroutine substitute3
 
-  !> Rows that depend on earlier ones, by elimination of the present S: a pivot below tol of its diagonal entry.
+  !> Rows that depend on earlier ones, by elimination of G, which is spent: a pivot below tol of its diagonal.
   subroutine weak_rows(self, tol, dependent)
-    class(multiplier_system), intent(in) :: self
+    class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
-    real(wp), allocatable :: f(:, :)
-    logical, allocatable :: weak(:)
-    real(wp) :: d, l
+    call mark_dependent(self, tol)
+    dependent = self%held(self%position)
+  end subroutine weak_rows
+
+  !> held: rows of G whose pivot falls below tol of their diagonal entry, each skipped once it is found to depend. Spends G.
+  subroutine mark_dependent(self, tol)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: tol               !! [-]
+    real(wp) :: l
     integer :: i, j, k
-    allocate (f(0:self%kd, self%n), source=self%s)
-    allocate (weak(self%n))
+    self%r = self%g(0, :)
     do j = 1, self%n
-      d = f(0, j)
-      weak(j) = .not. d > tol*self%s(0, j)
-      if (weak(j)) cycle                      ! the row adds nothing: skip it
+      self%held(j) = .not. self%g(0, j) > tol*self%r(j)
+      if (self%held(j)) cycle                 ! the row adds nothing: skip it
       do i = 1, min(self%kd, self%n - j)
-        l = f(i, j)/d
+        l = self%g(i, j)/self%g(0, j)
         do k = i, min(self%kd, self%n - j)
-          f(k - i, j + i) = f(k - i, j + i) - l*f(k, j)
+          self%g(k - i, j + i) = self%g(k - i, j + i) - l*self%g(k, j)
         end do
       end do
     end do
-    do k = 1, self%n
-      dependent(k) = weak(self%position(k))
-    end do
-  end subroutine weak_rows
+  end subroutine mark_dependent
 end module multipliers

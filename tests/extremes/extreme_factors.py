@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from extreme_cases import Case, call, safe_bound
+from extreme_cases import Case, Ran, call, safe_bound
 from extreme_measures import REFUSAL, UNSTABLE, away, opening, residual, same
 from extreme_scales import drives, loads, many_steps, units
 from extreme_scenes import (
     FIRST,
     cantilever,
     crank,
-    double_pendulum,
-    double_pendulum_exact,
+    loaded_cantilever,
     oscillator,
     oscillator_bound,
     oscillator_exact,
     parallelogram,
+    pendulum_chain,
+    pendulum_chain_exact,
     spinning_arm,
     transient,
 )
@@ -130,14 +131,39 @@ def damping() -> list[Case]:
 
 
 def masses() -> list[Case]:
-    """Return two links of very different masses."""
-    found = []
-    for k in (-9, -6, -3, 0, 3, 6, 9):
-        exact = away("upper", lambda t, r=10.0**k: double_pendulum_exact(r, t)[:, 0], 1.0)
-        deck = double_pendulum(10.0**k) + transient(4.0, 1e-3)
-        found.append(
-            Case("mass ratio of neighbours", f"1e{k}", deck, "within 1e-6 of Lagrange's equations", measure=exact, limit=1e-6)
-        )
+    """Return links of very different masses, hung one below the other, and a heavy mass on a light welded beam."""
+    factor, found = "mass ratio of neighbours", []
+    chains = {f"1e{k}": [1.0, 10.0**k] for k in range(-9, 10, 3)}
+    chains |= {
+        "1e9 up and down": [1.0, 1e9, 1.0],
+        "1e-9 up and down": [1e9, 1.0, 1e9],
+        "1e4, 1e4": [1e-4, 1.0, 1e4],
+        "1e-4, 1e-4": [1e4, 1.0, 1e-4],
+        "1, 1, 1e9": [1.0, 1.0, 1e9],
+        "four links": [1.0, 1e5, 1e-2, 1e5],
+    }
+    for name, kg in chains.items():
+        t_end, step = (4.0, 1e-3) if len(kg) < 3 else (0.1, 1e-6)
+        exact = away("link0", lambda t, kg=kg: pendulum_chain_exact(kg, t)[:, 0], 1.0)
+        deck = pendulum_chain(kg) + transient(t_end, step)
+        found.append(Case(factor, name, deck, "within 1e-6 of Lagrange's equations", measure=exact, limit=1e-6))
+    for k in (3, 5, 7, 9):
+        kg = [1.0, 10.0**k]
+        exact = away("link0", lambda t, kg=kg: pendulum_chain_exact(kg, t, straight=True)[:, 0], 1.0)
+        deck = pendulum_chain(kg, straight=True) + transient(0.4, 1e-6)
+        found.append(Case(factor, f"1e{k}, straight", deck, "within 1e-6 of Lagrange's equations", measure=exact, limit=1e-6))
+    for k in (3, 5, 7, 9):
+        deck, period, static = loaded_cantilever(10.0**k)
+        step = 0.5 * safe_bound(deck)
+        t_end = min(period, LONG * step)
+
+        def measure(ran: Ran, period: float = period, static: float = static) -> float:
+            moved = math.cos(0.7) * ran.history["tip.y"] - math.sin(0.7) * ran.history["tip.x"]
+            exact = static * (1.0 - np.cos(2.0 * math.pi / period * ran.history.time))
+            return float(np.abs(moved - exact).max() / exact.max())
+
+        told = "within 1e-5 of a massless beam's motion"
+        found.append(Case(factor, f"beam 1, tip 1e{k}", deck + transient(t_end, step), told, measure=measure, limit=1e-5))
     return found
 
 

@@ -127,30 +127,59 @@ def pendulum(length: float = 1.0, gravity: float = 9.81, mass: float = 1.0, body
     return deck, math.sqrt(length / gravity) if gravity > 0.0 else 1.0
 
 
-def double_pendulum(ratio: float) -> str:
-    """Return two uniform rods of 1 m from (0.3, -0.5) rad, the lower `ratio` times as heavy as the upper, under 1 m/s2."""
-    x, y = math.cos(0.3), math.sin(0.3)
-    return f"""&scene gravity=1.0,0.0 /
-&body name='upper' kind='rigid' mass=1.0 inertia={1 / 12:.16e} com=0.5,0.0 angle=0.3 /
-&body name='lower' kind='rigid' mass={ratio:.16e} inertia={ratio / 12:.16e} com=0.5,0.0 position={x:.16e},{y:.16e} angle=-0.5 /
-&joint name='pivot' type='revolute' body_a='upper' /
-&joint name='elbow' type='revolute' body_a='lower' body_b='upper' point_b=1.0,0.0 /
-&sensor name='upper' quantity='angle' body='upper' /
-&sensor name='lower' quantity='angle' body='lower' /
+def pendulum_angles(links: int, straight: bool) -> list[float]:
+    """Return the angles [rad] at which a chain is released: in one straight line, or bent to and fro."""
+    return [0.9 if straight else -0.5 if k % 2 else 0.3 for k in range(links)]
+
+
+def pendulum_chain(masses: list[float], straight: bool = False) -> str:
+    """Return unit links hung one below the other under 1 m/s2 along x."""
+    text, x, y = "&scene gravity=1.0,0.0 /\n", 0.0, 0.0
+    for k, (mass, angle) in enumerate(zip(masses, pendulum_angles(len(masses), straight))):
+        text += f"""&body name='link{k}' kind='rigid' mass={mass:.16e} inertia={mass / 12:.16e} com=0.5,0.0
+  position={x:.16e},{y:.16e} angle={angle} /
+&joint name='pin{k}' type='revolute' body_a='link{k}' {f"body_b='link{k - 1}' point_b=1.0,0.0" if k else ""} /
+&sensor name='link{k}' quantity='angle' body='link{k}' /
 """
+        x, y = x + math.cos(angle), y + math.sin(angle)
+    return text
 
 
-def double_pendulum_exact(ratio: float, times: np.ndarray) -> np.ndarray:
-    """Return both angles, shape (times, 2), from Lagrange's equations (angles from the x axis, gravity along x)."""
+def pendulum_chain_exact(masses: list[float], times: np.ndarray, straight: bool = False) -> np.ndarray:
+    """Return the angles, shape (times, links), from Lagrange's equations (angles from the x axis, gravity along x)."""
+    n = len(masses)
+    below = np.array([sum(masses[k + 1 :]) for k in range(n)])
+    carried = np.array(masses) / 2 + below  # moment of each angle's weight over g
+    coupling = np.array([[masses[max(i, j)] / 2 + below[max(i, j)] for j in range(n)] for i in range(n)])
+    np.fill_diagonal(coupling, np.array(masses) / 3 + below)
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
-        a, b, da, db = y
-        m, c, s = ratio, math.cos(a - b), math.sin(a - b)
-        mass = np.array([[1.0 / 3.0 + m, 0.5 * m * c], [0.5 * m * c, m / 3.0]])
-        right = [-0.5 * m * s * db**2 - (0.5 + m) * math.sin(a), 0.5 * m * s * da**2 - 0.5 * m * math.sin(b)]
-        return np.array([da, db, *np.linalg.solve(mass, right)])
+        turn = y[:n, None] - y[None, :n]
+        right = -coupling * np.sin(turn) @ y[n:] ** 2 - carried * np.sin(y[:n])
+        return np.concatenate([y[n:], np.linalg.solve(coupling * np.cos(turn), right)])
 
-    return solve_ivp(rates, (0.0, times[-1]), [0.3, -0.5, 0.0, 0.0], "DOP853", times, rtol=1e-12, atol=1e-13).y[:2].T
+    start = pendulum_angles(n, straight) + [0.0] * n
+    return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13).y[:n].T
+
+
+def loaded_cantilever(ratio: float) -> tuple[str, float, float]:
+    """Return a clamped beam, turned by 0.7 rad, with a tip mass `ratio` times its own under a sideways force at the tip.
+
+    Its period [s] and static deflection [m] follow: Rayleigh's 33/140 of the beam's mass moves with the tip.
+    """
+    height, deflection = 0.02, 1e-3
+    stiffness, mass = 3.0e9 * height**4 / 12, 1000.0 * height**2
+    period = 2.0 * math.pi * math.sqrt((ratio + 33 / 140) * mass / stiffness)
+    force = stiffness * deflection
+    deck = f"""&material name='m' density=1000.0 young=1.0e9 /
+&section name='s' shape='rectangle' width={height} height={height} /
+&body name='beam' kind='beam' length=1.0 elements=1 material='m' section='s' axial=.false. angle=0.7 /
+&lump body='beam' node=-1 mass={ratio * mass:.16e} /
+&joint name='wall' type='weld' body_a='beam' node_a=1 /
+&force name='tip' type='force' body='beam' node=-1 fx={-force * math.sin(0.7):.16e} fy={force * math.cos(0.7):.16e} /
+&sensor name='tip' quantity='position' body='beam' node=-1 /
+"""
+    return deck, period, deflection
 
 
 def spinning_arm(spin: float, load: float, more: str) -> str:

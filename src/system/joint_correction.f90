@@ -1,0 +1,82 @@
+!> Multipliers and accelerations corrected by what the accelerations leave of the joints' equations. With very uneven masses
+!> (a heavy body held by a light link) S = Phi_q M^-1 Phi_q^T has entries of the size of the light link's 1/m, from which the
+!> heavy body's 1/m is a small difference: rounding spoils the multipliers by eps times the ratio of the masses. The residual
+!> of the accelerations does not suffer from it, so each correction with the same factor removes that share of the error
+!> (iterative refinement; Higham 2002, chapter 12).
+module joint_correction
+  use kinds, only: wp
+  use joint_system, only: apply_multipliers, row_rates
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: correct_accelerations
+
+  integer, parameter :: most_passes = 6              !! corrections
+  real(wp), parameter :: falling = 0.5_wp            !! a residual above this share of the one before no longer falls [-]
+
+contains
+
+  !> Corrects lambda and a of the last evaluation until the residual of the joints no longer falls.
+  subroutine correct_accelerations(self)
+    type(mechanism_model), intent(inout) :: self
+    real(wp) :: worst, before
+    integer :: pass
+    before = huge(1.0_wp)
+    do pass = 1, most_passes
+      call joint_residual(self, self%lambda_change)
+      worst = maxval(abs(self%lambda_change))
+      if (.not. worst < falling*before) exit
+      before = worst
+      call self%schur%solve(self%lambda_change)
+      call apply_multipliers(self, self%lambda_change, self%change)
+      self%a = self%a + self%change
+      self%lambda = self%lambda + self%lambda_change
+    end do
+  end subroutine correct_accelerations
+
+  !> Second derivatives of all rows at the present accelerations, with Baumgarte's terms where they are asked for.
+  subroutine joint_residual(self, r)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(out), contiguous :: r(:)        !! (rows) [m/s2]
+    integer :: i, b, e
+    r = 0.0_wp
+    if (any(self%baumgarte > 0.0_wp)) then
+      call row_rates(self, r)
+      r = 2*self%baumgarte(1)*r + self%baumgarte(2)**2*self%rows%phi
+    end if
+    do i = 1, self%s%rows
+      r(i) = r(i) + self%rows%extra(i) + dot_product(self%rows%na(:, i), self%p%bias(:, self%row_place(1, i))) &
+             + dot_product(self%rows%nb(:, i), self%p%bias(:, self%row_place(2, i)))
+    end do
+    do b = 1, size(self%c)
+      do e = self%end_first(b), self%end_first(b + 1) - 1
+        i = self%end_row(e)
+        r(i) = r(i) + dot_product(self%w(:, e), place_acceleration(self, b, self%end_place(e)))
+      end do
+    end do
+  end subroutine joint_residual
+
+  !> Acceleration of a place without its velocity-dependent part, and of its section's angle, body axes.
+  pure function place_acceleration(self, b, k) result(x)
+    type(mechanism_model), intent(in) :: self
+    integer, intent(in) :: b, k                      !! body, place
+    real(wp) :: x(3)
+    integer :: i, n, c
+    i = self%s%qo(b)
+    associate (a => self%a, rho => self%p%rho(:, k), place => self%s%places(k))
+      x(1) = self%c(b)*a(i + 1) + self%sn(b)*a(i + 2) - rho(2)*a(i + 3)
+      x(2) = self%c(b)*a(i + 2) - self%sn(b)*a(i + 1) + rho(1)*a(i + 3)
+      x(3) = a(i + 3)
+      if (.not. self%flexible(b)) return
+      if (allocated(place%psi)) then
+        do n = 1, size(place%psi, 2)
+          x = x + place%psi(:, n)*a(i + 3 + n)
+        end do
+      else
+        do c = 1, 3
+          if (place%dof(c) > 0) x(c) = x(c) + a(i + 3 + place%dof(c))
+        end do
+      end if
+    end associate
+  end function place_acceleration
+end module joint_correction

@@ -1,0 +1,127 @@
+!> The joints' geometry apart from the masses: G = Phi_q W^-1 Phi_q^T with a metric W that knows lengths only. Frames weigh
+!> one in translation and the square of the body's reach in rotation, about the middle of its joints; elastic coordinates of
+!> nodes likewise, without coupling; modes keep their compliances per unit of the body's mass. G is singular where rows
+!> depend on others, whatever the masses are, so it tells redundant joints and singular positions from heavy bodies on light
+!> links (multipliers). It is summed only where the multipliers' matrix has a weak pivot.
+module joint_geometry
+  use kinds, only: wp
+  use mechanism, only: mechanism_model, flexible_attachments
+  implicit none (type, external)
+  private
+  public :: condense_geometry, factor_joints
+
+contains
+
+  !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry says what that means.
+  subroutine factor_joints(self)
+    type(mechanism_model), intent(inout) :: self
+    logical :: good
+    call self%schur%factor_strong(good)
+    if (good) return
+    call condense_geometry(self)
+    call self%schur%factor_weak()
+  end subroutine factor_joints
+
+  !> Sums G from the unit wrenches of the last evaluation, body by body.
+  subroutine condense_geometry(self)
+    type(mechanism_model), intent(inout) :: self
+    real(wp) :: middle(2), reach
+    integer :: b
+    self%schur%g = 0.0_wp
+    do b = 1, size(self%c)
+      if (self%end_first(b + 1) == self%end_first(b)) cycle
+      call extent(self, b, middle, reach)
+      call add_frame(self, b, middle, reach)
+      if (self%flexible(b) .and. .not. self%frozen) call add_elastic(self, b, self%attached(b), reach)
+    end do
+  end subroutine condense_geometry
+
+  !> The middle of a body's joints and how far they lie from it.
+  pure subroutine extent(self, b, middle, reach)
+    type(mechanism_model), intent(in) :: self
+    integer, intent(in) :: b
+    real(wp), intent(out) :: middle(2)            !! body axes [m]
+    real(wp), intent(out) :: reach                !! [m]
+    integer :: e
+    middle = 0.0_wp
+    do e = self%end_first(b), self%end_first(b + 1) - 1
+      middle = middle + self%p%rho(:, self%end_place(e))
+    end do
+    middle = middle/(self%end_first(b + 1) - self%end_first(b))
+    reach = 0.0_wp
+    do e = self%end_first(b), self%end_first(b + 1) - 1
+      reach = max(reach, norm2(self%p%rho(:, self%end_place(e)) - middle))
+    end do
+    if (.not. reach > 1.0e-9_wp*norm2(middle)) reach = max(norm2(middle), self%s%size)    ! one place alone
+  end subroutine extent
+
+  !> What the frame's motion adds: wrenches about the middle of the joints.
+  pure subroutine add_frame(self, b, middle, reach)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    real(wp), intent(in) :: middle(2), reach      !! [m]
+    real(wp) :: we(3), wf(3)
+    integer :: e, f
+    do e = self%end_first(b), self%end_first(b + 1) - 1
+      we = about(self%w(:, e), self%p%rho(:, self%end_place(e)) - middle, reach)
+      do f = self%end_first(b), e
+        wf = about(self%w(:, f), self%p%rho(:, self%end_place(f)) - middle, reach)
+        call add_pair(self, e, f, dot_product(we, wf))
+      end do
+    end do
+  end subroutine add_frame
+
+  !> A wrench on a place as force, and moment about the middle over the reach.
+  pure function about(w, arm, reach) result(x)
+    real(wp), intent(in) :: w(3)                  !! body axes
+    real(wp), intent(in) :: arm(2), reach         !! [m]
+    real(wp) :: x(3)
+    x(1:2) = w(1:2)
+    x(3) = (w(3) + arm(1)*w(2) - arm(2)*w(1))/reach
+  end function about
+
+  !> What the elastic coordinates of the places add.
+  pure subroutine add_elastic(self, b, at, reach)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    type(flexible_attachments), intent(in) :: at
+    real(wp), intent(in) :: reach                 !! [m]
+    real(wp) :: unit(3), x
+    integer :: e, f, i, j, c
+    logical :: modal, same
+    unit = [1.0_wp, 1.0_wp, 1.0_wp/reach**2]
+    modal = self%s%bodies(b)%modal
+    do e = self%end_first(b), self%end_first(b + 1) - 1
+      i = self%end_local(e)
+      do f = self%end_first(b), e
+        j = self%end_local(f)
+        x = 0.0_wp
+        do c = 1, 3
+          same = self%s%places(at%place(i))%dof(c) == self%s%places(at%place(j))%dof(c) .and. at%column(c, i) > 0
+          if (modal) then
+            x = x + self%s%bodies(b)%mass*self%w(c, f)*dot_product(self%w(:, e), at%compliance(:, c, i, j))
+          else if (same) then
+            x = x + unit(c)*self%w(c, e)*self%w(c, f)
+          end if
+        end do
+        call add_pair(self, e, f, x)
+      end do
+    end do
+  end subroutine add_elastic
+
+  !> Adds to the entry of two ends' rows, scaled as S is.
+  pure subroutine add_pair(self, e, f, x)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: e, f
+    real(wp), intent(in) :: x                     !! [-]
+    real(wp) :: y
+    integer :: i, j
+    associate (s => self%schur)
+      i = s%position(self%end_row(e))
+      j = s%position(self%end_row(f))
+      y = x*s%scale(self%end_row(e))*s%scale(self%end_row(f))
+      if (i == j .and. f < e) y = 2*y             ! both places of one row on the same body
+      s%g(abs(i - j), min(i, j)) = s%g(abs(i - j), min(i, j)) + y
+    end associate
+  end subroutine add_pair
+end module joint_geometry
