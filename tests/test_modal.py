@@ -249,6 +249,39 @@ def test_modes_about_a_loaded_equilibrium(modes_of, probe, tmp_path, kind):
     assert paired(modes.poles[modes.kind == VIBRATION], oracle.poles(), 6) < 1e-6
 
 
+MIXED = """&material name='soft' density=2500.0 young=5.8e7 rayleigh_mass=3.0
+  ghm_alpha=3.0,0.6 ghm_zeta=1.3,0.5 ghm_omega=940.0,94.0 /
+&material name='firm' density=2500.0 young=2.5e8 ghm_alpha=0.1 ghm_zeta=2.0 ghm_omega=190.0 /
+&section name='a' area=6.8e-5 inertia=1.2e-9 /
+&section name='b' shape='rectangle' width=0.0066 height=0.011 /
+&body name='post' kind='beam' length=0.43 elements=1 material='firm' section='a' reference='clamped' angle=1.5 /
+&body name='arm' kind='beam' length=0.48 elements=2 material='soft' section='a' reference='clamped' angle=-0.2 /
+&body name='tree' kind='frame' node_x=0.0,0.1,0.3,0.1 node_y=0.0,0.2,0.2,0.4 element_nodes=1,2,2,3,2,4
+  material='soft' section='a','b','a' reference='clamped' position=0.470432,-0.095361 angle=0.5 /
+&lump body='arm' node=1 mass=0.05 inertia=5.0e-5 /
+&joint name='foot' type='weld' body_a='post' node_a=1 /
+&joint name='pin' type='revolute' body_a='arm' node_a=1 body_b='post' node_b=1 /
+&joint name='graft' type='weld' body_a='tree' node_a=1 body_b='arm' node_b=-1 /
+&spring name='hold' type='torsional' body_a='arm' node_a=1 body_b='post' stiffness=99.0 damping=0.0145
+  ghm_alpha=0.5 ghm_zeta=0.4 ghm_omega=150.0 /
+"""
+
+
+def test_every_pole_of_a_scene_of_several_materials_is_found(modes_of, probe, tmp_path):
+    """Modes of different damping mix: shapes with damping are far from the undamped ones, and poles lie close together."""
+    modes = modes_of(MIXED + "&modal modes=99 /\n")
+    oracle = LinearOracle(Twins(probe, tmp_path, MIXED).oracle)
+    poles = oracle.poles()
+    poles = poles[poles.imag >= 0.0]
+    found = modes.damped()
+    for zeta, omega in ((1.3, 940.0), (0.5, 94.0), (2.0, 190.0), (0.4, 150.0)):  # terms whose deformations stand still
+        poles = poles[np.abs(poles**2 + 2 * zeta * omega * poles + omega**2) > 1e-5 * omega**2]
+        found = found[np.abs(found**2 + 2 * zeta * omega * found + omega**2) > 1e-5 * omega**2]
+    assert found.size == poles.size
+    assert paired(found, poles, poles.size) < 1e-6
+    assert len(set(modes.table["mode"][modes.kind == VIBRATION])) == (modes.kind == VIBRATION).sum()
+
+
 # ---------------------------------------------------------------- turning structures
 
 

@@ -1,20 +1,20 @@
 !> Poles of the linearised mechanism, damping and GHM included: T(lambda) x + J^T mu = 0, J x = 0, a non-linear
-!> eigenproblem that is exact in the modulus E(lambda). Every pole is found by Newton's method on
-!> h(lambda)^-1 = (c^T [T]^-1 b)^-1, which vanishes at poles, started from the roots of the mode's scalar system; a pole that
-!> has been found before is divided out (Maehly).
+!> eigenproblem that is exact in the modulus E(lambda). Newton's method (`pole_newton`) starts from the roots of each mode's
+!> scalar system; a vibration that it misses is followed while the damping grows, and where searches still ended at poles found
+!> before, the rest starts from the poles of the system reduced on the undamped modes (`reduced_poles`).
 module complex_modes
   use kinds, only: wp
-  use complex_modulus, only: modulus_ratio, modulus_slope
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev
   use mode_list, only: mode_set, padded, residual_of, known_slope, undamped_mode, vibration_mode, further_mode, real_pole
   use natural_modes, only: natural_subspace, rounding_level
+  use pole_newton, only: newton_pole, grow_damping
+  use reduced_poles, only: reduced_system_poles
   use scalar_modes, only: scalar_roots
   implicit none (type, external)
   private
   public :: find_modes
 
-  integer, parameter :: most_newton = 40
   integer, parameter :: whole_below = 120              !! unknowns up to which a gyroscopic system is reduced on all its modes
 
 contains
@@ -41,6 +41,7 @@ contains
       call gyroscopic_modes(ds, omega2, x, wanted, modes, ok)
     end if
     if (ok .and. ds%damped) call damped_poles(ds, modes)
+    if (ok .and. modes%lost > 0) call missing_poles(ds, x, modes)
   end subroutine find_modes
 
   !> A mode of the symmetric system; a frequency within rounding of zero is a rigid motion.
@@ -140,7 +141,7 @@ contains
     complex(wp), allocatable :: roots(:), x(:), x0(:)
     complex(wp) :: lambda
     real(wp) :: mass, damping, part(size(ds%groups))
-    integer :: j, i, vibration, undamped, kind, pass
+    integer :: j, i, vibration, undamped, pass
     logical :: ok
     undamped = modes%count
     do pass = 1, 2                                     ! vibrations first, so that further poles cannot take their place
@@ -154,22 +155,93 @@ contains
           lambda = roots(i)
           x = x0
           call newton_pole(ds, lambda, x, modes, 1.0_wp, ok)
+          if (.not. ok .and. i == vibration) then
+            lambda = cmplx(0.0_wp, modes%lambda(j)%im, wp)
+            x = x0
+            call grow_damping(ds, lambda, x, modes, ok)
+          end if
           if (.not. ok) then
             modes%lost = modes%lost + 1
             cycle
           end if
-          kind = merge(vibration_mode, further_mode, i == vibration)
-          if (abs(lambda%im) <= 1.0e-12_wp*abs(lambda)) kind = real_pole
-          if (kind == real_pole) lambda%im = 0.0_wp
-          if (lambda%im < 0.0_wp) then
-            lambda = conjg(lambda)
-            x = conjg(x)
-          end if
-          call modes%add(kind, modes%mode(j), lambda, residual_of(ds, lambda, x, 1.0_wp), x)
+          call add_pole(ds, merge(vibration_mode, further_mode, i == vibration), modes%mode(j), lambda, x, modes)
         end do
       end do
     end do
   end subroutine damped_poles
+
+  !> Poles that the searches from single modes did not reach: each belongs to the undamped mode that it resembles most.
+  subroutine missing_poles(ds, basis, modes)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: basis(:, :)                !! (n, p) natural subspace
+    type(mode_set), intent(inout) :: modes
+    complex(wp), allocatable :: lambdas(:), shapes(:, :), x(:)
+    complex(wp) :: lambda
+    logical, allocatable :: near(:)
+    integer :: i, j, kind, undamped
+    logical :: ok
+    undamped = count(modes%kind == undamped_mode)
+    call reduced_system_poles(ds, basis, lambdas, shapes)
+    allocate (near(modes%count), source=modes%kind /= undamped_mode)
+    do i = 1, size(lambdas)
+      lambda = lambdas(i)
+      j = 0
+      if (any(near)) j = minloc(abs(modes%lambda(1:size(near)) - lambda), 1, near)
+      if (j > 0) then
+        if (abs(modes%lambda(j) - lambda) <= 1.0e-6_wp*abs(lambda)) then
+          near(j) = .false.                            ! this one is listed, once
+          cycle
+        end if
+      end if
+      x = shapes(:, i)
+      call newton_pole(ds, lambda, x, modes, 1.0_wp, ok)
+      if (.not. ok) cycle
+      j = most_alike(ds, x, modes, undamped)
+      kind = further_mode
+      if (.not. any(modes%kind == vibration_mode .and. modes%mode == modes%mode(j))) kind = vibration_mode
+      call add_pole(ds, kind, modes%mode(j), lambda, x, modes)
+      modes%lost = modes%lost - 1
+    end do
+  end subroutine missing_poles
+
+  !> Adds a pole with Im >= 0.
+  subroutine add_pole(ds, kind, mode, lambda, x, modes)
+    type(stiffness_system), intent(inout) :: ds
+    integer, intent(in) :: kind, mode                  !! kind if it oscillates, number of its undamped mode
+    complex(wp), intent(in) :: lambda, x(:)
+    type(mode_set), intent(inout) :: modes
+    complex(wp) :: pole
+    pole = cmplx(lambda%re, abs(lambda%im), wp)
+    if (abs(lambda%im) <= 1.0e-12_wp*abs(lambda)) then
+      pole%im = 0.0_wp
+      call modes%add(real_pole, mode, pole, residual_of(ds, pole, x, 1.0_wp), x)
+    else if (lambda%im < 0.0_wp) then
+      call modes%add(kind, mode, pole, residual_of(ds, pole, conjg(x), 1.0_wp), conjg(x))
+    else
+      call modes%add(kind, mode, pole, residual_of(ds, pole, x, 1.0_wp), x)
+    end if
+  end subroutine add_pole
+
+  !> Which of the first modes resembles a shape most, in the sense of the mass matrix.
+  integer function most_alike(ds, x, modes, undamped) result(best)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: x(:)
+    type(mode_set), intent(in) :: modes
+    integer, intent(in) :: undamped                    !! how many of the modes are undamped ones
+    complex(wp) :: mx(ds%n + ds%rows), my(ds%n + ds%rows)
+    real(wp) :: alike, most
+    integer :: j
+    best = 1
+    most = -1.0_wp
+    mx = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
+    do j = 1, undamped
+      my = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, modes%x(:, j)))
+      alike = abs(dot_product(modes%x(:, j), mx(1:ds%n)))**2/abs(dot_product(modes%x(:, j), my(1:ds%n)))
+      if (alike <= most) cycle
+      most = alike
+      best = j
+    end do
+  end function most_alike
 
   !> Mass, damping and GHM stiffnesses of a shape.
   subroutine project(ds, x, mass, damping, part)
@@ -192,99 +264,4 @@ contains
       end associate
     end do
   end subroutine project
-
-  !> Newton's method for one pole. On entry lambda and x start it; a pole that is known with the same shape is divided out.
-  subroutine newton_pole(ds, lambda, x, modes, damping, ok)
-    type(stiffness_system), intent(inout) :: ds
-    complex(wp), intent(inout) :: lambda
-    complex(wp), intent(inout) :: x(:)
-    type(mode_set), intent(in) :: modes
-    real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one
-    logical, intent(out) :: ok
-    complex(wp) :: start, x0(size(x))
-    integer :: attempt
-    start = lambda
-    x0 = x
-    do attempt = 0, 2
-      lambda = start
-      if (attempt == 2) lambda = start*cmplx(1.0_wp, 0.05_wp, wp)
-      x = x0
-      call newton(ds, lambda, x, modes, damping, attempt > 0, ok)
-      if (ok) ok = .not. modes%known(ds, lambda, x, damping)
-      if (ok) return
-    end do
-  end subroutine newton_pole
-
-  !> The iteration.
-  subroutine newton(ds, lambda, x, modes, damping, deflate, ok)
-    type(stiffness_system), intent(inout) :: ds
-    complex(wp), intent(inout) :: lambda, x(:)
-    type(mode_set), intent(in) :: modes
-    real(wp), intent(in) :: damping
-    logical, intent(in) :: deflate
-    logical, intent(out) :: ok
-    complex(wp), allocatable :: b(:), u(:), w(:)
-    complex(wp) :: h, dh, slope, step
-    real(wp) :: before
-    integer :: pass
-    ok = .false.
-    before = huge(1.0_wp)
-    b = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
-    b = b/norm2(abs(b))
-    do pass = 1, most_newton
-      call ds%set(lambda, damping)
-      call ds%factor()
-      u = b
-      call ds%solve(u)
-      if (.not. all(abs(u) < huge(1.0_wp))) return
-      h = sum(conjg(b)*u)
-      w = -ds%times(ds%slope, u)
-      call ds%solve(w)
-      dh = sum(conjg(b)*w)
-      slope = -dh/h
-      if (deflate) slope = slope - known_slope(modes, lambda, damping)
-      if (.not. abs(slope) > 0.0_wp) return
-      step = -1.0_wp/slope
-      if (abs(step) > 0.3_wp*abs(lambda)) step = step*(0.3_wp*abs(lambda)/abs(step))
-      lambda = lambda + step
-      if (abs(step) <= 1.0e-13_wp*abs(lambda) .or. (abs(step) <= 1.0e-7_wp*abs(lambda) .and. abs(step) > 0.3_wp*before)) then
-        ok = .true.
-        exit
-      end if
-      before = abs(step)
-    end do
-    x = u(1:size(x))/norm2(abs(u(1:size(x))))
-    if (ok .and. ds%symmetric) call rayleigh(ds, padded(ds, x), damping, lambda)
-  end subroutine newton
-
-  !> The root of x^T T(lambda) x near lambda: of second order in the error of x where T is symmetric, and free of the
-  !> rounding that the factorisation of a nearly singular T leaves in Newton's root.
-  subroutine rayleigh(ds, x, damping, lambda)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)                    !! (n+rows), multipliers zero
-    real(wp), intent(in) :: damping
-    complex(wp), intent(inout) :: lambda
-    complex(wp) :: m, c, k, part(size(ds%groups)), f, df, step
-    integer :: pass, r
-    m = sum(x*ds%times(cmplx(ds%m, 0.0_wp, wp), x))
-    c = damping*sum(x*ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), x))
-    k = sum(x*ds%stiffness_product(x, 0))
-    do r = 1, size(part)
-      part(r) = damping*sum(x*ds%stiffness_product(x, r))
-    end do
-    do pass = 1, 4
-      f = m*lambda**2 + c*lambda + k
-      df = 2*m*lambda + c
-      do r = 1, size(part)
-        associate (p => ds%groups(r))
-          f = f + part(r)*modulus_ratio(p%alpha, p%zeta, p%omega, lambda)
-          df = df + part(r)*modulus_slope(p%alpha, p%zeta, p%omega, lambda)
-        end associate
-      end do
-      step = -f/df
-      if (.not. abs(step) <= 1.0e-4_wp*abs(lambda)) return   ! no polish: the shape is not that of this root
-      lambda = lambda + step
-      if (abs(step) <= epsilon(1.0_wp)*abs(lambda)) return
-    end do
-  end subroutine rayleigh
 end module complex_modes
