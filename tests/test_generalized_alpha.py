@@ -138,6 +138,38 @@ def test_order_two_on_the_slider_crank(radius, run_deck):
         assert min(orders) > 1.75, (name, orders)
 
 
+# steps that resolve every column's motion, and how long: rocker_q3.qdd of the four-bar rings with an undamped axial mode of
+# 1.02e5 rad/s, whose phase errs by (omega h)^2/12 omega t
+RESOLVED = {
+    "vrl_elastic": (5e-7, 0.01),
+    "vrl_ghm": (5e-7, 0.01),
+    "vrl_torque_on_rod": (5e-7, 0.01),
+    "four_bar": (2.5e-7, 0.009),
+    "viscoelastic_joint": (1e-5, 0.3),
+    "spin_up": (2e-3, 20.0),
+    "andrews": (1e-5, 0.03),
+}
+
+
+@pytest.mark.parametrize("scene", RESOLVED)
+def test_every_reference_scene_is_approached_with_order_two(scene, run_deck, tmp_path):
+    """All columns: positions, velocities, accelerations and reactions, with projection, GHM and drives."""
+    step, t_end = RESOLVED[scene]
+    deck = re.sub(r"t_end=\S+", f"t_end={t_end}", (REFERENCE / scene / "deck.nml").read_text(encoding="utf-8"))
+    rows = (REFERENCE / scene / "expected.csv").read_text(encoding="utf-8").splitlines()
+    rows = [rows[0]] + [row for row in rows[1:] if float(row.split(",")[0]) < 1.000001 * t_end]
+    (tmp_path / "expected.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    expected = read(tmp_path / "expected.csv")
+    errors = []
+    for h in (step, step / 2):
+        text, count = re.subn(r"method='rk4' step=\S+", f"method='generalized_alpha' step={h}", deck)
+        assert count == 1
+        errors.append({d.name: d.error for d in differences(run_deck(text, name=f"h{h}").history, expected)})
+    for name, error in errors[0].items():
+        assert error < 1e-12 or np.log2(error / errors[1][name]) > 1.85, (name, error, errors[1][name])
+        assert errors[1][name] < 5e-3
+
+
 @pytest.mark.parametrize("scene", ["vrl_torque_on_rod", "viscoelastic_joint", "spin_up", "andrews"])
 def test_tolerance_leads_to_the_reference(scene, run_deck):
     """The answers converge to the references; the worst column (accelerations of fast coordinates) within 200 tolerances."""
@@ -271,20 +303,25 @@ def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
     assert texts[0] == texts[1]
 
 
-def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_deck):
-    """Two four-bars in a row (IFToMM A02, N = 2) through all their change points: end values of the exact reduction."""
+def four_bars(n, speed=1.0):
+    """Return N four-bars in a row (IFToMM A02): all links collinear twice a turn, N rows dependent there."""
     deck = "&scene gravity=0.0,-9.81 /\n"
-    for k in range(3):
-        spin = "angular_velocity=-1.0" if k == 0 else ""
+    for k in range(n + 1):
+        spin = f"angular_velocity={-speed}" if k == 0 else ""
         deck += (
             f"&body name='v{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,0.0 angle={np.pi / 2} {spin} /\n"
         )
         deck += f"&joint name='g{k}' type='revolute' body_a='v{k}' point_b={k}.0,0.0 /\n"
-    for k in range(2):
+    for k in range(n):
         deck += f"&body name='h{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,1.0 /\n"
         deck += f"&joint name='l{k}' type='revolute' body_a='h{k}' body_b='v{k}' point_b=1.0,0.0 /\n"
         deck += f"&joint name='r{k}' type='revolute' body_a='h{k}' point_a=1.0,0.0 body_b='v{k + 1}' point_b=1.0,0.0 /\n"
-    deck += "&sensor name='b' quantity='position' body='v0' point=1.0,0.0 /\n"
+    return deck + "&sensor name='b' quantity='position' body='v0' point=1.0,0.0 /\n"
+
+
+def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_deck):
+    """Two four-bars through all their change points: end values of the exact reduction."""
+    deck = four_bars(2)
     errors = []
     for step in (1e-3, 5e-4):
         run = run_deck(deck + march(f"t_end=10.0 step={step} output_step=0.01"), name=f"s{step}")
@@ -292,3 +329,26 @@ def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_d
         assert run.energy["position_violation"].max() < 1e-12
     assert errors[1] < 1e-5
     assert np.log2(errors[0] / errors[1]) > 1.9
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.9])
+def test_controlled_steps_pass_singular_positions(radius, run_deck):
+    """The same with a tolerance: the error falls with it, and steps do not crawl at the change points."""
+    errors = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        text = four_bars(2) + march(f"t_end=10.0 tolerance={tolerance} spectral_radius={radius} output_step=0.01")
+        run = run_deck(text, name=f"t{tolerance}")
+        errors.append(abs(run.history["b.x"][-1] - 0.3284581115347))
+        assert run.energy["position_violation"].max() < 1e-12
+        assert number("rejected:", run.summary) < 200
+    assert errors[2] < 5e-5
+    assert errors[1] < errors[0] / 5
+    assert errors[2] < errors[1] / 5
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-7])
+@pytest.mark.parametrize("bars", [1, 4, 6])
+def test_many_rows_may_become_dependent_at_once(bars, tolerance, run_deck):
+    """Six four-bars in line at other speeds: the energy is kept through the change points."""
+    run = run_deck(four_bars(bars, 1.37) + march(f"t_end=3.0 tolerance={tolerance} output_step=0.01"))
+    assert np.abs(run.energy["residual"]).max() < max(tolerance ** (2 / 3), 5e-5) * run.energy["kinetic"].max()

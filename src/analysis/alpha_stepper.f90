@@ -6,7 +6,7 @@ module alpha_stepper
   use archive, only: value_archive
   use dynamics, only: evaluate
   use generalized_alpha, only: chung_hulbert, next_step, step_memory
-  use implicit_error, only: error_vector, remember_error
+  use implicit_error, only: error_vector, own_error, nearly_dependent, remember_error
   use implicit_model, only: implicit_solver, set_up_implicit
   use implicit_start, only: start_method, change_step, reported_state, same_step, full_state
   use implicit_step, only: try_step, accept_step, full_rates, exchange_solver
@@ -14,6 +14,7 @@ module alpha_stepper
   use mechanism_ode, only: mechanism_system
   use ode_system, only: ode, sane
   use projection, only: project
+  use singular, only: evaluate_branch
   use step_control, only: error_norm
   use time_stepper, only: stepper, exchange_common, step_count, reached, paused, lost, trouble_none, trouble_size, &
                           trouble_manifold, trouble_accuracy, trouble_iteration
@@ -249,6 +250,10 @@ contains
     if (ok) then
       call error_vector(self%solver, m, self%tried, self%error, self%trial)
       error = self%norm%measure(self%error, self%trial, h, self%tolerance)
+      if (error > 1.0_wp .and. nearly_dependent(m)) then
+        call own_error(self%solver, m, self%error)
+        error = min(error, self%norm%measure(self%error, self%trial, h, self%tolerance))
+      end if
       if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
     end if
     if (.not. ok .or. error > 1.0_wp) then
@@ -320,7 +325,7 @@ contains
       if (ok) then
         call evaluate(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
         call project(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
-        call evaluate(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+        call evaluate_branch(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
       end if
     end associate
     if (ok .and. sane(y)) return

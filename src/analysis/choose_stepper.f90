@@ -15,6 +15,10 @@ module choose_stepper
   private
   public :: make_stepper, method_order
 
+  !> Implicit steps satisfy the constraints but for rounding, 4e-14 of the scene's size where rows are nearly dependent: below
+  !> this tolerance (1e-6 of the size times what a step may err by) the least scales grow, so that it is not taken for an error.
+  real(wp), parameter :: finest = 1.0e-6_wp    !! [-]
+
 contains
 
   !> Order of a method, for corners that matter to it.
@@ -59,7 +63,10 @@ contains
     alpha%step = r%step
     alpha%tolerance = r%tolerance
     alpha%first_step = r%first_step
-    if (r%adaptive) call group_unknowns(s, alpha%norm)
+    if (r%adaptive) then
+      call group_unknowns(s, alpha%norm)
+      alpha%norm%floor = alpha%norm%floor*max(1.0_wp, finest/r%tolerance)
+    end if
     if (r%max_step > 0.0_wp) alpha%max_step = r%max_step
     call scene_corners(s, r%t_end, method_order(r%method), corners)
     alpha%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]

@@ -2,11 +2,10 @@
 !> (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp
-  use dynamics, only: evaluate
   use mechanism, only: mechanism_model
   use ode_system, only: ode, largest_value, sane
   use projection, only: project
-  use singular, only: smooth_accelerations
+  use singular, only: evaluate_branch
   implicit none (type, external)
   private
 
@@ -42,9 +41,7 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in) :: y(2*nq + 2*nz + 2)
     real(wp), intent(out) :: dy(2*nq + 2*nz + 2)
-    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
-    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, t, y(1:nq), y(nq + 1:2*nq), &
-                                                           y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = m%a
     if (m%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost

@@ -82,7 +82,8 @@ module implicit_model
     real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
     real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq + nz) of the equations at the ends of the step
     real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before, for the error estimate
-    real(wp), allocatable :: change(:)       !! (nq) work of the start
+    real(wp), allocatable :: before_own(:)   !! (nq) the same of the method's own accelerations
+    real(wp), allocatable :: change(:)       !! (nq) work of the start and of the error estimate
     real(wp), allocatable :: old(:, :)       !! (nz, 4) z, z', z'', az at the start of a step that is being judged
     real(wp) :: h_before = 0.0_wp            !! and its size [s], 0: none
     integer :: exact_left = 0                !! steps that still use the exact block
@@ -121,7 +122,7 @@ contains
     nz = m%s%nz
     n = m%s%rows
     allocate (self%q(nq), self%v(nq), self%vd(nq), self%a(nq), self%q1(nq), self%v1(nq), &
-              self%vd1(nq), self%dq(nq), self%change(nq), self%unit(nq), &
+              self%vd1(nq), self%dq(nq), self%change(nq), self%before_own(nq), self%unit(nq), &
               self%weight(nq), source=0.0_wp)
     allocate (self%z(nz), self%zd(nz), self%zdd(nz), self%az(nz), self%pre(nz), self%zk(nz), self%spring_z(nz), &
               self%spring_zd(nz), self%lambda(n), self%lambda1(n), source=0.0_wp)

@@ -10,10 +10,11 @@ module implicit_rows
   use lapack, only: dgbtrf, dgbtrs
   implicit none (type, external)
   private
-  public :: coupling, row_system, factor_rows, solve_rows
+  public :: coupling, row_system, factor_rows, hold_weak_rows, solve_rows
 
   integer, parameter, public :: from_joint = 1, from_spring = 2, from_load = 3
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of row_system%shift [-]
+  real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> A law between soft rows: force_i = sum_j k_ij u_j + g_ij y_j.
   type :: coupling
@@ -55,6 +56,7 @@ module implicit_rows
     real(wp), allocatable :: y(:)            !! (n) solution, by row
     real(wp), allocatable :: x(:)            !! (n) right-hand side, by position
     real(wp) :: shift = light_shift          !! added to the diagonal of constraint rows, relative: dependent rows [-]
+    real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
 
@@ -107,7 +109,18 @@ contains
     end do
     call dgbtrf(n, n, r%kd, r%kd, r%lu, 3*r%kd + 1, r%pivots, info)
     r%bad = info /= 0
+    r%weakest = minval(abs(r%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
+
+  !> Factors again where the tangent's rows are nearly dependent, these rows held back: the directions in which they act would
+  !> only carry amplified rounding.
+  subroutine hold_weak_rows(r)
+    type(row_system), intent(inout) :: r
+    if (r%nc == 0 .or. r%bad .or. r%weakest > weak_pivot) return
+    r%shift = strong_shift
+    call factor_rows(r)
+    r%shift = light_shift
+  end subroutine hold_weak_rows
 
   !> e <- e + x s, s the compliance of the row o places further on.
   pure subroutine add_row(kd, o, x, s, e)

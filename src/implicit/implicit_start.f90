@@ -8,11 +8,13 @@ module implicit_start
   use implicit_ghm, only: set_terms, begin_terms
   use implicit_model, only: implicit_solver
   use implicit_newton, only: trial_residual, trial_tangent, constant_blocks
+  use implicit_rows, only: hold_weak_rows
   use mechanism, only: mechanism_model
   use projection, only: project
+  use singular, only: evaluate_branch
   implicit none (type, external)
   private
-  public :: start_method, change_step, restore_factors, widen_scales, reported_state, same_step, full_state
+  public :: start_method, change_step, restore_factors, widen_scales, reported_state, same_step, full_state, along_rows
 
 contains
 
@@ -85,6 +87,7 @@ contains
     self%exact = .false.
     call trial_tangent(self, m, t, bad)
     if (bad) return
+    call hold_weak_rows(self%rows)
     call place_kinematics(m, self%q, self%vd)
     call row_rates(m, m%rows%phi)             ! Phi x = Phi v'
     m%rows%phi = m%rows%phi_t - m%rows%phi
@@ -219,6 +222,7 @@ contains
     self%exact = .false.
     call trial_residual(self, m, t)
     call trial_tangent(self, m, t, bad)
+    call hold_weak_rows(self%rows)
   end subroutine tangent_here
 
   !> v, v' and a - v' (in self%a) onto the derivatives of Phi = 0.
@@ -275,7 +279,7 @@ contains
     call evaluate(m, t, self%q, self%v, self%z, self%zd)
     if (m%s%rows > 0) then
       call project(m, t, y(1:nq), y(nq + 1:2*nq), self%z, self%zd, done)
-      call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), self%z, self%zd)
+      call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), self%z, self%zd)
     end if
     if (present(ok)) ok = done .and. .not. m%broken
   end subroutine reported_state

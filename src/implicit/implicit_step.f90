@@ -110,6 +110,7 @@ contains
       ok = size_now <= rounding
       if (k > 1) ok = ok .or. (rate < 1.0_wp .and. size_now*rate/(1 - rate) <= goal)
       if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
+      if (k > 3) ok = ok .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(max(self%rows%weakest, self%rows%shift)))
       if (ok) exit
       if (k > 2 .and. rate > 2.0_wp .and. size_now > loose) return
       before = size_now
@@ -217,6 +218,7 @@ contains
     call a%exchange(self%input)
     call a%exchange(self%removed)
     call a%exchange(self%before)
+    call a%exchange(self%before_own)
     call a%exchange(self%acceleration)
     call a%exchange(self%h_before)
     call a%exchange(self%exact_left)

@@ -9,7 +9,7 @@ module singular
   use projection, only: project
   implicit none (type, external)
   private
-  public :: smooth_accelerations
+  public :: evaluate_branch
 
   real(wp), parameter :: reach = 4.0e-3_wp      !! motion to the neighbouring states, relative to the scene's size [-]
   real(wp), parameter :: steady = 0.05_wp       !! largest change of velocity on the way, relative to the velocity [-]
@@ -18,6 +18,16 @@ module singular
   real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
 
 contains
+
+  !> Accelerations, multipliers and powers at a state, those of the branch of motion where the position is singular.
+  subroutine evaluate_branch(m, t, q, v, z, zd)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                   !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz)
+    call evaluate(m, t, q, v, z, zd)
+    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, t, q, v, z, zd)
+  end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
   !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes.
