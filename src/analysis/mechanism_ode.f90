@@ -26,9 +26,9 @@ contains
   subroutine mechanism_derivative(self, t, y, left, dy)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: y(:)
+    real(wp), intent(in), contiguous :: y(:)
     logical, intent(in) :: left
-    real(wp), intent(out) :: dy(:)
+    real(wp), intent(out), contiguous :: dy(:)
     self%m%left = left
     self%m%broken = .false.
     call state_rates(self%m, self%m%s%nq, self%m%s%nz, t, y, dy)
@@ -55,7 +55,7 @@ contains
   subroutine mechanism_accept(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout) :: y(:)
+    real(wp), intent(inout), contiguous :: y(:)
     logical, intent(out) :: ok
     ok = sane(y) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return

@@ -72,6 +72,7 @@ contains
       if (i < blk%first .or. i > blk%last) cycle
       kd = max(kd, abs(i - position(cols(k))))
     end do
+    if (kd == 2) kd = 3                      ! takes the short way of half band width 3
     blk%kd = kd
     allocate (ab(0:kd, n), source=0.0_wp)
     do k = 1, size(values)

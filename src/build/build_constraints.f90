@@ -70,6 +70,8 @@ contains
       line%prismatic = r%type == 'prismatic'
       line%rows = merge(2, 1, line%prismatic)
       line%direction = r%direction + pi/2
+      line%fixed = r%b%body == 0
+      line%normal = [cos(line%direction), sin(line%direction)]
       line%angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
       allocate (item, source=line)
     case default
@@ -115,6 +117,8 @@ contains
       line%rate = r%rate
       line%target = h
       line%direction = r%direction
+      line%fixed = r%b%body == 0
+      line%normal = [cos(line%direction), sin(line%direction)]
       allocate (item, source=line)
     end if
   end subroutine make_drive

@@ -23,16 +23,16 @@ module ode_system
       import :: ode, wp
       class(ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in) :: y(:)            !! (n)
+      real(wp), intent(in), contiguous :: y(:)    !! (n)
       logical, intent(in) :: left
-      real(wp), intent(out) :: dy(:)          !! (n)
+      real(wp), intent(out), contiguous :: dy(:)  !! (n)
     end subroutine right_hand_side
     !> Puts the end of a step onto the manifold; ok is false where that fails or y is not finite.
     subroutine onto_manifold(self, t, y, ok)
       import :: ode, wp
       class(ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(inout) :: y(:)         !! (n)
+      real(wp), intent(inout), contiguous :: y(:) !! (n)
       logical, intent(out) :: ok
     end subroutine onto_manifold
   end interface
@@ -41,7 +41,7 @@ contains
 
   !> Whether every value is finite and of a size that further products can bear.
   pure function sane(y) result(yes)
-    real(wp), intent(in) :: y(:)              !! any unit
+    real(wp), intent(in), contiguous :: y(:)  !! any unit
     logical :: yes
     yes = bounded(size(y), y)
   end function sane

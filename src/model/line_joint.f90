@@ -11,6 +11,8 @@ module line_joint
   !> n.(r_a - r_b) = target, n at `direction` from the section of place b; prismatic: and the relative angle is kept.
   type, extends(constraint_model), public :: line_model
     real(wp) :: direction = 0.0_wp        !! angle of n from section b [rad]
+    logical :: fixed = .false.            !! section b is the ground: n never turns
+    real(wp) :: normal(2) = 0.0_wp        !! n where it never turns [-]
     logical :: prismatic = .false.
     real(wp) :: angle = 0.0_wp            !! prismatic: angle of section a minus that of section b [rad]
     logical :: rate = .false.             !! position drive: the history gives the rate
@@ -34,33 +36,34 @@ contains
     real(wp), intent(in) :: t
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    real(wp) :: n(2), d(2), dd(2), h(0:2), om
+    real(wp) :: n(2), d(2), dd(2), h(0:2), om, along
     integer :: i
     i = self%first
-    n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
+    n = self%normal
+    if (.not. self%fixed) n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
     d = p%r(:, self%ia) - p%r(:, self%ib)
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     om = p%rate(self%ib)
-    call follow(self, t, r%left, h)
+    h = 0.0_wp
+    if (self%drive) call follow(self, t, r%left, h)
     r%na(:, i) = n
     r%nb(:, i) = -n
     r%sa(i) = 0.0_wp
-    r%sb(i) = dot_product(turn(n), d)
-    r%phi(i) = dot_product(n, d) - h(0)
+    along = n(1)*d(1) + n(2)*d(2)
+    r%sb(i) = n(1)*d(2) - n(2)*d(1)
+    r%phi(i) = along - h(0)
     r%phi_t(i) = -h(1)
-    r%extra(i) = 2*om*dot_product(turn(n), dd) - om**2*dot_product(n, d) - h(2)
+    r%extra(i) = 2*om*(n(1)*dd(2) - n(2)*dd(1)) - om**2*along - h(2)
     if (self%prismatic) call self%hold_angle(i + 1, self%angle, p, r)
   end subroutine line_rows
 
-  !> Target of a position drive and its two derivatives; zero for joints.
+  !> Target of a position drive and its two derivatives.
   pure subroutine follow(self, t, left, h)
     class(line_model), intent(in) :: self
     real(wp), intent(in) :: t             !! [s]
     logical, intent(in) :: left           !! a jump at t is not yet felt
     real(wp), intent(out) :: h(0:2)       !! [m, m/s, m/s2]
     real(wp) :: g(0:2)
-    h = 0.0_wp
-    if (.not. self%drive) return
     call self%target%evaluate(t, left, g)
     if (self%rate) then
       h = [self%origin + self%target%integral(t), g(0), g(1)]

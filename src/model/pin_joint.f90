@@ -25,18 +25,27 @@ contains
     real(wp), intent(in) :: t
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    integer :: i, c
+    integer :: i, j
     i = self%first
-    do c = 0, 1
-      r%na(:, i + c) = 0.0_wp
-      r%na(c + 1, i + c) = 1.0_wp
-      r%nb(:, i + c) = -r%na(:, i + c)
-      r%sa(i + c) = 0.0_wp
-      r%sb(i + c) = 0.0_wp
-      r%phi(i + c) = p%r(c + 1, self%ia) - p%r(c + 1, self%ib)
-      r%phi_t(i + c) = 0.0_wp*t
-      r%extra(i + c) = 0.0_wp
-    end do
+    j = i + 1
+    r%na(1, i) = 1.0_wp
+    r%na(2, i) = 0.0_wp
+    r%na(1, j) = 0.0_wp
+    r%na(2, j) = 1.0_wp
+    r%nb(1, i) = -1.0_wp
+    r%nb(2, i) = 0.0_wp
+    r%nb(1, j) = 0.0_wp
+    r%nb(2, j) = -1.0_wp
+    r%sa(i) = 0.0_wp
+    r%sa(j) = 0.0_wp
+    r%sb(i) = 0.0_wp
+    r%sb(j) = 0.0_wp
+    r%phi(i) = p%r(1, self%ia) - p%r(1, self%ib)
+    r%phi(j) = p%r(2, self%ia) - p%r(2, self%ib)
+    r%phi_t(i) = 0.0_wp*t
+    r%phi_t(j) = 0.0_wp
+    r%extra(i) = 0.0_wp
+    r%extra(j) = 0.0_wp
     if (self%welded) call self%hold_angle(i + 2, self%angle, p, r)
   end subroutine pin_rows
 

@@ -112,8 +112,8 @@ contains
         if (b > 0) then
           i = m%s%qo(b)
           n = m%s%bodies(b)%nf
-          call one_place(list%places(k), m%c(b), m%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
-                         v(i + 4:i + 3 + n), list%p, k)
+          call one_place(list%places(k), m%c(b), m%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
+                         q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), list%p, k)
         else
           list%p%r(:, k) = list%places(k)%x
         end if

@@ -6,8 +6,8 @@ module dynamics
   use banded, only: band_solve_two
   use joint_correction, only: correct_accelerations
   use joint_geometry, only: factor_joints
-  use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frame, &
-                          push_elastic, apply_multipliers, solve_frame
+  use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frames, &
+                          push_elastic, apply_multipliers
   use mechanism, only: mechanism_model, factor_frame
   use modal_kernel, only: modal_forces
   use nodal_kernel, only: nodal_forces
@@ -42,7 +42,7 @@ contains
       end if
     end do
     call point_forces(self)
-    call free_accelerations(self)
+    call free_accelerations(size(self%c), self%rhs, self%low, self%dinv, self%free)
     call constraint_values(self, t)
     call condense_constraints(self)
     call factor_joints(self)
@@ -61,7 +61,9 @@ contains
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: d, dd, e(2), f, power, force(2), moment, angle, scale
     integer :: k, b
-    self%wrench = 0.0_wp
+    do k = 1, size(self%s%loaded)
+      self%wrench(:, self%s%loaded(k)) = 0.0_wp
+    end do
     do k = 1, size(self%s%springs)
       associate (sp => self%s%springs(k))
         call sp%deformation(self%p, d, dd, e)
@@ -301,12 +303,19 @@ contains
   end subroutine point_forces
 
   !> Accelerations of the condensed frames without multipliers.
-  pure subroutine free_accelerations(self)
-    type(mechanism_model), intent(inout) :: self
+  pure subroutine free_accelerations(nb, rhs, low, dinv, free)
+    integer, intent(in) :: nb
+    real(wp), intent(in) :: rhs(3, nb), low(3, nb), dinv(3, nb)
+    real(wp), intent(out) :: free(3, nb)    !! body axes
+    real(wp) :: x2, x3
     integer :: b
-    do b = 1, size(self%c)
-      self%free(:, b) = self%rhs(:, b)
-      call solve_frame(self%low(:, b), self%dinv(:, b), self%free(:, b))
+    do b = 1, nb
+      x2 = rhs(2, b) - low(1, b)*rhs(1, b)
+      x3 = (rhs(3, b) - low(2, b)*rhs(1, b) - low(3, b)*x2)*dinv(3, b)
+      x2 = x2*dinv(2, b) - low(3, b)*x3
+      free(1, b) = rhs(1, b)*dinv(1, b) - low(1, b)*x2 - low(2, b)*x3
+      free(2, b) = x2
+      free(3, b) = x3
     end do
   end subroutine free_accelerations
 
@@ -341,23 +350,43 @@ contains
   !> Accelerations of frames (global) and elastic coordinates from the free ones and the multipliers.
   subroutine accelerations(self)
     type(mechanism_model), intent(inout) :: self
-    real(wp) :: x(3)
     integer :: b, i, n
+    call push_frames(self, self%lambda)
+    call frame_accelerations(size(self%c), self%s%qo, self%c, self%sn, self%free, self%push, size(self%a), self%a)
     do b = 1, size(self%c)
-      call push_frame(self, b, self%lambda, x)
-      x = self%free(:, b) - x
-      i = self%s%qo(b)
-      self%a(i + 1) = self%c(b)*x(1) - self%sn(b)*x(2)
-      self%a(i + 2) = self%sn(b)*x(1) + self%c(b)*x(2)
-      self%a(i + 3) = x(3)
       if (.not. self%flexible(b)) cycle
+      i = self%s%qo(b)
       associate (bo => self%s%bodies(b))
         n = bo%nf
-        call elastic_accelerations(n, bo%fx(1:), bo%pmat, bo%tx(1:), x, self%a(i + 4:i + 3 + n))
+        call elastic_accelerations(n, bo%fx(1:n), bo%pmat, bo%tx(1:n), self%push(:, b), self%a(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
     end do
   end subroutine accelerations
+
+  !> Accelerations of the frames, global axes; push becomes their accelerations in body axes.
+  pure subroutine frame_accelerations(nb, offset, c, s, free, push, nq, a)
+    integer, intent(in) :: nb, nq
+    integer, intent(in) :: offset(nb)                 !! of each body's coordinates
+    real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
+    real(wp), intent(in) :: free(3, nb)               !! accelerations without multipliers
+    real(wp), intent(inout) :: push(3, nb)            !! what the multipliers take from them
+    real(wp), intent(inout) :: a(nq)
+    real(wp) :: x1, x2, x3
+    integer :: b, i
+    do b = 1, nb
+      i = offset(b)
+      x1 = free(1, b) - push(1, b)
+      x2 = free(2, b) - push(2, b)
+      x3 = free(3, b) - push(3, b)
+      a(i + 1) = c(b)*x1 - s(b)*x2
+      a(i + 2) = s(b)*x1 + c(b)*x2
+      a(i + 3) = x3
+      push(1, b) = x1
+      push(2, b) = x2
+      push(3, b) = x3
+    end do
+  end subroutine frame_accelerations
 
   !> m_ff^-1 (Q_f - m_fR a' - m_f_theta theta'').
   pure subroutine elastic_accelerations(n, fx, pmat, tx, x, a)

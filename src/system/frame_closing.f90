@@ -5,7 +5,7 @@
 !> ends, positions near a singular one), the mass-orthogonal correction serves.
 module frame_closing
   use kinds, only: wp
-  use joint_system, only: add_frame_compliance, solve_frame
+  use joint_system, only: add_frame_compliance, solve_frames, turn_back
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -21,21 +21,13 @@ contains
   subroutine prepare_frames(self, usable)
     type(mechanism_model), intent(inout) :: self
     logical, intent(out) :: usable
-    integer :: b, first, last, n
     usable = any(self%flexible) .and. .not. self%frozen
     if (.not. usable) return
     call self%closing%clear()
-    do b = 1, size(self%c)
-      first = self%end_first(b)
-      last = self%end_first(b + 1) - 1
-      n = last - first + 1
-      if (n == 0) cycle
-      call levers(n, self%end_place(first:last), self%w(:, first:last), size(self%place_body), self%p%rho, &
-                  self%lever(:, first:last))
-      call add_frame_compliance(n, self%end_row(first:last), self%low(:, b), self%dinv(:, b), self%lever(:, first:last), &
-                                self%g(:, first:last), self%s%rows, self%closing%position, self%closing%scale, &
-                                self%closing%kd, self%closing%s)
-    end do
+    call levers(size(self%end_row), self%end_place, self%w, size(self%place_body), self%p%rho, self%lever)
+    call add_frame_compliance(size(self%c), self%end_first, size(self%end_row), self%end_row, self%low, self%dinv, self%lever, &
+                              self%g, self%s%rows, self%closing%scale, size(self%slot), self%slot, size(self%closing%s), &
+                              self%closing%s)
     self%closing%weakest = well_held
     call self%closing%factor_strong(usable)
   end subroutine prepare_frames
@@ -60,22 +52,25 @@ contains
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
     real(wp), intent(inout), contiguous :: q(:)        !! (nq)
-    real(wp) :: x(3), l
-    integer :: b, e, i
     call self%closing%solve(phi)
-    do b = 1, size(self%c)
-      x = 0.0_wp
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        l = phi(self%end_row(e))
-        x(1) = x(1) + self%lever(1, e)*l
-        x(2) = x(2) + self%lever(2, e)*l
-        x(3) = x(3) + self%lever(3, e)*l
-      end do
-      call solve_frame(self%low(:, b), self%dinv(:, b), x)
-      i = self%s%qo(b)
-      q(i + 1) = q(i + 1) - (self%c(b)*x(1) - self%sn(b)*x(2))
-      q(i + 2) = q(i + 2) - (self%sn(b)*x(1) + self%c(b)*x(2))
-      q(i + 3) = q(i + 3) - x(3)
-    end do
+    call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%lever, self%low, self%dinv, &
+                      self%s%rows, phi, self%push)
+    call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(self%a), self%a)
+    call add_frames(size(self%c), self%s%qo, size(q), self%a, q)
   end subroutine close_frames
+
+  !> Adds the corrections of the frames, and of nothing else.
+  pure subroutine add_frames(nb, offset, nq, dq, q)
+    integer, intent(in) :: nb, nq
+    integer, intent(in) :: offset(nb)          !! of each body's coordinates
+    real(wp), intent(in) :: dq(nq)             !! elastic entries are not used
+    real(wp), intent(inout) :: q(nq)
+    integer :: b, i
+    do b = 1, nb
+      i = offset(b)
+      q(i + 1) = q(i + 1) + dq(i + 1)
+      q(i + 2) = q(i + 2) + dq(i + 2)
+      q(i + 3) = q(i + 3) + dq(i + 3)
+    end do
+  end subroutine add_frames
 end module frame_closing

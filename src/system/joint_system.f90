@@ -3,11 +3,11 @@
 !> (theory.md, sections 6 and 7). Loops run over plain arrays; rigid bodies never touch their models.
 module joint_system
   use kinds, only: wp
-  use mechanism, only: mechanism_model, flexible_attachments
+  use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frame, push_elastic, &
-            apply_multipliers, solve_frame, add_frame_compliance
+  public :: constraint_values, row_rates, condense_constraints, joint_accelerations, push_frames, push_elastic, &
+            apply_multipliers, add_frame_compliance, solve_frames, turn_back
 
 contains
 
@@ -59,49 +59,53 @@ contains
   !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
   subroutine condense_constraints(self)
     type(mechanism_model), intent(inout) :: self
-    integer :: b, first, last, n
+    integer :: b, first, last, n, pairs
     call self%schur%clear()
+    call unit_wrenches(size(self%end_row), self%end_row, self%end_place, self%end_body, self%end_is_a, size(self%c), self%c, &
+                       self%sn, self%s%rows, self%rows%na, self%rows%nb, self%rows%sa, self%rows%sb, size(self%place_body), &
+                       self%p%rho, self%w, self%jw)
+    pairs = 0
     do b = 1, size(self%c)
       first = self%end_first(b)
       last = self%end_first(b + 1) - 1
       n = last - first + 1
-      if (n == 0) cycle
-      call unit_wrenches(n, self%end_row(first:last), self%end_place(first:last), self%end_is_a(first:last), self%c(b), &
-                         self%sn(b), self%s%rows, self%rows%na, self%rows%nb, self%rows%sa, self%rows%sb, &
-                         size(self%place_body), self%p%rho, self%w(:, first:last), self%jw(:, first:last))
-      if (self%flexible(b) .and. .not. self%frozen) then
-        call condense_elastic(n, self%end_local(first:last), self%attached(b), self%w(:, first:last), self%jw(:, first:last))
-        call add_elastic_compliance(n, self%end_local(first:last), self%end_row(first:last), self%attached(b), &
-                                    self%w(:, first:last), self%s%rows, self%schur%position, self%schur%scale, &
-                                    self%schur%kd, self%schur%s)
-      end if
-      call add_frame_compliance(n, self%end_row(first:last), self%low(:, b), self%dinv(:, b), self%jw(:, first:last), &
-                                self%g(:, first:last), self%s%rows, self%schur%position, self%schur%scale, &
-                                self%schur%kd, self%schur%s)
+      pairs = pairs + n*(n + 1)/2
+      if (n == 0 .or. .not. self%flexible(b) .or. self%frozen) cycle
+      associate (at => self%attached(b))
+        call condense_elastic(n, self%end_local(first:last), size(at%place), at%ep, at%ey, self%w(:, first:last), &
+                              self%jw(:, first:last))
+        call add_elastic_compliance(n, self%end_local(first:last), self%end_row(first:last), size(at%place), at%compliance, &
+                                    self%w(:, first:last), self%s%rows, self%schur%scale, &
+                                    self%slot(pairs - n*(n + 1)/2 + 1:pairs), size(self%schur%s), self%schur%s)
+      end associate
     end do
+    call add_frame_compliance(size(self%c), self%end_first, size(self%end_row), self%end_row, self%low, self%dinv, self%jw, &
+                              self%g, self%s%rows, self%schur%scale, size(self%slot), self%slot, size(self%schur%s), &
+                              self%schur%s)
   end subroutine condense_constraints
 
-  !> Wrenches w of unit multipliers on one body, in body axes, and J^T w on its frame as if it were rigid.
-  pure subroutine unit_wrenches(n, row, place, is_a, c, s, rows, na, nb, sa, sb, np, rho, w, jw)
-    integer, intent(in) :: n, rows, np
-    integer, intent(in) :: row(n), place(n)
+  !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
+  pure subroutine unit_wrenches(n, row, place, body, is_a, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, jw)
+    integer, intent(in) :: n, rows, np, bodies
+    integer, intent(in) :: row(n), place(n), body(n)
     logical, intent(in) :: is_a(n)
-    real(wp), intent(in) :: c, s            !! of the frame angle [-]
+    real(wp), intent(in) :: c(bodies), s(bodies)      !! of the frame angles [-]
     real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)
     real(wp), intent(in) :: rho(2, np)
     real(wp), intent(out) :: w(3, n), jw(3, n)
     real(wp) :: x, y, m
-    integer :: e, i, k
+    integer :: e, i, k, b
     do e = 1, n
       i = row(e)
       k = place(e)
+      b = body(e)
       if (is_a(e)) then
         x = na(1, i); y = na(2, i); m = sa(i)
       else
         x = nb(1, i); y = nb(2, i); m = sb(i)
       end if
-      w(1, e) = c*x + s*y
-      w(2, e) = c*y - s*x
+      w(1, e) = c(b)*x + s(b)*y
+      w(2, e) = c(b)*y - s(b)*x
       w(3, e) = m
       jw(1, e) = w(1, e)
       jw(2, e) = w(2, e)
@@ -110,69 +114,81 @@ contains
   end subroutine unit_wrenches
 
   !> What the elastic coordinates take from J^T w.
-  pure subroutine condense_elastic(n, local, at, w, jw)
-    integer, intent(in) :: n
+  pure subroutine condense_elastic(n, local, na, ep, ey, w, jw)
+    integer, intent(in) :: n, na
     integer, intent(in) :: local(n)         !! attachment of each end
-    type(flexible_attachments), intent(in) :: at
+    real(wp), intent(in) :: ep(3, 2, na), ey(3, na)    !! as in flexible_attachments
     real(wp), intent(in) :: w(3, n)
     real(wp), intent(inout) :: jw(3, n)
     integer :: e, j, c
     do e = 1, n
       j = local(e)
       do c = 1, 3
-        jw(1, e) = jw(1, e) - at%ep(c, 1, j)*w(c, e)
-        jw(2, e) = jw(2, e) - at%ep(c, 2, j)*w(c, e)
-        jw(3, e) = jw(3, e) - at%ey(c, j)*w(c, e)
+        jw(1, e) = jw(1, e) - ep(c, 1, j)*w(c, e)
+        jw(2, e) = jw(2, e) - ep(c, 2, j)*w(c, e)
+        jw(3, e) = jw(3, e) - ey(c, j)*w(c, e)
       end do
     end do
   end subroutine condense_elastic
 
   !> Adds w_e . (E m_ff^-1 E^T) w_f of all pairs of ends of one body to S.
-  pure subroutine add_elastic_compliance(n, local, row, at, w, rows, position, scale, kd, s)
-    integer, intent(in) :: n, rows, kd
-    integer, intent(in) :: local(n), row(n), position(rows)
-    type(flexible_attachments), intent(in) :: at
+  pure subroutine add_elastic_compliance(n, local, row, na, compliance, w, rows, scale, slot, ns, s)
+    integer, intent(in) :: n, rows, na, ns
+    integer, intent(in) :: local(n), row(n)
+    integer, intent(in) :: slot(n*(n + 1)/2)           !! of these pairs (mechanism_model)
+    real(wp), intent(in) :: compliance(3, 3, na, na)   !! of the body's attachments
     real(wp), intent(in) :: w(3, n), scale(rows)
-    real(wp), intent(inout) :: s(0:kd, rows)
+    real(wp), intent(inout) :: s(ns)
     real(wp) :: x
-    integer :: e, f, c, i, j
+    integer :: e, f, c, k
+    k = 0
     do e = 1, n
-      i = position(row(e))
       do f = 1, e
+        k = k + 1
         x = 0.0_wp
         do c = 1, 3
-          x = x + w(c, f)*(w(1, e)*at%compliance(1, c, local(e), local(f)) &
-                           + w(2, e)*at%compliance(2, c, local(e), local(f)) &
-                           + w(3, e)*at%compliance(3, c, local(e), local(f)))
+          x = x + w(c, f)*(w(1, e)*compliance(1, c, local(e), local(f)) + w(2, e)*compliance(2, c, local(e), local(f)) &
+                           + w(3, e)*compliance(3, c, local(e), local(f)))
         end do
-        j = position(row(f))
         x = x*scale(row(e))*scale(row(f))
-        if (i == j .and. f < e) x = 2*x      ! both places of one row on the same body
-        s(abs(i - j), min(i, j)) = s(abs(i - j), min(i, j)) + x
+        if (slot(k) < 0) x = 2*x
+        s(abs(slot(k))) = s(abs(slot(k))) + x
       end do
     end do
   end subroutine add_elastic_compliance
 
-  !> Adds (J^T w)^T Mc^-1 J^T w of all pairs of ends of one body to S, by g = L^-1 J^T w.
-  pure subroutine add_frame_compliance(n, row, low, dinv, jw, g, rows, position, scale, kd, s)
-    integer, intent(in) :: n, rows, kd
-    integer, intent(in) :: row(n), position(rows)
-    real(wp), intent(in) :: low(3), dinv(3), jw(3, n), scale(rows)
+  !> Adds (J^T w)^T Mc^-1 J^T w of all pairs of ends of one body to S, for every body, by g = L^-1 J^T w times the rows' scales.
+  pure subroutine add_frame_compliance(nb, first, n, row, low, dinv, jw, g, rows, scale, pairs, slot, ns, s)
+    integer, intent(in) :: nb, n, rows, pairs, ns
+    integer, intent(in) :: first(nb + 1), row(n)
+    integer, intent(in) :: slot(pairs)                 !! of all pairs (mechanism_model)
+    real(wp), intent(in) :: low(3, nb), dinv(3, nb), jw(3, n), scale(rows)
     real(wp), intent(out) :: g(3, n)
-    real(wp), intent(inout) :: s(0:kd, rows)
-    real(wp) :: h(3), x
-    integer :: e, f, i, j
-    do e = 1, n
-      g(1, e) = jw(1, e)
-      g(2, e) = jw(2, e) - low(1)*jw(1, e)
-      g(3, e) = jw(3, e) - low(2)*jw(1, e) - low(3)*g(2, e)
-      h = g(:, e)*dinv*scale(row(e))
-      i = position(row(e))
-      do f = 1, e
-        x = (h(1)*g(1, f) + h(2)*g(2, f) + h(3)*g(3, f))*scale(row(f))
-        j = position(row(f))
-        if (i == j .and. f < e) x = 2*x      ! both places of one row on the same body
-        s(abs(i - j), min(i, j)) = s(abs(i - j), min(i, j)) + x
+    real(wp), intent(inout) :: s(ns)
+    real(wp) :: h(3), x, j1, j2, j3
+    integer :: b, e, f, i, k
+    k = 0
+    do b = 1, nb
+      do e = first(b), first(b + 1) - 1
+        j1 = jw(1, e)*scale(row(e))
+        j2 = jw(2, e)*scale(row(e)) - low(1, b)*j1
+        j3 = jw(3, e)*scale(row(e)) - low(2, b)*j1 - low(3, b)*j2
+        g(1, e) = j1
+        g(2, e) = j2
+        g(3, e) = j3
+        h(1) = j1*dinv(1, b)
+        h(2) = j2*dinv(2, b)
+        h(3) = j3*dinv(3, b)
+        do f = first(b), e
+          k = k + 1
+          x = h(1)*g(1, f) + h(2)*g(2, f) + h(3)*g(3, f)
+          i = slot(k)
+          if (i > 0) then
+            s(i) = s(i) + x
+          else                               ! both places of one row on the same body
+            s(-i) = s(-i) + 2*x
+          end if
+        end do
       end do
     end do
   end subroutine add_frame_compliance
@@ -180,52 +196,80 @@ contains
   !> lambda = Phi_q a_free + (second derivative at zero acceleration): what the multipliers must cancel [m/s2].
   pure subroutine joint_accelerations(self)
     type(mechanism_model), intent(inout) :: self
-    integer :: b, e, i, j
+    integer :: b, first, last
     call add_place_terms(self%s%rows, size(self%place_body), self%row_place, self%rows%na, self%rows%nb, self%p%bias, &
                          self%rows%extra, self%lambda)
+    call add_frame_terms(size(self%c), size(self%end_row), self%end_row, self%end_body, self%jw, self%free, self%s%rows, &
+                         self%lambda)
     do b = 1, size(self%c)
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        i = self%end_row(e)
-        self%lambda(i) = self%lambda(i) + (self%jw(1, e)*self%free(1, b) + self%jw(2, e)*self%free(2, b) &
-                                           + self%jw(3, e)*self%free(3, b))
-      end do
       if (.not. self%flexible(b)) cycle
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        i = self%end_row(e)
-        j = self%end_local(e)
-        self%lambda(i) = self%lambda(i) + dot_product(self%w(:, e), self%attached(b)%ex(:, j))
-      end do
+      first = self%end_first(b)
+      last = self%end_first(b + 1) - 1
+      call add_elastic_terms(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
+                             size(self%attached(b)%place), self%attached(b)%ex, self%s%rows, self%lambda)
     end do
   end subroutine joint_accelerations
 
-  !> Solves the factored 3 x 3 system of a frame in place.
-  pure subroutine solve_frame(low, dinv, x)
-    real(wp), intent(in) :: low(3), dinv(3)
-    real(wp), intent(inout) :: x(3)
-    x(2) = x(2) - low(1)*x(1)
-    x(3) = x(3) - low(2)*x(1) - low(3)*x(2)
-    x = x*dinv
-    x(2) = x(2) - low(3)*x(3)
-    x(1) = x(1) - low(1)*x(2) - low(2)*x(3)
-  end subroutine solve_frame
-
-  !> Mc^-1 J^T w lambda of one body's frame, body axes.
-  pure subroutine push_frame(self, b, lambda, x)
-    type(mechanism_model), intent(in) :: self
-    integer, intent(in) :: b
-    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
-    real(wp), intent(out) :: x(3)
-    real(wp) :: l
-    integer :: e
-    x = 0.0_wp
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      l = lambda(self%end_row(e))
-      x(1) = x(1) + self%jw(1, e)*l
-      x(2) = x(2) + self%jw(2, e)*l
-      x(3) = x(3) + self%jw(3, e)*l
+  !> Adds what the frames' accelerations give to every row.
+  pure subroutine add_frame_terms(nb, n, row, body, jw, free, rows, lambda)
+    integer, intent(in) :: nb, n, rows
+    integer, intent(in) :: row(n), body(n)
+    real(wp), intent(in) :: jw(3, n), free(3, nb)
+    real(wp), intent(inout) :: lambda(rows)
+    integer :: e, b
+    do e = 1, n
+      b = body(e)
+      lambda(row(e)) = lambda(row(e)) + (jw(1, e)*free(1, b) + jw(2, e)*free(2, b) + jw(3, e)*free(3, b))
     end do
-    call solve_frame(self%low(:, b), self%dinv(:, b), x)
-  end subroutine push_frame
+  end subroutine add_frame_terms
+
+  !> Adds what the free elastic accelerations of one body give to the rows at its ends.
+  pure subroutine add_elastic_terms(n, row, local, w, na, ex, rows, lambda)
+    integer, intent(in) :: n, na, rows
+    integer, intent(in) :: row(n), local(n)
+    real(wp), intent(in) :: w(3, n), ex(3, na)
+    real(wp), intent(inout) :: lambda(rows)
+    integer :: e, j
+    do e = 1, n
+      j = local(e)
+      lambda(row(e)) = lambda(row(e)) + (w(1, e)*ex(1, j) + w(2, e)*ex(2, j) + w(3, e)*ex(3, j))
+    end do
+  end subroutine add_elastic_terms
+
+  !> push = Mc^-1 J^T w lambda of every body's frame, body axes.
+  pure subroutine push_frames(self, lambda)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
+    call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%jw, self%low, self%dinv, &
+                        self%s%rows, lambda, self%push)
+  end subroutine push_frames
+
+  !> x = Mc^-1 J^T w lambda of every body's frame, the wrenches J^T w in jw.
+  pure subroutine solve_frames(nb, first, n, row, jw, low, dinv, rows, lambda, x)
+    integer, intent(in) :: nb, n, rows
+    integer, intent(in) :: first(nb + 1), row(n)
+    real(wp), intent(in) :: jw(3, n), low(3, nb), dinv(3, nb), lambda(rows)
+    real(wp), intent(out) :: x(3, nb)
+    real(wp) :: x1, x2, x3, l
+    integer :: b, e
+    do b = 1, nb
+      x1 = 0.0_wp
+      x2 = 0.0_wp
+      x3 = 0.0_wp
+      do e = first(b), first(b + 1) - 1
+        l = lambda(row(e))
+        x1 = x1 + jw(1, e)*l
+        x2 = x2 + jw(2, e)*l
+        x3 = x3 + jw(3, e)*l
+      end do
+      x2 = x2 - low(1, b)*x1
+      x3 = (x3 - low(2, b)*x1 - low(3, b)*x2)*dinv(3, b)
+      x2 = x2*dinv(2, b) - low(3, b)*x3
+      x(1, b) = x1*dinv(1, b) - low(1, b)*x2 - low(2, b)*x3
+      x(2, b) = x2
+      x(3, b) = x3
+    end do
+  end subroutine solve_frames
 
   !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
   subroutine push_elastic(self, b, lambda, a)
@@ -233,49 +277,82 @@ contains
     integer, intent(in) :: b
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
     real(wp), intent(inout), contiguous :: a(:)       !! (nf)
-    integer :: e, c, j, k
+    integer :: first, last
+    first = self%end_first(b)
+    last = self%end_first(b + 1) - 1
     associate (at => self%attached(b))
-      at%load = 0.0_wp
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        j = self%end_local(e)
-        do c = 1, 3
-          k = at%column(c, j)
-          if (k > 0) at%load(k) = at%load(k) + self%w(c, e)*lambda(self%end_row(e))
-        end do
-      end do
-      do k = 1, size(at%load)
-        do j = 1, size(a)
-          a(j) = a(j) - at%load(k)*at%columns(j, k)
-        end do
-      end do
+      call column_loads(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
+                        self%s%rows, lambda, size(at%place), at%column, size(at%load), at%load)
+      call subtract_columns(size(a), size(at%load), at%load, at%columns, a)
     end associate
   end subroutine push_elastic
+
+  !> Multiplier forces on the columns of one body's attachments.
+  pure subroutine column_loads(n, row, local, w, rows, lambda, na, column, nc, load)
+    integer, intent(in) :: n, rows, na, nc
+    integer, intent(in) :: row(n), local(n), column(3, na)
+    real(wp), intent(in) :: w(3, n), lambda(rows)
+    real(wp), intent(out) :: load(nc)
+    integer :: e, c, k
+    load = 0.0_wp
+    do e = 1, n
+      do c = 1, 3
+        k = column(c, local(e))
+        if (k > 0) load(k) = load(k) + w(c, e)*lambda(row(e))
+      end do
+    end do
+  end subroutine column_loads
+
+  !> a = a - columns load.
+  pure subroutine subtract_columns(n, nc, load, columns, a)
+    integer, intent(in) :: n, nc
+    real(wp), intent(in) :: load(nc), columns(n, nc)
+    real(wp), intent(inout) :: a(n)
+    integer :: j, k
+    do k = 1, nc
+      do j = 1, n
+        a(j) = a(j) - load(k)*columns(j, k)
+      end do
+    end do
+  end subroutine subtract_columns
 
   !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
   subroutine apply_multipliers(self, mu, dq)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in), contiguous :: mu(:)         !! (rows)
     real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes
-    real(wp) :: x(3)
     integer :: b, i, n
+    call push_frames(self, mu)
+    call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(dq), dq)
     do b = 1, size(self%c)
-      call push_frame(self, b, mu, x)
-      i = self%s%qo(b)
-      dq(i + 1) = self%sn(b)*x(2) - self%c(b)*x(1)
-      dq(i + 2) = -self%sn(b)*x(1) - self%c(b)*x(2)
-      dq(i + 3) = -x(3)
       if (.not. self%flexible(b)) cycle
+      i = self%s%qo(b)
       n = self%s%bodies(b)%nf
       if (self%frozen) then
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if
       associate (bo => self%s%bodies(b))
-        call follow_frame(n, bo%pmat, bo%tx(1:), x, dq(i + 4:i + 3 + n))
+        call follow_frame(n, bo%pmat, bo%tx(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
     end do
   end subroutine apply_multipliers
+
+  !> Corrections of the frames, -push in global axes.
+  pure subroutine turn_back(nb, offset, c, s, push, nq, dq)
+    integer, intent(in) :: nb, nq
+    integer, intent(in) :: offset(nb)
+    real(wp), intent(in) :: c(nb), s(nb), push(3, nb)
+    real(wp), intent(inout) :: dq(nq)
+    integer :: b, i
+    do b = 1, nb
+      i = offset(b)
+      dq(i + 1) = s(b)*push(2, b) - c(b)*push(1, b)
+      dq(i + 2) = -s(b)*push(1, b) - c(b)*push(2, b)
+      dq(i + 3) = -push(3, b)
+    end do
+  end subroutine turn_back
 
   !> Elastic coordinates that follow a correction -x of the frame: m_ff^-1 (S-bar^T, m_theta_f^T) x.
   pure subroutine follow_frame(n, pmat, tx, x, dq)

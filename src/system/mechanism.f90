@@ -34,15 +34,22 @@ module mechanism
     logical, allocatable :: flexible(:)         !! (nb)
     real(wp), allocatable :: rigid(:, :)        !! (9, nb) rigid bodies: mass [kg], I1 [kg m], L and 1/D of the frame's mass
     integer, allocatable :: place_body(:)       !! (places) body of each place, 0: the ground
-    integer, allocatable :: flexible_places(:)  !! places on flexible bodies
+    integer, allocatable :: place_dof(:, :)     !! (3, places) elastic coordinates (u, v, rotation) of each place, 0: none
+    real(wp), allocatable :: place_x(:, :)      !! (2, places) undeformed positions, body axes [m]
+    integer, allocatable :: nodal_places(:)     !! places on flexible bodies in nodal coordinates
+    integer, allocatable :: modal_places(:)     !! places on flexible bodies in modal coordinates
+    integer, allocatable :: rigid_places(:)     !! places on rigid bodies
     integer, allocatable :: row_place(:, :)     !! (2, rows) places a and b of each row
     ! ends of constraint rows on moving bodies, grouped by body
     integer, allocatable :: end_first(:)        !! (nb+1) first end of each body
     integer, allocatable :: end_row(:)          !! row of each end
     integer, allocatable :: end_place(:)        !! its place
+    integer, allocatable :: end_body(:)         !! its body
     integer, allocatable :: end_local(:)        !! its place's number among the body's attachments (flexible bodies)
     logical, allocatable :: end_is_a(:)         !! side of the row
     integer, allocatable :: of_row(:, :)        !! (2, rows) ends of each row, 0: on the ground
+    integer, allocatable :: slot(:)             !! entry of S for each pair of ends f <= e of one body, body by body; negative
+                                                !! where both are ends of one row, whose entry gets the pair twice
     real(wp), allocatable :: w(:, :)            !! (3, ends) wrench of a unit multiplier, body axes
     real(wp), allocatable :: jw(:, :)           !! (3, ends) the same on the condensed frame, J^T w
     real(wp), allocatable :: g(:, :)            !! (3, ends) L^-1 J^T w
@@ -54,6 +61,7 @@ module mechanism
     real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes
+    real(wp), allocatable :: push(:, :)         !! (3, nb) what the multipliers take from them
     real(wp), allocatable :: wrench(:, :)       !! (3, places) force in body axes and moment of springs and loads
     real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
     ! results of the last evaluation
@@ -90,12 +98,13 @@ contains
     nb = size(s%bodies)
     call self%p%allocate(size(s%places))
     call compact_models(self)
+    call compact_places(self)
     call fixed_places(self)
     call allocate_rows(self%rows, s%rows)
     call collect_ends(self)
     allocate (self%attached(nb))
     call attach_places(self)
-    allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), &
+    allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), self%push(3, nb), &
               self%pin(2, nb), source=0.0_wp)
     allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%lambda_change(s%rows), self%a(s%nq), &
               self%change(s%nq), self%zdd(s%nz), &
@@ -106,9 +115,8 @@ contains
   !> Copies what loops over many rigid bodies and places need, so that they need not touch the models.
   pure subroutine compact_models(self)
     type(mechanism_model), intent(inout) :: self
-    integer :: b, k
+    integer :: b
     self%flexible = self%s%bodies%flexible
-    self%place_body = self%s%places%body
     allocate (self%rigid(9, size(self%flexible)), source=0.0_wp)
     do b = 1, size(self%flexible)
       associate (bo => self%s%bodies(b), r => self%rigid(:, b))
@@ -118,16 +126,27 @@ contains
         call factor_frame(bo%mass, 0.0_wp, bo%mass, -bo%i1(2), bo%i1(1), bo%i11, r(4:6), r(7:9))
       end associate
     end do
-    allocate (self%flexible_places(count(self%place_body > 0)))
-    b = 0
-    do k = 1, size(self%place_body)
-      if (self%place_body(k) == 0) cycle
-      if (.not. self%flexible(self%place_body(k))) cycle
-      b = b + 1
-      self%flexible_places(b) = k
-    end do
-    self%flexible_places = self%flexible_places(1:b)
   end subroutine compact_models
+
+  !> Sorts the places on bodies by what their motion follows from, and copies what is needed for that.
+  pure subroutine compact_places(self)
+    type(mechanism_model), intent(inout) :: self
+    integer, allocatable :: kind(:)             !! of each place: 0 ground, 1 rigid, 2 nodal, 3 modal
+    integer :: k
+    self%place_body = self%s%places%body
+    allocate (kind(size(self%place_body)), source=0)
+    allocate (self%place_dof(3, size(kind)), self%place_x(2, size(kind)))
+    do k = 1, size(kind)
+      self%place_dof(:, k) = self%s%places(k)%dof
+      self%place_x(:, k) = self%s%places(k)%x
+      if (self%place_body(k) == 0) cycle
+      kind(k) = 1
+      if (self%flexible(self%place_body(k))) kind(k) = merge(3, 2, allocated(self%s%places(k)%psi))
+    end do
+    self%rigid_places = pack([(k, k=1, size(kind))], kind == 1)
+    self%nodal_places = pack([(k, k=1, size(kind))], kind == 2)
+    self%modal_places = pack([(k, k=1, size(kind))], kind == 3)
+  end subroutine compact_places
 
   !> L D L^T of the condensed 3 x 3 mass matrix [[a, b, d], [b, c, e], [d, e, f]].
   pure subroutine factor_frame(a, b, c, d, e, f, low, dinv)
@@ -182,7 +201,7 @@ contains
       self%end_first(k + 1) = self%end_first(k + 1) + self%end_first(k)
     end do
     n = self%end_first(nb + 1) - 1
-    allocate (self%end_row(n), self%end_place(n), self%end_local(n), self%end_is_a(n))
+    allocate (self%end_row(n), self%end_place(n), self%end_body(n), self%end_local(n), self%end_is_a(n))
     allocate (self%w(3, n), self%jw(3, n), self%g(3, n), self%lever(3, n), source=0.0_wp)
     self%end_local = 0
     fill = self%end_first(1:nb)
@@ -198,6 +217,7 @@ contains
             fill(body) = e + 1
             self%end_row(e) = i
             self%end_place(e) = place
+            self%end_body(e) = body
             self%end_is_a(e) = side == 1
             self%of_row(side, i) = e
           end do
@@ -220,8 +240,33 @@ contains
       end do
     end do
     call self%schur%set_up(self%s%rows, rows(1:n), cols(1:n))
-    self%closing = self%schur
+    if (any(self%flexible)) self%closing = self%schur
+    call find_slots(self)
   end subroutine collect_ends
+
+  !> Entries of S for all pairs of ends.
+  pure subroutine find_slots(self)
+    type(mechanism_model), intent(inout) :: self
+    integer :: n, b, e, f, i, j
+    n = 0
+    do b = 1, size(self%s%bodies)
+      i = self%end_first(b + 1) - self%end_first(b)
+      n = n + i*(i + 1)/2
+    end do
+    allocate (self%slot(n))
+    n = 0
+    do b = 1, size(self%s%bodies)
+      do e = self%end_first(b), self%end_first(b + 1) - 1
+        i = self%schur%position(self%end_row(e))
+        do f = self%end_first(b), e
+          n = n + 1
+          j = self%schur%position(self%end_row(f))
+          self%slot(n) = 1 + abs(i - j) + (self%schur%kd + 1)*(min(i, j) - 1)
+          if (i == j .and. f < e) self%slot(n) = -self%slot(n)
+        end do
+      end do
+    end do
+  end subroutine find_slots
 
   !> Columns and compliances of the places where constraints act on flexible bodies.
   subroutine attach_places(self)

@@ -61,15 +61,24 @@ contains
     do k = 1, size(rows)
       self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
     end do
+    if (self%kd > 0 .and. self%kd < 3) self%kd = 3          ! takes the short way of half band width 3
     allocate (self%held(n), source=.false.)
-    allocate (self%s(0:self%kd, n), self%g(0:self%kd, n), self%f(0:self%kd, n + self%kd), self%x(n + self%kd), source=0.0_wp)
+    allocate (self%s(0:self%kd, n), self%g(0:self%kd, n), self%f(0:self%kd, n + self%kd), &
+              self%x(n + self%kd), source=0.0_wp)
   end subroutine set_up
 
   !> Forgets S before it is summed anew.
   subroutine clear(self)
     class(multiplier_system), intent(inout) :: self
-    self%s = 0.0_wp
+    call fill_zero(size(self%s), self%s)
   end subroutine clear
+
+  !> x = 0, as one run of memory.
+  pure subroutine fill_zero(n, x)
+    integer, intent(in) :: n
+    real(wp), intent(out) :: x(n)
+    x = 0.0_wp
+  end subroutine fill_zero
 
   !> Factors S; falls back to S + eps 1 where a pivot is weak.
   subroutine factor(self)
@@ -87,7 +96,7 @@ contains
     self%uneven = .false.
     good = .true.
     if (self%n == 0) return
-    call take_matrix(self)
+    call take_matrix(size(self%s), size(self%f), self%s, self%f)
     call eliminate(self%n, self%kd, self%f, self%s, self%weakest, good)
   end subroutine factor_strong
 
@@ -113,7 +122,7 @@ contains
   subroutine take_held(self)
     class(multiplier_system), intent(inout) :: self
     integer :: k
-    call take_matrix(self)
+    call take_matrix(size(self%s), size(self%f), self%s, self%f)
     do k = 1, self%n
       if (self%held(k)) self%f(0, k) = 2*self%f(0, k)
     end do
@@ -124,21 +133,18 @@ contains
     class(multiplier_system), intent(inout) :: self
     logical :: good
     self%singular = .true.
-    call take_matrix(self)
+    call take_matrix(size(self%s), size(self%f), self%s, self%f)
     self%f(0, 1:self%n) = self%f(0, 1:self%n) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor_shifted
 
   !> f = S, with zeros beyond its last column.
-  subroutine take_matrix(self)
-    class(multiplier_system), intent(inout) :: self
-    integer :: i, j
-    do j = 1, self%n
-      do i = 0, self%kd
-        self%f(i, j) = self%s(i, j)
-      end do
-    end do
-    self%f(:, self%n + 1:) = 0.0_wp
+  pure subroutine take_matrix(ns, nf, s, f)
+    integer, intent(in) :: ns, nf             !! entries of s and f
+    real(wp), intent(in) :: s(ns)
+    real(wp), intent(out) :: f(nf)
+    f(1:ns) = s
+    f(ns + 1:) = 0.0_wp
   end subroutine take_matrix
 
   !> L D L^T of a band matrix in place; good is false at the first pivot below tol times its diagonal entry.

@@ -27,34 +27,38 @@ contains
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
     integer :: j, k, b, i, n
-    call rigid_places(size(self%place_body), size(self%c), self%place_body, self%flexible, self%s%qo, self%c, self%sn, &
-                      size(q), q, v, self%p%rho, self%p%r, self%p%v, self%p%bias, self%p%angle, self%p%rate)
-    do j = 1, size(self%flexible_places)
-      k = self%flexible_places(j)
+    if (size(self%rigid_places) > 0) call rigid_places(size(self%rigid_places), self%rigid_places, size(self%place_body), &
+                                                  size(self%c), self%place_body, self%s%qo, self%c, self%sn, size(q), q, v, &
+                                                  self%p%rho, self%p%r, self%p%v, self%p%bias, self%p%angle, self%p%rate)
+    if (size(self%nodal_places) > 0) call nodal_places(size(self%nodal_places), self%nodal_places, size(self%place_body), &
+                                                  size(self%c), self%place_body, self%s%qo, self%place_dof, self%place_x, &
+                                                  self%c, self%sn, size(q), q, v, self%p%rho, self%p%r, self%p%v, &
+                                                  self%p%bias, self%p%angle, self%p%rate)
+    do j = 1, size(self%modal_places)
+      k = self%modal_places(j)
       b = self%place_body(k)
       i = self%s%qo(b)
       n = self%s%bodies(b)%nf
-      call one_place(self%s%places(k), self%c(b), self%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
+      call one_place(self%s%places(k), self%c(b), self%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 + n), &
                      v(i + 4:i + 3 + n), self%p, k)
     end do
   end subroutine place_kinematics
 
   !> States of the places on rigid bodies, whose rho is constant.
-  pure subroutine rigid_places(np, nb, body, flexible, offset, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
-    integer, intent(in) :: np, nb, nq
-    integer, intent(in) :: body(np)                   !! 0: the ground
-    logical, intent(in) :: flexible(nb)
+  pure subroutine rigid_places(n, list, np, nb, body, offset, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
+    integer, intent(in) :: n, np, nb, nq
+    integer, intent(in) :: list(n)                    !! these places
+    integer, intent(in) :: body(np)                   !! of each place
     integer, intent(in) :: offset(nb)                 !! of each body's coordinates
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
     real(wp), intent(in) :: q(nq), v(nq)
     real(wp), intent(in) :: rho(2, np)                !! body axes [m]
     real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as in place_states
     real(wp) :: x(2), w
-    integer :: k, b, i
-    do k = 1, np
+    integer :: j, k, b, i
+    do j = 1, n
+      k = list(j)
       b = body(k)
-      if (b == 0) cycle
-      if (flexible(b)) cycle
       i = offset(b)
       x(1) = c(b)*rho(1, k) - s(b)*rho(2, k)
       x(2) = s(b)*rho(1, k) + c(b)*rho(2, k)
@@ -70,23 +74,88 @@ contains
     end do
   end subroutine rigid_places
 
+  !> States of the places on flexible bodies in nodal coordinates (theory.md, section 6).
+  pure subroutine nodal_places(n, list, np, nb, body, offset, dof, x, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
+    integer, intent(in) :: n, np, nb, nq
+    integer, intent(in) :: list(n)                    !! these places
+    integer, intent(in) :: body(np)                   !! of each place
+    integer, intent(in) :: offset(nb)                 !! of each body's coordinates
+    integer, intent(in) :: dof(3, np)                 !! elastic coordinates of each place, 0: none
+    real(wp), intent(in) :: x(2, np)                  !! undeformed, body axes [m]
+    real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
+    real(wp), intent(in) :: q(nq), v(nq)
+    real(wp), intent(inout) :: rho(2, np)             !! body axes [m]
+    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as in place_states
+    real(wp) :: u(3), ud(3)
+    integer :: j, k, b, i, m
+    do j = 1, n
+      k = list(j)
+      b = body(k)
+      i = offset(b)
+      u = 0.0_wp
+      ud = 0.0_wp
+      do m = 1, 3
+        if (dof(m, k) == 0) cycle
+        u(m) = q(i + 3 + dof(m, k))
+        ud(m) = v(i + 3 + dof(m, k))
+      end do
+      rho(1, k) = x(1, k) + u(1)
+      rho(2, k) = x(2, k) + u(2)
+      call move_place(c(b), s(b), q(i + 1), v(i + 1), rho(1, k), u(3), ud, r(1, k), rv(1, k), bias(1, k), angle(k), rate(k))
+    end do
+  end subroutine nodal_places
+
+  !> Global position, velocity, velocity-dependent acceleration, angle and rate of a place (theory.md, section 6).
+  pure subroutine move_place(c, s, q, v, rho, turned, ud, r, rv, bias, angle, rate)
+    real(wp), intent(in) :: c, s            !! of the frame angle [-]
+    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates
+    real(wp), intent(in) :: rho(2)          !! x + u in body axes [m]
+    real(wp), intent(in) :: turned          !! elastic rotation [rad]
+    real(wp), intent(in) :: ud(3)           !! rates of u, v, rotation
+    real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as in place_states
+    real(wp) :: rel(2), b(2), w
+    w = v(3)
+    rel(1) = ud(1) - w*rho(2)
+    rel(2) = ud(2) + w*rho(1)
+    b(1) = -w**2*rho(1) - 2*w*ud(2)
+    b(2) = -w**2*rho(2) + 2*w*ud(1)
+    r(1) = q(1) + c*rho(1) - s*rho(2)
+    r(2) = q(2) + s*rho(1) + c*rho(2)
+    rv(1) = v(1) + c*rel(1) - s*rel(2)
+    rv(2) = v(2) + s*rel(1) + c*rel(2)
+    bias(1) = c*b(1) - s*b(2)
+    bias(2) = s*b(1) + c*b(2)
+    angle = q(3) + turned
+    rate = w + ud(3)
+  end subroutine move_place
+
   !> State of one place (theory.md, section 6).
-  pure subroutine one_place(place, c, s, q, v, qf, vf, p, k)
+  pure subroutine one_place(place, c, s, q, v, nf, qf, vf, p, k)
     type(place_model), intent(in) :: place
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
     real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates
-    real(wp), intent(in), contiguous :: qf(:), vf(:)  !! elastic coordinates and rates
+    integer, intent(in) :: nf
+    real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates
     type(place_states), intent(inout) :: p
     integer, intent(in) :: k                !! entry of p to fill
-    real(wp) :: u(3), ud(3), rho(2), rel(2), bias(2)
+    real(wp) :: u(3), ud(3)
+    call place_displacement(place, nf, qf, vf, u, ud)
+    p%rho(:, k) = place%x + u(1:2)
+    call move_place(c, s, q, v, p%rho(:, k), u(3), ud, p%r(:, k), p%v(:, k), p%bias(:, k), p%angle(k), p%rate(k))
+  end subroutine one_place
+
+  !> Elastic displacement of a place and its rate: u, v, rotation in body axes.
+  pure subroutine place_displacement(place, nf, qf, vf, u, ud)
+    type(place_model), intent(in) :: place
+    integer, intent(in) :: nf
+    real(wp), intent(in) :: qf(nf), vf(nf)
+    real(wp), intent(out) :: u(3), ud(3)    !! [m, m, rad] and per second
     integer :: i
     u = 0.0_wp
     ud = 0.0_wp
     if (allocated(place%psi)) then
-      do i = 1, size(qf)
-        u = u + place%psi(:, i)*qf(i)
-        ud = ud + place%psi(:, i)*vf(i)
-      end do
+      call modal_displacement(nf, place%psi, qf, u)
+      call modal_displacement(nf, place%psi, vf, ud)
     else
       do i = 1, 3
         if (place%dof(i) == 0) cycle
@@ -94,19 +163,19 @@ contains
         ud(i) = vf(place%dof(i))
       end do
     end if
-    rho = place%x + u(1:2)
-    rel(1) = ud(1) - v(3)*rho(2)
-    rel(2) = ud(2) + v(3)*rho(1)
-    bias(1) = -v(3)**2*rho(1) - 2*v(3)*ud(2)
-    bias(2) = -v(3)**2*rho(2) + 2*v(3)*ud(1)
-    p%rho(:, k) = rho
-    p%r(1, k) = q(1) + c*rho(1) - s*rho(2)
-    p%r(2, k) = q(2) + s*rho(1) + c*rho(2)
-    p%v(1, k) = v(1) + c*rel(1) - s*rel(2)
-    p%v(2, k) = v(2) + s*rel(1) + c*rel(2)
-    p%bias(1, k) = c*bias(1) - s*bias(2)
-    p%bias(2, k) = s*bias(1) + c*bias(2)
-    p%angle(k) = q(3) + u(3)
-    p%rate(k) = v(3) + ud(3)
-  end subroutine one_place
+  end subroutine place_displacement
+
+  !> u = Psi q.
+  pure subroutine modal_displacement(nf, psi, q, u)
+    integer, intent(in) :: nf
+    real(wp), intent(in) :: psi(3, nf), q(nf)
+    real(wp), intent(out) :: u(3)
+    integer :: i
+    u = 0.0_wp
+    do i = 1, nf
+      u(1) = u(1) + psi(1, i)*q(i)
+      u(2) = u(2) + psi(2, i)*q(i)
+      u(3) = u(3) + psi(3, i)*q(i)
+    end do
+  end subroutine modal_displacement
 end module place_motion
