@@ -218,6 +218,8 @@ def arguments() -> argparse.ArgumentParser:
 def main(words: list[str] | None = None) -> int:
     """Draw as the command line asks; status 0, or 2 with one line on standard error."""
     args = arguments().parse_args(words)
+    if args.run.name in RESULT_FILES.values() and args.run.is_file():
+        args.run = args.run.parent
     stem = args.output or args.run / "modal"
     paths = []
     try:

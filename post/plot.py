@@ -94,6 +94,7 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         for axis, group in zip(axes[:, 0], groups):
             _panel(axis, runs, labels, group, abscissa)
             axis.margins(x=0.01)
+            _log_scales(axis, runs, group, abscissa)
         axes[-1, 0].set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
         figure.align_ylabels()
         if title:
@@ -116,6 +117,36 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
     if len(runs) > 1 or len(group) > 1:
         entries = len(group) * len(runs)
         axis.legend(ncols=min(entries, 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+
+
+def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa: str) -> None:
+    """Draw a frequency response on logarithmic axes: frequencies that were spaced so, amplitudes that are never zero."""
+    if unit_of(runs, abscissa) != "Hz":
+        return
+    steps = np.diff(np.log(np.maximum(runs[0][abscissa], 1.0e-300)))
+    if steps.size > 1 and np.ptp(steps) <= 1.0e-6 * np.abs(steps).max():
+        axis.set_xscale("log")
+    amplitudes = [run[name] for run in runs for name in group if name in run and name.endswith(".amplitude")]
+    if len(amplitudes) == len(group) * len(runs) and min(map(np.min, amplitudes)) > 0.0:
+        axis.set_yscale("log")
+
+
+def usual_columns(run: History) -> list[str]:
+    """Return what is drawn where no columns are named: sensors of an equilibrium, amplitudes and phases of a response, else all.
+
+    Raises:
+        HistoryError: the rows are modes, which no line should join.
+    """
+    names = run.match(None)
+    if run.path.name == RESULT_FILES["modes"]:
+        raise HistoryError(f"{run.path}: its rows are modes, not times: name --columns, or draw them with post/modes.py")
+    if run.path.name == RESULT_FILES["static"]:
+        return [name for name in names if not name.startswith("state.") and name not in ("residual", "newton_steps")] or names
+    if run.path.name == RESULT_FILES["frequency_response"]:
+        drawn = {name.rpartition(".")[0] for name in names if name.endswith(".amplitude") and np.any(run[name])}
+        shown = [name for name in names if name.rpartition(".")[0] in drawn]
+        return [name for name in shown if name.endswith((".amplitude", ".phase"))] or names
+    return names
 
 
 def save(figure: plt.Figure, stem: Path) -> list[Path]:
@@ -146,7 +177,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="plot.py", description=__doc__.split("\n")[0])
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder, results file or .csv")
     parser.add_argument("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
-    parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (time)")
+    parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (the first: time, load, frequency)")
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
     parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
     parser.add_argument("--title", default="", help="written above the picture")
@@ -161,7 +192,8 @@ def main(words: list[str] | None = None) -> int:
         runs = [read(source, args.file) for source in args.runs]
         if args.labels and len(args.labels) != len(runs):
             raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
-        names = [name for name in runs[0].match(args.columns) if name != args.against]
+        chosen = runs[0].match(args.columns) if args.columns else usual_columns(runs[0])
+        names = [name for name in chosen if name != args.against]
         labels = args.labels or names_of([run.path for run in runs])
         figure = draw(runs, labels, names, args.against, args.title)
         paths = save(figure, args.output or runs[0].path.parent / "plot")

@@ -107,6 +107,28 @@ def test_plot_refuses_in_one_line(runs, capsys, options, told):
     assert message.count("\n") == 1
 
 
+def test_a_response_is_drawn_by_amplitude_and_phase_on_logarithmic_axes(tmp_path):
+    f = np.logspace(0.0, 3.0, 31)
+    names = ["f[Hz]", *(f"tip.{c}.{part}" for c in "xy" for part in ("re[m]", "im[m]", "amplitude[m]", "phase[rad]"))]
+    rows = np.column_stack([f, *[0.0 * f] * 4, 1.0 / f, 0.0 * f, 1.0 / f, 0.0 * f])
+    path = written(tmp_path / "frequency_response.txt", names, rows)
+    run = read(path)
+    assert plot.usual_columns(run) == ["tip.y.amplitude", "tip.y.phase"]
+    figure = plot.draw([run], ["run"], plot.usual_columns(run))
+    assert [(axis.get_xscale(), axis.get_yscale()) for axis in figure.axes] == [("log", "log"), ("log", "linear")]
+    plot.plt.close(figure)
+
+
+def test_an_equilibrium_is_drawn_by_its_sensors_and_modes_are_left_to_modes_py(tmp_path, capsys):
+    names = ["load[-]", "residual[-]", "newton_steps[-]", "tip.u[m]", "state.rod.x[m]"]
+    static = written(tmp_path / "static.txt", names, [[0.5, 0.0, 2.0, 0.1, 0.0], [1.0, 0.0, 2.0, 0.2, 0.0]])
+    assert plot.usual_columns(read(static)) == ["tip.u"]
+    written(tmp_path / "modes.txt", ["number[-]", "frequency[Hz]"], [[1.0, 3.0], [2.0, 7.0]])
+    assert plot.main([str(tmp_path), "--file", "modes"]) == 2
+    assert "its rows are modes, not times: name --columns, or draw them with post/modes.py" in capsys.readouterr().err
+    assert plot.main([str(tmp_path), "--file", "modes", "--columns", "frequency"]) == 0
+
+
 @pytest.mark.parametrize(("unit", "shown"), [("rad/s2", "rad/s²"), ("Nm", "N m"), ("m/s", "m/s"), ("m^2", "m²"), ("", "")])
 def test_units_as_text_shows_them(unit, shown):
     assert plot.pretty_unit(unit) == shown
