@@ -1,0 +1,102 @@
+"""The first lines of every result file: names and units of all columns, as the description of the deck states them."""
+
+from __future__ import annotations
+
+import subprocess
+
+import pytest
+
+SCENE = """&scene title='all columns' /
+&material name='m' density=1200.0 young=1.0e8 rayleigh_stiffness=1.0e-5 /
+&section name='shape' shape='rectangle' width=0.02 height=0.012 /
+&section name='bare' area=2.4e-4 inertia=2.9e-9 /
+&body name='b' kind='beam' length=0.4 elements=2 material='m' section='shape' reference='clamped' /
+&body name='c' kind='beam' length=0.4 elements=2 material='m' section='bare' modes=2 position=0.4,0.0 /
+&joint name='o' type='weld' body_a='b' node_a=1 /
+&joint name='e' type='revolute' body_a='c' node_a=1 body_b='b' node_b=-1 /
+&spring name='turn' type='torsional' body_a='c' node_a=1 body_b='b' node_b=-1 stiffness=40.0 /
+&spring name='pull' type='linear' body_a='c' node_a=-1 point_b=1.0,0.0 stiffness=40.0 damping=1.0 /
+&force name='f' type='force' body='c' node=-1 fy=0.3 /
+"""
+PLACE = "body='b' node=2"
+SENSORS = [
+    ("position", PLACE, ["x[m]", "y[m]"]),
+    ("velocity", PLACE, ["x[m/s]", "y[m/s]"]),
+    ("acceleration", PLACE, ["x[m/s2]", "y[m/s2]"]),
+    ("angle", PLACE, ["[rad]"]),
+    ("angular_velocity", PLACE, ["[rad/s]"]),
+    ("angular_acceleration", PLACE, ["[rad/s2]"]),
+    ("deflection", PLACE, ["u[m]", "v[m]", "r[rad]"]),
+    ("coordinate", "body='b' index=1", ["q[m]", "qd[m/s]", "qdd[m/s2]"]),
+    ("coordinate", "body='b' index=2", ["q[m]", "qd[m/s]", "qdd[m/s2]"]),
+    ("coordinate", "body='b' index=3", ["q[rad]", "qd[rad/s]", "qdd[rad/s2]"]),
+    ("coordinate", "body='c' index=1", ["q[kg^.5*m]", "qd[kg^.5*m/s]", "qdd[kg^.5*m/s2]"]),
+    ("reaction", "joint='o'", ["fx[N]", "fy[N]", "m[Nm]"]),
+    ("internal", "body='b' element=1", ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]", "s[Pa]"]),
+    ("internal", "body='c' element=1", ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]"]),
+    ("spring", "spring='turn'", ["f[Nm]", "d[rad]"]),
+    ("spring", "spring='pull'", ["f[N]", "d[m]"]),
+]
+NODES = [f"{node}.{axis}[m]" for node in (1, 2, 3) for axis in "xy"]
+FRAMES = [f"{body}.{name}" for body in "bc" for name in ("x[m]", "y[m]", "angle[rad]", *NODES)]
+ANALYSES = """&static /
+&modal modes=3 /
+&frequency_response from=1.0 to=20.0 points=3 input='f' /
+&transient t_end=0.001 method='rk4' step=1e-5 output_step=1e-4 motion_step=5e-4 /
+"""
+
+
+@pytest.fixture(scope="module")
+def run(biela, tmp_path_factory):
+    """Return the heads and the rows of every result file of one run with all analyses."""
+    folder = tmp_path_factory.mktemp("headers")
+    text = SCENE + "".join(f"&sensor name='s{k}' quantity='{q}' {place} /\n" for k, (q, place, _) in enumerate(SENSORS))
+    (folder / "scene.nml").write_text(text + ANALYSES, encoding="utf-8")
+    subprocess.run([str(biela), "--quiet", "scene.nml"], cwd=folder, check=True, timeout=60)
+    found = {}
+    for path in (folder / "results" / "scene").glob("*.txt"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        found[path.stem] = [x for x in lines if x.startswith("#")], [x.split() for x in lines if not x.startswith("#")]
+    return found
+
+
+def columns(head: list[str]) -> list[str]:
+    """Return the names with units of the last comment line."""
+    assert head[1:3] == ["# deck: scene", "# title: all columns"]
+    assert head[-1].startswith("# columns: ")
+    return head[-1].removeprefix("# columns: ").split()
+
+
+def sensor_columns() -> list[str]:
+    """Return the columns of all sensors."""
+    return [f"s{k}{'' if n[0] == '[' else '.'}{n}" for k, (_, _, names) in enumerate(SENSORS) for n in names]
+
+
+def test_files_of_a_transient(run):
+    assert columns(run["history"][0]) == ["t[s]", *sensor_columns()]
+    energies = [f"{n}[J]" for n in ("kinetic", "potential", "dissipated", "work", "residual")]
+    assert columns(run["energy"][0]) == ["t[s]", *energies, "position_violation[m]", "velocity_violation[m/s]"]
+    assert columns(run["motion"][0]) == ["t[s]", *FRAMES]
+    assert [len(run[name][1]) for name in ("history", "energy", "motion")] == [11, 11, 3]
+    assert [float(row[0]) for row in run["motion"][1]] == pytest.approx([0.0, 5e-4, 1e-3])
+
+
+def test_static_modes_and_response(run):
+    expected = ["load[-]", "residual[-]", "newton_steps[-]", *sensor_columns(), *(f"state.{n}" for n in FRAMES)]
+    assert columns(run["static"][0]) == expected
+    figures = "number[-] mode[-] kind[-] undamped_frequency[Hz] frequency[Hz] damping_ratio[-] loss_factor[-] real[1/s] imag[rad/s]"
+    shapes = [n.replace("[", f".{part}[") for n in FRAMES for part in ("re", "im")]
+    assert columns(run["modes"][0]) == [*figures.split(), "residual[-]", *shapes]
+    expected = ["f[Hz]"]
+    for name in sensor_columns():
+        unit = name[name.index("[") :]
+        stem = name.removesuffix(unit)
+        expected += [f"{stem}.re{unit}", f"{stem}.im{unit}", f"{stem}.amplitude{unit}", f"{stem}.phase[rad]"]
+    assert columns(run["frequency_response"][0]) == expected
+
+
+def test_every_row_is_as_long_as_its_head(run):
+    for name in ("history", "energy", "motion", "static", "modes", "frequency_response"):
+        head, rows = run[name]
+        assert rows
+        assert {len(row) for row in rows} == {len(columns(head))}
