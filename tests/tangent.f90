@@ -2,6 +2,8 @@
 !> tangent DECK STEP SPECTRAL_RADIUS SEED. A random state near the assembled one, the exact elastic blocks, the correction
 !> dq, dlambda of one iteration; printed: the largest component of (finite-difference tangent times correction + residual)
 !> relative to the largest component of the residual's own parts, for bodies and for constraints.
+!> tangent DECK STEP SPECTRAL_RADIUS march TIMES INTERVAL: fixed steps, and at TIMES multiples of INTERVAL the method's own
+!> variables: q, v, accelerations v', multipliers.
 program tangent
   use kinds, only: wp
   use deck_reader, only: read_deck
@@ -12,6 +14,7 @@ program tangent
   use implicit_model, only: implicit_solver, set_up_implicit
   use implicit_newton, only: trial_residual, trial_tangent
   use implicit_start, only: start_method
+  use implicit_step, only: try_step, accept_step
   use scene_run, only: run_state, prepare_run
   use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
@@ -19,16 +22,17 @@ program tangent
   type(implicit_solver) :: solver
   type(fault_list) :: faults
   type(failure) :: fail
-  character(512) :: word(4)
+  character(512) :: word(6)
   real(wp), allocatable :: q(:), v(:), vd(:), lambda(:)   ! the trial state
   real(wp) :: h, rho
   integer :: k, seed
-  do k = 1, 4
+  do k = 1, 6
     call get_command_argument(k, word(k))
   end do
   read (word(2), *) h
   read (word(3), *) rho
-  read (word(4), *) seed
+  seed = 0
+  if (word(4) /= 'march') read (word(4), *) seed
   call read_deck(trim(word(1)), run%d, faults)
   if (faults%count == 0) call prepare_run(run, faults, fail)
   if (faults%count > 0) then
@@ -38,10 +42,34 @@ program tangent
   if (fail%happened()) error stop 2, quiet=.true.
   call set_up_implicit(solver, run%sys%m, chung_hulbert(rho))
   call start_method(solver, run%sys%m, 0.0_wp, h, run%y)
-  call disturb()
-  call compare()
+  if (word(4) == 'march') then
+    call march()
+  else
+    call disturb()
+    call compare()
+  end if
 
 contains
+
+  !> Fixed steps; what the method carries, not what is reported.
+  subroutine march()
+    real(wp) :: interval
+    integer :: i, times, each
+    logical :: ok
+    read (word(5), *) times
+    read (word(6), *) interval
+    each = nint(interval/h)
+    do i = 1, times*each
+      call try_step(solver, run%sys%m, i*h, ok)
+      if (.not. ok) error stop 3, quiet=.true.
+      call accept_step(solver, run%sys%m, i*h)
+      if (mod(i, each) > 0) cycle
+      write (*, '(a, *(1x, es23.16))') 'q', solver%q
+      write (*, '(a, *(1x, es23.16))') 'v', solver%v
+      write (*, '(a, *(1x, es23.16))') 'acceleration', solver%vd
+      write (*, '(a, *(1x, es23.16))') 'multiplier', solver%lambda
+    end do
+  end subroutine march
 
   !> Random numbers in (-1, 1), the same on every machine.
   function random(n) result(x)

@@ -185,6 +185,43 @@ def test_tolerance_leads_to_the_reference(scene, run_deck):
     assert worst[1] < 0.25 * worst[0]
 
 
+@pytest.fixture
+def own_variables(tmp_path):
+    """Return a function: the method's own q, v, acceleration, multiplier at five times; arrays of shape (5, unknowns)."""
+    path = program("TANGENT", f"bin/tangent{'-debug' if 'debug' in os.environ.get('PROBE', '') else ''}")
+
+    def march_inside(deck, step, radius, interval):
+        (tmp_path / "own.nml").write_text(deck + march("t_end=1.0 step=1e-3"), encoding="utf-8")
+        words = [path, tmp_path / "own.nml", str(step), str(radius), "march", "5", str(interval)]
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        lines = [line.split() for line in done.stdout.splitlines()]
+        return {name: np.array([line[1:] for line in lines if line[0] == name], dtype=float) for name in {x[0] for x in lines}}
+
+    return march_inside
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("scene", ["slider-crank", "four-bar"])
+def test_the_methods_own_multipliers_have_order_two(scene, radius, run_deck, own_variables):
+    """What the method carries, not what rows report: differences of three steps fall fourfold; the limit is what rows report."""
+    deck, step, interval = FOUR_BAR, 8e-6, 2e-3
+    if scene == "slider-crank":
+        deck = (REFERENCE / "vrl_ghm" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
+        step, interval = 1e-6, 2e-4
+    runs = [own_variables(deck, step / 2**k, radius, interval) for k in range(3)]
+    for name in ("q", "v", "acceleration", "multiplier"):
+        gaps = [np.abs(a[name] - b[name]).max() for a, b in zip(runs[:-1], runs[1:], strict=True)]
+        assert 1.75 < np.log2(gaps[0] / gaps[1]) < 2.4, (name, gaps)
+    limit = (4 * runs[2]["multiplier"] - runs[1]["multiplier"]) / 3
+    ends = f"t_end={5 * interval} method='dopri5' tolerance=1e-11 output_step={interval}"
+    rows = run_deck(deck + f"&transient {ends} /\n", name="rows").history
+    if scene == "four-bar":
+        forces, own = np.column_stack([rows["pin.fx"], rows["pin.fy"]]), -limit[:, 4:6]
+    else:
+        forces, own = np.hypot(rows["crank_link.fx"], rows["crank_link.fy"])[:, None], np.abs(limit[:, :1])
+    assert np.abs(own - forces[1:]).max() < 2e-3 * np.abs(forces).max()
+
+
 STIFF = {
     "64 elements": ("2.1e10", 64, ""),
     "young 1e15": ("1e15", 64, ""),
