@@ -289,6 +289,50 @@ def test_the_energy_that_the_method_removes_explains_the_residual(run_deck):
     assert removed[0.2] > 2 * removed[0.5] > 0
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize(("scene", "step", "t_end"), [("vrl_ghm", 1e-6, 0.01), ("viscoelastic_joint", 1e-3, 1.0)])
+def test_work_dissipation_and_removed_energy_have_order_two(scene, step, t_end, radius, run_deck):
+    """The residual without what the method removes falls fourfold; at spectral radius 0 removal is most of the residual."""
+    deck = (REFERENCE / scene / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
+    left = []
+    for h in (step, step / 2):
+        text = deck + march(f"t_end={t_end} step={h} output_step={t_end / 20} spectral_radius={radius}")
+        run = run_deck(text, name=f"h{h}")
+        removed = number("removed by the method itself:", run.summary)
+        residual = run.energy["residual"][-1]
+        left.append(abs(residual + removed))
+        assert number("without it the residual at the end:", run.summary) == pytest.approx(residual + removed, rel=0.02, abs=1e-3 * abs(residual))
+        if radius == 0.0:
+            assert left[-1] < 0.3 * abs(residual)
+    assert 1.8 < np.log2(left[0] / left[1]) < 2.2
+
+
+@pytest.mark.parametrize("kind", ["nodal", "modal", "spring"])
+def test_the_removed_energy_counts_dissipative_coordinates(kind, run_deck):
+    """Weakly damped ones that vibrate faster than the step resolves: half of what the method removes is theirs."""
+    ghm = "ghm_alpha=1.0 ghm_zeta=0.02 ghm_omega=2e3"
+    deck = CANTILEVER.replace("elements=8", "elements=2").format(history="stage='static'") + "&static /\n"
+    if kind == "modal":
+        deck = deck.replace("reference='clamped'", "reference='clamped' modes=4")
+    if kind == "spring":
+        deck += f"&spring name='s' type='torsional' body_a='arm' node_a=-1 stiffness=1e3 {ghm} /\n"
+    else:
+        deck = deck.replace("young=2.1e11", f"young=2.1e11 {ghm}")
+    run = run_deck(deck + march("t_end=0.04 step=2e-4 spectral_radius=0.0"))
+    residual = run.energy["residual"][-1]
+    assert residual < -1e-5
+    assert abs(residual + number("removed by the method itself:", run.summary)) < 0.04 * abs(residual)
+
+
+def test_numerical_damping_is_named_where_it_makes_the_residual(run_deck):
+    """A plucked beam at steps far beyond its higher modes: they are damped, and the verdict says what that means."""
+    deck = CANTILEVER.format(history="stage='static'") + "&static /\n"
+    coarse = run_deck(deck + march("t_end=0.2 step=1e-3 spectral_radius=0.0"), name="coarse").summary
+    assert "numerical damping of vibrations that the steps do not resolve" in coarse
+    fine = run_deck(deck + march("t_end=0.02 step=2e-6 output_step=1e-3 spectral_radius=0.9"), name="fine").summary
+    assert "numerical damping of vibrations" not in fine
+
+
 def test_a_jump_at_the_end_of_a_step_is_felt_from_there_on(run_deck):
     """A pulse that starts and ends at step ends keeps order 2."""
     deck = CANTILEVER.replace("elements=8", "elements=1").format(history="history='h'")

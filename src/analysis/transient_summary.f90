@@ -68,10 +68,13 @@ contains
         ' J, at the end ', f%residual, ' J; ', share, ' of the largest energy, ', f%largest_energy, ' J'
       call add_line(text, trim(line))
       if (run%d%transient%method == 'generalized_alpha') then
-        write (line, '(a, es10.3, a)') '  energy removed by the method itself: ', march%method%removed, ' J'
+        write (line, '(a, es10.3, a, es10.3, a)') '  energy removed by the method itself: ', march%method%removed, &
+          ' J, numerical damping that the residual shows; without it the residual at the end: ', &
+          f%residual + march%method%removed, ' J'
         call add_line(text, trim(line))
       end if
-      call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy))
+      call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy) &
+                    //damped(march%method%removed, f%residual, f%largest_residual, share))
     end associate
   end subroutine witness
 
@@ -97,6 +100,18 @@ contains
       text = 'energy or joints are off by '//trim(number)//': the results cannot be trusted; use a smaller step or tolerance'
     end if
   end function verdict
+
+  !> What the verdict adds where numerical damping explains most of the residual.
+  function damped(removed, residual, largest, share) result(text)
+    real(wp), intent(in) :: removed            !! by the method itself [J]
+    real(wp), intent(in) :: residual, largest  !! of the energy, at the end and largest [J]
+    real(wp), intent(in) :: share              !! largest, of the largest energy [-]
+    character(:), allocatable :: text
+    text = ''
+    if (share <= 1.0e-8_wp .or. abs(residual) < 0.5_wp*largest) return
+    if (abs(residual + removed) > 0.2_wp*abs(residual)) return
+    text = '; most of that is numerical damping of vibrations that the steps do not resolve: slower motion may be better'
+  end function damped
 
   !> Warnings of the validity watch.
   subroutine validity_lines(run, text)

@@ -3,7 +3,7 @@
 !>   kinetic + potential change = vbar^T M (dv - h abar) + abar^T M (h vbar - dq) + what forces and damping do (trapezoidal)
 !>
 !> where a = v' are the accelerations of the equations: the first two terms vanish for the trapezoidal rule (spectral radius
-!> 1) and are the method's numerical damping otherwise. Dissipative coordinates, which are damped anyway, are not counted.
+!> 1) and are the method's numerical damping otherwise. Dissipative coordinates: `implicit_term_energy`.
 module implicit_energy
   use kinds, only: wp
   use body, only: body_model

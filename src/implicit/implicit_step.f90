@@ -11,6 +11,7 @@ module implicit_step
   use implicit_newton, only: trial_residual, trial_tangent, trial_elastic
   use implicit_rows, only: light_shift, strong_shift
   use implicit_start, only: restore_factors, widen_scales
+  use implicit_term_energy, only: keep_terms, removed_from_terms
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -156,7 +157,9 @@ contains
     call set_frames(m, self%q1)
     call place_kinematics(m, self%q1, self%v1)
     self%removed = self%removed + removed_energy(self, m)
+    call keep_terms(self)
     call end_terms(self, m)
+    self%removed = self%removed + removed_from_terms(self, m)
     power = dissipated_in_bodies(self, m)
     m%dissipated_power = 0.0_wp
     m%input_power = 0.0_wp
