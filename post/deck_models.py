@@ -222,10 +222,15 @@ def in_force(labels: list[str]) -> list[str]:
     kept: list[str] = []
     for label in labels:
         body, what = label.split(": ", 1)
-        kind = what.split(" ")[1] if what[0].isdigit() else ""
-        over = [k for k in kept if k.startswith(body + ": ") and (what == "rigid" or (kind and f" {kind} of " in k))]
+        same = [k for k in kept if k.startswith(body + ": ")]
+        over = [k for k in same if what == "rigid" or (_counted(what) and _counted(what) == _counted(k.split(": ", 1)[1]))]
         kept = [k for k in kept if k not in over] + [label]
     return kept
+
+
+def _counted(what: str) -> str:
+    """Return what a label counts, '' where it counts nothing."""
+    return next((word for word in ("modes", "mode", "elements") if word in what.split()), "").rstrip("s")
 
 
 def _coarser(count: int) -> list[int]:
@@ -241,7 +246,7 @@ def _materials(deck: DeckText, body: Group) -> list[Group]:
 
 def _body_changes(deck: DeckText, body: Group) -> list[tuple[str, dict[str, str]]]:
     """Return (label, values) of what can be switched off in a flexible body."""
-    name, modes, stiff = body.name, int(body.number("modes")), body.flag("stiffening", False)
+    name, stiff = body.name, body.flag("stiffening", False)
     found = [(f"{name}: rigid", {"flexible": ".false.", **dict.fromkeys(("stiffening", "modes", "axial", "viscoelastic"))})]
     damped = any(material.items("ghm_alpha") for material in _materials(deck, body))
     if damped and body.flag("viscoelastic", True):
@@ -251,9 +256,10 @@ def _body_changes(deck: DeckText, body: Group) -> list[tuple[str, dict[str, str]
     elif body.word("kind") == "beam" and body.flag("axial", True):
         found.append((f"{name}: no axial deformation", {"axial": ".false."}))
     count = coordinate_count(body)
-    for k in () if stiff else sorted({b * 2**j for b in (2, 3) for j in range(8)} | {1, modes - 1}, reverse=True):
+    some = {b * 2**j for b in (2, 3) for j in range(8)} | {1, count - 1, count - 2}
+    for k in () if stiff else sorted(some, reverse=True):
         if 0 < k < count:
-            found.append((f"{name}: {k} modes of {count} coordinates", {"modes": str(k)}))
+            found.append((f"{name}: {k} mode{'s' * (k > 1)} of {count} coordinates", {"modes": str(k)}))
     return found
 
 

@@ -2,7 +2,7 @@
 
 The key of a kept run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
 another run. What a run costs is read from its summary: seconds of the analyses without start-up, evaluations of the equations
-of motion, banded solves, unknowns.
+of motion, Newton iterations of implicit methods, banded solves, unknowns.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import re
 import shutil
@@ -31,6 +32,7 @@ COUNTS = {
     "steps": r"^\s*steps: (\d+)",
     "rejected": r"rejected: (\d+)",
     "evaluations": r"evaluations: (\d+)",
+    "newton": r"Newton iterations: (\d+)",
     "solves": r"banded solves: (\d+)",
     "coordinates": r"^\s*coordinates: .*= (\d+)",
     "dissipative": r"^\s*dissipative coordinates: (\d+)",
@@ -38,9 +40,12 @@ COUNTS = {
 }
 SECONDS = r"^timing: analyses took\s+([\d.]+) s"
 REPEATS = 3
+ALONE = 9  # a run timed alone is repeated so often at most
+ENOUGH = 1.0  # [s] of repeats of a run timed alone
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 QUICK = 0.5  # [s] runs below are timed as the median of repeats
+MARK = "! timed alone"
 
 
 class RunsError(Exception):
@@ -49,6 +54,10 @@ class RunsError(Exception):
 
 class InterruptedRunsError(Exception):
     """Ctrl-C: what was finished is kept."""
+
+
+class OutOfTimeError(Exception):
+    """No run is begun any more: the study has had its time."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +70,7 @@ class Outcome:
         names: columns without the time
         data: rows of the history, shape (rows, 1 + columns), the time first
         seconds: median of the repeats [s], analyses only
-        counts: steps, evaluations, solves, coordinates, dissipative, multipliers
+        counts: steps, evaluations, newton, solves, coordinates, dissipative, multipliers
     """
 
     status: int
@@ -83,9 +92,19 @@ class Outcome:
         return 2 * (self.counts.get("coordinates", 0) + self.counts.get("dissipative", 0))
 
     @property
+    def evaluations(self) -> int:
+        """Evaluations of the equations of motion; a Newton iteration of an implicit step counts as one."""
+        return self.counts.get("evaluations", 0) + self.counts.get("newton", 0)
+
+    @property
+    def steps(self) -> int:
+        """Steps, the rejected ones included."""
+        return self.counts.get("steps", 0) + self.counts.get("rejected", 0)
+
+    @property
     def work(self) -> int:
         """Evaluations times unknowns: a cost that no machine changes."""
-        return self.counts.get("evaluations", 0) * self.unknowns
+        return self.evaluations * self.unknowns
 
 
 @dataclass
@@ -97,6 +116,8 @@ class Runner:
         folder: where runs are kept
         jobs: how many run at a time
         longest: a run that takes longer is stopped [s]
+        quiet: no progress bar
+        time: no run is begun after this time of the study [s]
     """
 
     biela: Path
@@ -104,6 +125,7 @@ class Runner:
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     longest: float = 300.0
     quiet: bool = False
+    time: float = math.inf
 
     def __post_init__(self) -> None:
         try:
@@ -117,12 +139,21 @@ class Runner:
         self.made = self.found = 0
         self.started = time.monotonic()
 
+    def late(self, share: float = 1.0) -> bool:
+        """Whether that share of the study's time is over."""
+        return time.monotonic() - self.started > share * self.time
+
     def one(self, text: str) -> Outcome:
         """Run one deck."""
         return self.all([text])[0]
 
     def all(self, texts: Iterable[str], stage: str = "") -> list[Outcome]:
-        """Run decks side by side; the outcomes in their order. InterruptedRunsError after Ctrl-C."""
+        """Run decks side by side; the outcomes in their order.
+
+        Raises:
+            InterruptedRunsError: after Ctrl-C.
+            OutOfTimeError: the study's time is over and one of them was not kept.
+        """
         texts = list(texts)
         pool = ThreadPoolExecutor(self.jobs)
         jobs = {text: pool.submit(self._kept, text) for text in dict.fromkeys(texts)}
@@ -162,9 +193,9 @@ class Runner:
         for child in list(self.children):
             _end(child)
 
-    def timed(self, text: str, repeats: int = REPEATS) -> Outcome:
+    def timed(self, text: str) -> Outcome:
         """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
-        return self.all([f"! timed alone, {repeats} times\n{text}"])[0]
+        return self.all([f"{MARK}\n{text}"])[0]
 
     def _kept(self, text: str) -> Outcome:
         """Return a kept run or make it."""
@@ -176,6 +207,8 @@ class Runner:
             return outcome
         if self.stopped.is_set():
             raise InterruptedRunsError
+        if self.late():
+            raise OutOfTimeError
         outcome = self._made(text, key)
         if self.stopped.is_set() and not outcome.ok:
             raise InterruptedRunsError
@@ -190,9 +223,7 @@ class Runner:
         try:
             (place / "deck.nml").write_text(text, encoding="utf-8")
             first = self._run(place)
-            alone = re.match(r"! timed alone, (\d+)", text)
-            again = int(alone[1]) - 1 if alone else (REPEATS - 1 if first.ok and first.seconds < QUICK else 0)
-            seconds = [first.seconds, *(self._run(place).seconds for _ in range(again if first.ok else 0))]
+            seconds = [first.seconds, *(self._run(place).seconds for _ in range(_repeats(text, first)))]
             return Outcome(**{**first.__dict__, "seconds": float(np.median(seconds))})
         finally:
             shutil.rmtree(place, ignore_errors=True)
@@ -243,6 +274,15 @@ class Runner:
         """Take the progress bar away."""
         if not self.quiet and sys.stderr.isatty():
             print("\r" + " " * 118 + "\r", end="", file=sys.stderr, flush=True)
+
+
+def _repeats(text: str, first: Outcome) -> int:
+    """Return how often a run is repeated for its seconds: quick ones twice, those timed alone up to a second in all."""
+    if not first.ok:
+        return 0
+    if text.startswith(MARK):
+        return min(max(int(ENOUGH / max(first.seconds, 1.0e-6)), REPEATS), ALONE) - 1
+    return REPEATS - 1 if first.seconds < QUICK else 0
 
 
 def _end(child: subprocess.Popen) -> None:

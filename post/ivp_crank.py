@@ -66,7 +66,7 @@ def table(found: list, grid_words) -> str:
     head = f"{'rod angle':>9} {'slider':>9} {'mid-rod':>9} {'seconds':>9} {'evaluations':>11} {'solves':>9}"
     lines = [f"{'elements':>8}  {'setting':34} {head}"]
     for n, _, setting, o, (rod, slider, mid) in found:
-        counts = f"{o.counts.get('evaluations', 0):11} {o.counts.get('solves', 0):9}"
+        counts = f"{o.evaluations:11} {o.counts.get('solves', 0):9}"
         lines.append(f"{n:8}  {grid_words(setting):34} {rod:9.1e} {slider:9.1e} {mid:9.1e} {o.seconds:9.4f} {counts}")
     return "\n".join(lines)
 

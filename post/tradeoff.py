@@ -26,14 +26,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from deck_models import in_force
-from deck_runs import InterruptedRunsError, Runner, RunsError
+from deck_runs import InterruptedRunsError, OutOfTimeError, Runner, RunsError
 from deck_text import DeckError, DeckText, read
 from tradeoff_errors import gap
 from tradeoff_picture import draw
 from tradeoff_report import Result, head, table, verdict
 from tradeoff_search import CALL, EFFECT, Point, Study, cheapest, greedy
 from tradeoff_settings import FAMILIES, METHODS, Setting, grid_of, sensors, with_setting
-from tradeoff_truth import Base, as_written, deck_truth, effect_setting, parts, refined_truth, stiffened
+from tradeoff_truth import Base, as_written, deck_truth, effect_settings, parts, refined_truth, stiffened
 
 FULL = "full model"
 FINALISTS = 4
@@ -52,7 +52,7 @@ def search(study: Study, base: Base) -> list[Point]:
     """Return the cheapest adequate point of each model from the full one to the smallest, empty where none is adequate."""
     for made in base.curves:
         longest = made.outcomes[-1]
-        study.rates[made.family] = made.cost / (longest.counts["evaluations"] * (longest.unknowns + CALL))
+        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + CALL))
         study.measure(FULL, base.deck, made.settings, "curves")
     starts = first_guesses(study, base)
     families = [made.family for made in base.curves]
@@ -60,12 +60,23 @@ def search(study: Study, base: Base) -> list[Point]:
     if best is None:
         return []
     study.families = families
-    path = greedy(study, base.deck, best, effect_setting(study, base, EFFECT), starts)
-    last = path[-1]
-    if len(path) > 1:
-        rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
-        study.measure(last.model, last.deck, rest, "curve of the smallest model")
-    return path
+    return greedy(study, base.deck, best, effect_settings(study, base, EFFECT), starts)
+
+
+def explore(study: Study, base: Base, result: Result) -> None:
+    """Search as long as there is time; what was measured stays in the study."""
+    try:
+        result.notes.append(stiffened(study, base.deck, effect_settings(study, base, EFFECT)[0]))
+        result.path = search(study, base)
+        if len(result.path) > 1:
+            last = result.path[-1]
+            rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
+            study.measure(last.model, last.deck, rest, "curve of the smallest model")
+    except OutOfTimeError:
+        pass
+    if study.runner.late():
+        ended = f"the search was ended after {study.runner.time:g} s (--time); the same command goes on from there"
+        result.notes.append(ended)
 
 
 def choose(study: Study, budget: float) -> Point | None:
@@ -95,7 +106,7 @@ def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
     """Return an empty study of a deck."""
     asked = sensors(deck, args.sensor)
     families = [name for name, (method, _) in FAMILIES.items() if method in args.methods]
-    runner = Runner(args.biela, folder / "kept", args.jobs, args.longest_run, args.quiet)
+    runner = Runner(args.biela, folder / "kept", args.jobs, min(args.longest_run, args.time), args.quiet, args.time)
     return Study(runner, grid_of(deck), asked, args.tolerance, families)
 
 
@@ -104,14 +115,16 @@ def run(args: argparse.Namespace) -> int:
     deck = read(args.deck)
     folder = args.output or Path("results") / "tradeoff" / args.deck.stem
     study = study_of(args, deck, folder)
+    written = as_written(study, deck)
     base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck)
-    result = Result(args.deck.name, args.truth, base.notes, base.curves, as_written(study, deck), [], budget=args.budget)
-    result.notes.append(stiffened(study, base.deck, effect_setting(study, base, EFFECT)))
-    result.path = search(study, base)
+    own = Point("deck as written", None, deck, written, gap(written, study.truth))
+    result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
+    explore(study, base, result)
+    late, study.runner.time = study.runner.late(), math.inf
     point = choose(study, args.budget)
     if point:
         verify(study, result, point, folder)
-    if args.truth == "refined":
+    if args.truth == "refined" and not late:
         written = parts(study, deck, deck, result.written.outcome, base.doublings)
         result.parts.append(("deck as written", *written))
         if point:
@@ -143,12 +156,13 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("deck", type=Path, help="the deck, with a &transient and sensors")
     parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors that must be right (all)")
     parser.add_argument("--tolerance", type=positive, default=1.0e-3, help="largest error, relative to the range (%(default)g)")
-    parser.add_argument("--budget", type=positive, default=math.inf, metavar="SECONDS", help="what a run may take (any)")
+    parser.add_argument("--budget", type=positive, default=math.inf, metavar="SECONDS", help="of a recommended run at most (any)")
     parser.add_argument("--truth", choices=["deck", "refined"], default="deck", help="measures errors (%(default)s)")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
     parser.add_argument("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
-    parser.add_argument("--longest-run", type=positive, default=120.0, metavar="SECONDS", help="limit of one run (%(default)g)")
+    parser.add_argument("--longest-run", type=positive, default=120.0, metavar="SECONDS", help="of any run at most (%(default)g)")
+    parser.add_argument("--time", type=positive, default=600.0, metavar="SECONDS", help="of the whole search (%(default)g)")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
     return parser
@@ -162,6 +176,9 @@ def main(words: list[str] | None = None) -> int:
         return run(args)
     except (DeckError, RunsError) as fault:
         print(f"\ntradeoff: {fault}" if sys.stderr.isatty() else f"tradeoff: {fault}", file=sys.stderr)
+        return 2
+    except OutOfTimeError:
+        print(f"tradeoff: no reference within {args.time:g} s; give more --time, the same command goes on", file=sys.stderr)
         return 2
     except (InterruptedRunsError, KeyboardInterrupt):
         print("\ntradeoff: interrupted; what was run is kept, the same command continues", file=sys.stderr)

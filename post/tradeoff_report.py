@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 from tradeoff_errors import Gap, gap, plain_truth
 from tradeoff_search import Curve, Point, Study
-from tradeoff_settings import FAMILIES
 
 WIDTH = 120
 
@@ -64,18 +63,20 @@ def setting_words(study: Study, point: Point) -> str:
 
 
 def orders(study: Study, made: Curve) -> list[float]:
-    """Return the observed orders of a fixed-step curve against its own finest run, where errors are far above that one's."""
-    if FAMILIES[made.family][1] == "tolerance":
-        return []
+    """Return the observed orders of a curve against its own finest run: how fast errors fall with the number of steps.
+
+    Only errors far above those of the finest run count.
+    """
     finest = plain_truth(made.outcomes[-1], study.truth)
-    errors = [gap(outcome, finest).largest for outcome in made.outcomes[:-1]]
-    return [math.log2(a / b) for a, b in zip(errors, errors[1:]) if b > 10.0 * made.left and a < 0.3]
+    runs = [(gap(outcome, finest).largest, outcome.steps) for outcome in made.outcomes[:-1]]
+    pairs = [(a, b) for a, b in zip(runs, runs[1:]) if b[0] > 10.0 * made.left and a[0] < 0.3 and b[1] > 1.05 * a[1]]
+    return [math.log(a[0] / b[0]) / math.log(b[1] / a[1]) for a, b in pairs]
 
 
 def _line(study: Study, point: Point, mark: str = "") -> str:
     o, below = point.outcome, point.gap.largest < study.truth.uncertainty
     left = f"{setting_words(study, point):34}  {point.gap.largest:9.2e}{'<' if below else ' '} {point.gap.rms:9.2e}"
-    right = f"{point.cost:10.4f} {o.counts.get('evaluations', 0):>11} {o.counts.get('solves', 0):>11} {o.unknowns:>8}"
+    right = f"{point.cost:10.4f} {o.evaluations:>11} {o.counts.get('solves', 0):>11} {o.unknowns:>8}"
     return f"{left}  {point.gap.column:22.22} {right}  {mark:2}{point.model}"
 
 
@@ -150,9 +151,10 @@ def table(study: Study, result: Result) -> str:
         f"sensors: {', '.join(sorted(study.asked))}; tolerance {study.tolerance:g} of each column's range",
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
-        "seconds: analyses alone, without start-up, median of repeats where short; evaluations of the equations of motion",
+        "seconds: analyses alone, without start-up, median of repeats where short",
+        "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one",
         "",
-        "Observed orders of the fixed-step methods on the full model",
+        "Observed orders on the full model: how fast errors fall with the number of steps",
     ]
     for made in result.curves:
         seen = orders(study, made)

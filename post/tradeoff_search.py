@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import deck_models
-from deck_runs import Outcome, Runner
+from deck_runs import Outcome, OutOfTimeError, Runner
 from deck_text import DeckText
 from tradeoff_errors import Gap, Truth, between, gap, richardson
 from tradeoff_settings import FAMILIES, ORDERS, Grid, Setting, for_search
@@ -13,7 +14,9 @@ from tradeoff_settings import FAMILIES, ORDERS, Grid, Setting, for_search
 LEVELS = 14  # of a curve at most
 CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
 EFFECT = 0.1  # a removal's effect is measured with a time error below this share of the tolerance
+DOUBT = 10.0  # an effect below this many tolerances is measured again with another method before the removal is given up
 CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
+HALF = 0.5  # share of the study's time after which curves are not refined any more
 SHORT = 0.05  # [s] shorter runs are ranked by their counts, not by the clock
 GAIN = 0.97  # a removal is worth it where the cost falls below this share
 
@@ -84,7 +87,7 @@ class Study:
         outcome = point.outcome
         if not outcome.ok or outcome.seconds >= SHORT or point.setting.family not in self.rates:
             return point.cost
-        return outcome.counts["evaluations"] * (outcome.unknowns + CALL) * self.rates[point.setting.family]
+        return outcome.evaluations * (outcome.unknowns + CALL) * self.rates[point.setting.family]
 
     def text(self, deck: DeckText, setting: Setting | None) -> str:
         """Return the text that is run."""
@@ -136,7 +139,7 @@ def curve(study: Study, deck: DeckText, family: str, target: float, dearest: flo
         if new > 0.7 * left and left < 1.0e-6 and len(outcomes) > 4:
             break
         left = new
-        if outcomes and 4.0 * outcomes[-1].seconds > dearest:
+        if study.runner.late(HALF) or (outcomes and 4.0 * outcomes[-1].seconds > dearest):
             break
     return Curve(family, settings, outcomes, left)
 
@@ -210,50 +213,75 @@ def cheapest(
     return min(found, key=study.price, default=None)
 
 
-def greedy(study: Study, deck: DeckText, best: Point, effect_setting: Setting, starts: dict[str, Setting]) -> list[Point]:
+def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], starts: dict[str, Setting]) -> list[Point]:
     """Take out of a model, one by one, what the sensors do not notice, the removal that saves most first.
 
     Args:
         study: what is shared
         deck: the model to start from
         best: its cheapest adequate point
-        effect_setting: a setting whose time error is small against the tolerance
+        effects: settings of different methods whose time error is small against the tolerance
         starts: first guess of the adequate setting by family
 
     Returns:
         the cheapest adequate point of each model on the way, the full model's first
     """
     path, hopeless, turn, name = [best], set(), 0, best.model
-    while True:
+    while options := [c for c in deck_models.removals(deck, study.asked) if c.label not in hopeless]:
         turn += 1
-        options = [c for c in deck_models.removals(deck, study.asked) if c.label not in hopeless]
-        if not options:
-            return path
-        stage = f"round {turn}: what each removal changes"
-        outcomes = study.runner.all([study.text(c.deck, effect_setting) for c in options], stage)
-        tried = [_tried(study, turn, change, outcome) for change, outcome in zip(options, outcomes)]
-        study.steps += tried
-        fit = [(step, change) for step, change in zip(tried, options) if step.effect.largest <= study.room]
-        hopeless |= {step.label for step in tried if not step.effect.largest <= study.room}
-        own = [path[-1].setting.family] if len(fit) > 3 else None
-
-        def price(pair: tuple[Step, deck_models.Change], turn=turn, name=name, own=own) -> Point | None:
-            step, change = pair
-            title = step.label if turn == 1 else f"{name}; {step.label}"
-            stage = f"round {turn}: settings without {step.label}"
-            return cheapest(study, title, change.deck, dict(starts), 2.0 * study.price(path[-1]), stage, own)
-
-        for (step, _), best in zip(fit, study.runner.spread(price, fit)):
-            step.best = best
-        fit = [(step, change) for step, change in fit if step.best and study.price(step.best) < GAIN * study.price(path[-1])]
-        if not fit:
-            return path
-        step, change = min(fit, key=lambda pair: study.price(pair[0].best))
-        step.taken, deck, name = True, change.deck, step.best.model
-        path.append(cheapest(study, name, deck, starts, study.price(path[-1]), f"round {turn}: methods") or step.best)
+        try:
+            step, change = _round(study, turn, options, path[-1], name, effects, starts) or (None, None)
+            hopeless |= {s.label for s in study.steps if s.round == turn and not s.effect.largest <= study.room}
+            if step is None:
+                break
+            step.taken, deck, name = True, change.deck, step.best.model
+            path.append(step.best)
+            path[-1] = cheapest(study, name, deck, starts, study.price(step.best), f"round {turn}: methods") or step.best
+        except OutOfTimeError:
+            break
+    return path
 
 
-def _tried(study: Study, turn: int, change: deck_models.Change, outcome: Outcome) -> Step:
-    """Return a removal with its measured effect."""
-    effect = gap(outcome, study.truth)
-    return Step(turn, change.label, effect, note=outcome.message)
+def _round(
+    study: Study,
+    turn: int,
+    options: list[deck_models.Change],
+    last: Point,
+    name: str,
+    effects: list[Setting],
+    starts: dict[str, Setting],
+) -> tuple[Step, deck_models.Change] | None:
+    """Return the removal that saves most, with its cheapest adequate point; None where none saves anything."""
+    tried = _effects(study, turn, options, effects)
+    fit = [(step, change) for step, change in zip(tried, options) if step.effect.largest <= study.room]
+    own = [last.setting.family] if len(fit) > 3 else None
+
+    def price(pair: tuple[Step, deck_models.Change]) -> Point | None:
+        step, change = pair
+        title = step.label if turn == 1 else f"{name}; {step.label}"
+        stage = f"round {turn}: settings without {step.label}"
+        return cheapest(study, title, change.deck, dict(starts), 2.0 * study.price(last), stage, own)
+
+    for (step, _), best in zip(fit, study.runner.spread(price, fit)):
+        step.best = best
+    fit = [(step, change) for step, change in fit if step.best and study.price(step.best) < GAIN * study.price(last)]
+    return min(fit, key=lambda pair: study.price(pair[0].best), default=None)
+
+
+def _effects(study: Study, turn: int, options: list[deck_models.Change], settings: list[Setting]) -> list[Step]:
+    """Return the removals with their measured effects, and keep them.
+
+    A step that suits the full model may not suit a smaller one: a run that fails, or is off by little more than the tolerance,
+    is made with the next method too, and the smaller error counts.
+    """
+    stage = f"round {turn}: what each removal changes"
+    found = [Step(turn, change.label, Gap(math.inf, math.inf, ""), note="not run") for change in options]
+    for setting in settings:
+        doubtful = [k for k, step in enumerate(found) if step.note or study.room < step.effect.largest < DOUBT * study.room]
+        outcomes = study.runner.all([study.text(options[k].deck, setting) for k in doubtful], stage)
+        for k, outcome in zip(doubtful, outcomes):
+            effect = gap(outcome, study.truth)
+            if found[k].note or effect.largest < found[k].effect.largest:
+                found[k] = Step(turn, options[k].label, effect, note=outcome.message)
+    study.steps += found
+    return found

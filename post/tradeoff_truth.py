@@ -8,7 +8,7 @@ import deck_models
 from deck_runs import Outcome, RunsError
 from deck_text import DeckText
 from tradeoff_errors import Gap, between, gap, plain_truth, richardson, truth_of
-from tradeoff_search import CERTAIN, Curve, Point, Study, curves
+from tradeoff_search import CERTAIN, Curve, Study, curves
 from tradeoff_settings import Setting
 
 MESHES = 4  # doublings of the mesh at most
@@ -89,13 +89,16 @@ def refined_truth(study: Study, deck: DeckText) -> Base:
     return Base(model, found, doublings, notes)
 
 
-def effect_setting(study: Study, base: Base, share: float) -> Setting:
-    """Return the coarsest setting whose time error on the full model is below a share of the tolerance, else the finest."""
-    best = base.curves[0]
-    for setting, outcome in zip(best.settings, best.outcomes):
-        if gap(outcome, study.truth).largest <= share * study.tolerance:
-            return setting
-    return best.settings[-1]
+def effect_settings(study: Study, base: Base, share: float) -> list[Setting]:
+    """Return settings of the two most accurate families, coarse, with a time error below a share of the tolerance.
+
+    The finest of the best family where there are none.
+    """
+    found = []
+    for made in base.curves:
+        good = [s for s, o in zip(made.settings, made.outcomes) if gap(o, study.truth).largest <= share * study.tolerance]
+        found += good[:1]
+    return found[:2] or [base.curves[0].settings[-1]]
 
 
 def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings: int) -> tuple[Gap, Gap, Gap]:
@@ -144,9 +147,9 @@ def stiffened(study: Study, deck: DeckText, setting: Setting) -> str:
     return f"geometric stiffening, where the deck has none, changes the sensors by {found.largest:.1e} ({found.column})"
 
 
-def as_written(study: Study, deck: DeckText) -> Point:
-    """Return the deck as it is, timed alone."""
+def as_written(study: Study, deck: DeckText) -> Outcome:
+    """Return what the deck as it is gives, timed alone; RunsError where it does not run."""
     outcome = study.runner.timed(deck.text)
     if not outcome.ok:
         raise RunsError(f"the deck as written does not run: {outcome.message}")
-    return Point("deck as written", None, deck, outcome, gap(outcome, study.truth))
+    return outcome
