@@ -45,7 +45,7 @@ ENOUGH = 1.0  # [s] of repeats of a run timed alone
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 QUICK = 0.5  # [s] runs below are timed as the median of repeats
-MARK = "! timed alone"
+MARK = "\n! timed alone\n"
 
 
 class RunsError(Exception):
@@ -195,7 +195,7 @@ class Runner:
 
     def timed(self, text: str) -> Outcome:
         """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
-        return self.all([f"{MARK}\n{text}"])[0]
+        return self.all([text + MARK])[0]
 
     def _kept(self, text: str) -> Outcome:
         """Return a kept run or make it."""
@@ -247,7 +247,7 @@ class Runner:
         finally:
             self.children.discard(child)
         lines = [line for line in told.splitlines() if "warning" not in line]
-        message = lines[0].removeprefix("deck.nml: ").removeprefix("deck.nml:") if lines else ""
+        message = re.sub(r"^deck\.nml:(?=\d)", "line ", lines[0]).removeprefix("deck.nml: ") if lines else ""
         if status:
             return Outcome(status, message or f"the solver ended with status {status}")
         try:
@@ -280,7 +280,7 @@ def _repeats(text: str, first: Outcome) -> int:
     """Return how often a run is repeated for its seconds: quick ones twice, those timed alone up to a second in all."""
     if not first.ok:
         return 0
-    if text.startswith(MARK):
+    if text.endswith(MARK):
         return min(max(int(ENOUGH / max(first.seconds, 1.0e-6)), REPEATS), ALONE) - 1
     return REPEATS - 1 if first.seconds < QUICK else 0
 

@@ -10,7 +10,7 @@ from compare import scales
 from deck_runs import Outcome, RunsError
 from histories import History
 
-NOISE = 1.0e-12  # a moment below this share of the same sensor's force (in N m per N) is rounding
+NOISE = 1.0e-11  # what varies by less than this share of other columns of its unit, or of the scene's size, is rounding
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,17 @@ class Gap:
     column: str
 
 
-def scale_of(outcome: Outcome) -> np.ndarray:
+def sizes_of(length: float, interval: float) -> dict[str, float]:
+    """Return by unit what a motion of the scene's own size [m] within the interval of comparison [s] is."""
+    own = {"m": length, "rad": 1.0}
+    return {unit + per: size / interval**k for unit, size in own.items() for k, per in enumerate(("", "/s", "/s2"))}
+
+
+def scale_of(outcome: Outcome, sizes: dict[str, float]) -> np.ndarray:
     """Return what the error of each column is divided by, shape (columns,).
 
-    That is the rule of post/compare.py, with the moment of a reaction never below the rounding of its force.
+    That is the rule of post/compare.py, with more taken for rounding: it is measured by the largest column of the unit, by the
+    size of the scene (a fixed point's motion), or by the force of the same reaction (its moment where all are rounding).
     """
     names = ["t", *outcome.names]
     history = History(Path("reference"), names, dict(zip(names, ["s", *outcome.units])), outcome.data)
@@ -55,12 +62,17 @@ def scale_of(outcome: Outcome) -> np.ndarray:
         if name.endswith(".m") and name[:-2] + ".fx" in found:
             force = max(found[name[:-2] + ".fx"], found[name[:-2] + ".fy"])
             found[name] = max(found[name], NOISE * force)
+    units = dict(zip(outcome.names, outcome.units))
+    largest = {unit: max([sizes.get(unit, 0.0), *(found[n] for n in units if units[n] == unit)]) for unit in units.values()}
+    for name, unit in units.items():
+        if found[name] < NOISE * (largest[unit] if unit else 0.0):
+            found[name] = largest[unit]
     return np.array([found[name] for name in outcome.names])
 
 
-def truth_of(outcome: Outcome, uncertainty: float, words: str) -> Truth:
-    """Return a run as the truth."""
-    return Truth(outcome.names, outcome.data[:, 0], outcome.data[:, 1:], scale_of(outcome), uncertainty, words)
+def truth_of(outcome: Outcome, sizes: dict[str, float], uncertainty: float = 0.0, words: str = "") -> Truth:
+    """Return a run as the truth; sizes as `sizes_of` gives them."""
+    return Truth(outcome.names, outcome.data[:, 0], outcome.data[:, 1:], scale_of(outcome, sizes), uncertainty, words)
 
 
 def plain_truth(outcome: Outcome, like: Truth) -> Truth:
@@ -90,9 +102,9 @@ def gap(run: Outcome, truth: Truth) -> Gap:
     return Gap(float(off.max()), float(rms.max()), truth.names[worst])
 
 
-def between(a: Outcome, b: Outcome) -> float:
+def between(a: Outcome, b: Outcome, sizes: dict[str, float]) -> float:
     """Return the largest difference of two runs relative to the ranges of the second, infinite where one failed."""
-    return gap(a, truth_of(b, 0.0, "")).largest if a.ok and b.ok else float("inf")
+    return gap(a, truth_of(b, sizes)).largest if a.ok and b.ok else float("inf")
 
 
 def richardson(coarse: float, fine: float, ratio: float, order: float) -> float:

@@ -16,8 +16,9 @@ CERTAIN = 0.05  # the reference is refined until its uncertainty is below this s
 EFFECT = 0.1  # a removal's effect is measured with a time error below this share of the tolerance
 DOUBT = 10.0  # an effect below this many tolerances is measured again with another method before the removal is given up
 CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
+DEAR = 3.0  # a method is given up where a run that is not adequate costs so many times what another method asks
 HALF = 0.5  # share of the study's time after which curves are not refined any more
-SHORT = 0.05  # [s] shorter runs are ranked by their counts, not by the clock
+SHORT = 2.0  # [s] shorter runs are ranked by their counts: side by side, on a machine with other work, clocks err
 GAIN = 0.97  # a removal is worth it where the cost falls below this share
 
 
@@ -59,6 +60,7 @@ class Study:
         asked: names of the sensors
         tolerance: largest error that is accepted, relative to the range
         families: curves that are tried
+        sizes: what motions of the scene's size are, by unit
         points: everything that was measured against the truth
         steps: every removal that was tried
         rates: seconds for an evaluation of one unknown, by family, from the full model's longest run
@@ -69,6 +71,7 @@ class Study:
     asked: set[str]
     tolerance: float
     families: list[str]
+    sizes: dict[str, float]
     truth: Truth | None = None
     points: list[Point] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -135,7 +138,7 @@ def curve(study: Study, deck: DeckText, family: str, target: float, dearest: flo
             if outcome.ok:
                 settings.append(s)
                 outcomes.append(outcome)
-        new = _left(family, outcomes)
+        new = _left(study, family, outcomes)
         if new > 0.7 * left and left < 1.0e-6 and len(outcomes) > 4:
             break
         left = new
@@ -144,11 +147,11 @@ def curve(study: Study, deck: DeckText, family: str, target: float, dearest: flo
     return Curve(family, settings, outcomes, left)
 
 
-def _left(family: str, outcomes: list[Outcome]) -> float:
+def _left(study: Study, family: str, outcomes: list[Outcome]) -> float:
     """Return the error that the finest run of a curve has by the differences of its last three."""
     if len(outcomes) < 3:
         return float("inf")
-    coarse, fine = between(outcomes[-3], outcomes[-2]), between(outcomes[-2], outcomes[-1])
+    coarse, fine = (between(a, b, study.sizes) for a, b in zip(outcomes[-3:], outcomes[-2:]))
     if FAMILIES[family][1] == "tolerance":
         return fine
     return richardson(coarse, fine, 2.0, ORDERS[family])
@@ -206,7 +209,8 @@ def cheapest(
     """Return the cheapest adequate point of a model over the families; the starts are moved to what was found."""
     found = []
     for family in families or study.families:
-        point = adequate(study, model, deck, starts.get(family, Setting(family, 0)), dearest, stage)
+        limit = min([dearest, *(DEAR * study.price(point) for point in found)])
+        point = adequate(study, model, deck, starts.get(family, Setting(family, 0)), limit, stage)
         if point:
             found.append(point)
             starts[family] = point.setting

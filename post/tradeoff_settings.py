@@ -22,6 +22,7 @@ FAMILIES = {
 }
 ORDERS = {"rk4": 4.0, "generalized_alpha": 2.0}
 COUNTS = sorted({1, 2, 3} | {base * 2**k for base in (4, 5, 6, 7) for k in range(28)})  # steps in an interval
+LENGTHS = ("length", "position", "point_a", "point_b", "com", "node_x", "node_y", "centre")
 ONLY_ADAPTIVE = ("first_step", "max_step")
 
 
@@ -98,6 +99,12 @@ def grid_of(deck: DeckText) -> Grid:
     most = max(1, rows // ROWS)
     group = next((k for k in range(most, most // 3, -1) if rows % k == 0), most)
     return Grid(t_end, own * group, stated or own * group, stated)
+
+
+def length_of(deck: DeckText) -> float:
+    """Return the largest length that stands in the deck [m], 1 where none does."""
+    found = [abs(x) for group in deck.groups for key in LENGTHS for x in group.numbers(key)]
+    return max(found, default=0.0) or 1.0
 
 
 def with_setting(deck: DeckText, setting: Setting, grid: Grid, output: float) -> DeckText:

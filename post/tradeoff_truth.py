@@ -51,9 +51,10 @@ def _words(study: Study, made: Curve) -> str:
 def deck_truth(study: Study, deck: DeckText) -> Base:
     """Set the study's truth: the deck's own model, converged in time."""
     found = _best(study, deck, "reference")
-    study.truth = truth_of(found[0].outcomes[-1], found[0].left, f"the deck's model, {_words(study, found[0])}")
+    finest = found[0].outcomes[-1]
+    study.truth = truth_of(finest, study.sizes, found[0].left, f"the deck's model, {_words(study, found[0])}")
     notes = [
-        f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], found[0].outcomes[-1]):.1e} away"
+        f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.sizes):.1e} away"
         for c in found[1:]
     ]
     return Base(deck, found, 0, notes)
@@ -75,7 +76,7 @@ def refined_truth(study: Study, deck: DeckText) -> Base:
         fine.append(found[0].outcomes[-1])
         kept = (model, found, doublings)
         if len(fine) > 1:
-            off = between(fine[-2], fine[-1])
+            off = between(fine[-2], fine[-1], study.sizes)
             left, before = richardson(before, off, 2.0, 4.0), off
             notes.append(f"mesh x {2**doublings}: {off:.1e} from the one before")
             if left <= SETTLED * study.tolerance and (len(fine) > 2 or off <= SETTLED * study.tolerance):
@@ -85,7 +86,7 @@ def refined_truth(study: Study, deck: DeckText) -> Base:
             break
     model, found, doublings = kept
     words = f"mesh x {2**doublings}, all kinematics modelled, {_words(study, found[0])}"
-    study.truth = truth_of(fine[-1], left + found[0].left, words)
+    study.truth = truth_of(fine[-1], study.sizes, left + found[0].left, words)
     return Base(model, found, doublings, notes)
 
 
