@@ -1,4 +1,4 @@
-"""A part of `make extremes`: one factor at a time without the million steps, and 40 random mixtures."""
+"""A part of `make extremes`: one factor at a time without the million steps, and 60 random mixtures."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent / "extremes"))
 
 import extreme_factors as factors
+import extreme_implicit as implicit
 import extreme_measures
 from extreme_cases import judge
-from extreme_mixtures import mixture
+from extreme_mixtures import implicit_mixture, mixture
 from extremes import picture_of_factors, text
 
 QUICK = [
@@ -36,6 +37,28 @@ def test_every_case_of_a_factor_is_as_stated(family, biela, tmp_path):
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
     picture_of_factors(rows, tmp_path / "factors.png")
     assert (tmp_path / "factors.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    "family", [implicit.far_above_the_bound, implicit.beams, implicit.spinning], ids=lambda family: family.__name__
+)
+def test_every_case_of_the_implicit_method_is_as_stated(family, biela):
+    assert biela.exists()
+    rows = [judge(case) for case in family()]
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
+
+
+def test_damping_of_every_kind_with_the_implicit_method(biela):
+    assert biela.exists()
+    rows = [judge(case) for case in implicit.damping(factors.FACTORS)]
+    rows += [judge(implicit.twin(case)) for case in factors.masses()[:12]]
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
+
+
+def test_random_mixtures_with_the_implicit_method(biela):
+    assert biela.exists()
+    rows = [judge(implicit_mixture(7, number)) for number in range(20)]
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 7, 0.0)
 
 
 @pytest.mark.parametrize("start", [0, 10, 20, 30])

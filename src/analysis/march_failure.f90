@@ -14,6 +14,9 @@ module march_failure
   character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
 
+  character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
+                                            'the reach of the mechanism'
+
 contains
 
   !> A march that its method gave up.
@@ -30,16 +33,21 @@ contains
     case (trouble_manifold)
       call open_constraints(m, names, gap)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
-             ' m at t = '//number(march%tried)//' s); they may demand the impossible there, such as a drive beyond the '// &
-             'reach of the mechanism'//advice('or the step is too large: check the drive, or try a smaller step', &
-                                              'check the drive and the geometry', adaptive)
+             ' m at t = '//number(march%tried)//' s)'//beyond_reach// &
+             advice('or the step is too large: check the drive, or try a smaller step', &
+                    'check the drive and the geometry', adaptive)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
              culprit(m, norm, march%trial)//strongest(m)//'; the motion may be singular there: check loads, drives '// &
              'and near-singular positions, or try a larger tolerance'
     case (trouble_iteration)
-      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'// &
-             culprit(m, norm, march%trial)//advice('try a smaller step', 'try a larger tolerance', adaptive)
+      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
+      if (m%s%rows > 0) then
+        text = text//beyond_reach//advice('or the step is too large: check the drive, or try a smaller step', &
+                                          'check the drive and the geometry', adaptive)
+      else
+        text = text//advice('try a smaller step', 'try a larger tolerance', adaptive)
+      end if
     case default   ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
       text = text//advice(too_large, 'no step is small enough: check the loads', adaptive)

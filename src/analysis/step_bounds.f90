@@ -35,21 +35,25 @@ contains
     type(step_bound), intent(out) :: bound
     type(fast_mode) :: f
     real(wp) :: lambda
+    logical :: alike
     integer :: k
     call fast%largest(m, held, .false., 100, lambda)
+    alike = size(fast%lin%runs) == 1 .and. fast%steps > 0
     do k = 1, min(modes_looked_at, fast%steps)
       if (fast%e(fast%steps + 1 - k) < 0.25_wp*lambda) exit
       call fast%mode(m, k, f)
+      if (alike) alike = abs(f%runs(1) - f%stiffness) <= 1.0e-9_wp*f%stiffness
       call look_at(d, m, fast, f, bound)
     end do
     if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+      alike = .false.
       call fast%largest(m, held, .true., 100, lambda)
       do k = 1, min(2, fast%steps)
         call fast%mode(m, k, f)
         call look_at(d, m, fast, f, bound)
       end do
     end if
-    call material_poles(d, m, fast, bound)
+    call material_poles(d, m, fast, alike, bound)
   end subroutine find_bound
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
@@ -154,11 +158,13 @@ contains
   end subroutine modal_roots
 
   !> Poles of every material's and spring's terms at both ends: an element that hardly resists (the terms' own poles), and
-  !> one that hardly has mass (the zeros of E(s)); those of real modes lie between.
-  subroutine material_poles(d, m, fast, bound)
+  !> one that hardly has mass (the zeros of E(s)); those of real modes lie between. Where all that is elastic is of one
+  !> material, modes decouple, and slower ones lie between the first end and the fastest mode, which has been looked at.
+  subroutine material_poles(d, m, fast, alike, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
+    logical, intent(in) :: alike               !! all stiffness is of one material, nothing else damps
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
     integer :: r
@@ -167,6 +173,7 @@ contains
       associate (t => fast%lin%runs(r))
         call term_roots(t%alpha, t%zeta, t%omega, .false., roots)
         call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
+        if (alike) cycle
         call term_roots(t%alpha, t%zeta, t%omega, .true., roots)
         call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
       end associate

@@ -63,7 +63,7 @@ contains
     allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
     call evaluate(work, 0.0_wp, q, rest, none, none)
     call self%fast%set_up(work, q)
-    call material_poles(d, work, self%fast, bound)
+    call material_poles(d, work, self%fast, .false., bound)
     self%pole_step = bound%step(self%method)
     call self%fast%largest(work, .false., .false., 100, self%start_lambda)
     if (.not. self%start_lambda > 0.0_wp) return
@@ -74,7 +74,10 @@ contains
     call find_bound(d, work, .false., self%fast, bound)
     mu = bound%mu(self%method)
     self%mode_step = bound%step(self%method)
-    if (bound%run(self%method) > 0) self%mode_step = huge(1.0_wp)
+    if (bound%run(self%method) > 0) then
+      self%mode_step = huge(1.0_wp)
+      self%pole_step = bound%step(self%method)
+    end if
     self%fast%start = force + 1.0e-3_wp*norm2(force)/norm2(self%fast%start)*self%fast%start
     self%steps = min(12, size(q))
     self%a = m%a

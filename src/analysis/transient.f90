@@ -8,7 +8,9 @@ module transient
   use corner_list, only: off_step
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
+  use force_scale, only: largest_force
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
+  use mechanism, only: mechanism_model
   use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
   use posix, only: catch_signals, caught_signal
   use progress, only: progress_line
@@ -188,6 +190,7 @@ contains
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
       call files%read_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
                           y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
+      if (k == 0) files%energy_floor = max(files%energy_floor, energy_in_reach(run%sys%m, r%output_step))
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
@@ -200,6 +203,14 @@ contains
       if (files%failed()) call no_output(run, fail)
     end associate
   end subroutine write_state
+
+  !> The energy that the largest force of the start could give the whole mass until the next row: from rest there is no other
+  !> scale by which a first row, badly integrated but bounded, is told from a lost one.
+  pure real(wp) function energy_in_reach(m, time) result(energy)
+    type(mechanism_model), intent(in) :: m     !! evaluated
+    real(wp), intent(in) :: time               !! [s]
+    energy = 0.5_wp*(largest_force(m)*time)**2/sum(m%s%bodies%mass)
+  end function energy_in_reach
 
   !> Whether the row just read may stand: energies, shapes and joints say whether the solution is lost.
   subroutine judge(run, march, t, fail)

@@ -58,6 +58,7 @@ class Case:
         message: pattern that the messages or the summary must have, '' for none
         measure: figure of a run that ended well, compared with `limit`; None: none
         limit: what the figure may be
+        method: of integration
     """
 
     factor: str
@@ -68,6 +69,7 @@ class Case:
     message: str = ""
     measure: Callable[[Ran], float] | None = None
     limit: float = 0.0
+    method: str = "rk4"
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,11 @@ def judge(case: Case) -> Row:
 
 def safe_bound(deck: str, method: str = "rk4") -> float:
     """Return the advised largest step of an explicit method [s], infinite where nothing limits it."""
+    return bounds(deck, method)[0]
+
+
+def bounds(deck: str, method: str = "rk4") -> tuple[float, float]:
+    """Return the safe and the current bound on the step of an explicit method [s], infinite where nothing limits it."""
     told = call(deck, "--check").told
-    found = re.search(rf"^  {method}: safe bound +(\S+) s", told, re.MULTILINE)
-    return float(found[1]) if found else float("inf")
+    found = re.search(rf"^  {method}: safe bound +(\S+) s .*current bound +(\S+) s", told, re.MULTILINE)
+    return (float(found[1]), float(found[2])) if found else (float("inf"), float("inf"))

@@ -12,9 +12,16 @@ LIMIT = 2.7  # |mu h| up to which classical Runge-Kutta is surely stable along t
 FIRST = 1.8751040687119611  # first root of 1 + cos x cosh x
 
 
-def transient(t_end: float, step: float, rows: int = 50, more: str = "") -> str:
+def transient(t_end: float, step: float, rows: int = 50, more: str = "", method: str = "rk4") -> str:
     """Return the group of a fixed-step run."""
-    return f"&transient t_end={t_end:.16e} method='rk4' step={step:.16e} output_step={max(t_end / rows, step):.16e} {more} /\n"
+    output = max(t_end / rows, step)
+    return f"&transient t_end={t_end:.16e} method='{method}' step={step:.16e} output_step={output:.16e} {more} /\n"
+
+
+def adaptive(t_end: float, tolerance: float, rows: int = 50) -> str:
+    """Return the group of a run of generalized_alpha that chooses its own steps."""
+    words = f"tolerance={tolerance} output_step={t_end / rows:.16e}"
+    return f"&transient t_end={t_end:.16e} method='generalized_alpha' {words} /\n"
 
 
 def ghm_words(terms: list[tuple[float, float, float]]) -> str:
@@ -182,11 +189,11 @@ def loaded_cantilever(ratio: float) -> tuple[str, float, float]:
     return deck, period, deflection
 
 
-def spinning_arm(spin: float, load: float, more: str) -> str:
+def spinning_arm(spin: float, load: float, more: str, elements: int = 4) -> str:
     """Return an arm turned at a constant rate [rad/s], pushed sideways at its tip (in its own axes)."""
     return f"""&material name='m' density=1000.0 young=1.0e9 /
 &section name='s' shape='rectangle' width=0.02 height=0.02 /
-&body name='arm' kind='beam' length=1.0 elements=4 material='m' section='s' reference='clamped'
+&body name='arm' kind='beam' length=1.0 elements={elements} material='m' section='s' reference='clamped'
   {more} angular_velocity={spin:.16e} /
 &joint name='hub' type='revolute' body_a='arm' node_a=1 /
 &history name='spin' kind='polynomial' coefficients={spin:.16e} /
@@ -194,6 +201,44 @@ def spinning_arm(spin: float, load: float, more: str) -> str:
 &force name='push' type='force' body='arm' node=-1 fy={load:.16e} axes='body' /
 &sensor name='tip' quantity='deflection' body='arm' node=-1 /
 """
+
+
+def spinning_arm_exact(spin: float, load: float, times: np.ndarray) -> np.ndarray:
+    """Return the tip's deflection at equally spaced times after a sudden sideways load on the arm that spins, in balance.
+
+    A Ritz solution with polynomials, linear about the stretched arm: bending, stretching, the centrifugal tension
+    EA (cos kx / cos k - 1), k = spin / sqrt(E/rho), centrifugal and Coriolis forces in both directions.
+    """
+    young, inertia, line = 1.0e9 * 0.02**2, 1.0e9 * 0.02**4 / 12, 1000.0 * 0.02**2
+    n, k = 10, spin / math.sqrt(1.0e9 / 1000.0)
+    x, weight = np.polynomial.legendre.leggauss(40)
+    x, weight = 0.5 * (x + 1.0), 0.5 * weight
+    side, slope, bend = (np.array([legendre_power(i, 2, x, d) for i in range(n)]) for d in range(3))
+    along, stretch = (np.array([legendre_power(i, 1, x, d) for i in range(n)]) for d in range(2))
+    tension = young * (np.cos(k * x) / math.cos(k) - 1.0)
+    zero = np.zeros((n, n))
+    mass = line * np.block([[(along * weight) @ along.T, zero], [zero, (side * weight) @ side.T]])
+    turn = 2.0 * spin * line * (along * weight) @ side.T
+    coriolis = np.block([[zero, -turn], [turn.T, zero]])
+    sideways = inertia * (bend * weight) @ bend.T + (slope * weight * tension) @ slope.T
+    stiff = np.block([[young * (stretch * weight) @ stretch.T, zero], [zero, sideways]]) - spin**2 * mass
+    tip = np.concatenate([np.zeros(n), [legendre_power(i, 2, np.ones(1), 0)[0] for i in range(n)]])
+    still = np.linalg.solve(stiff, load * tip)
+    matrix = np.block(
+        [[np.zeros((2 * n, 2 * n)), np.eye(2 * n)], [-np.linalg.solve(mass, stiff), -np.linalg.solve(mass, coriolis)]]
+    )
+    step, state, found = expm(matrix * (times[1] - times[0])), np.concatenate([-still, np.zeros(2 * n)]), []
+    for _ in times:
+        found.append(tip @ (still + state[: 2 * n]))
+        state = step @ state
+    return np.array(found)
+
+
+def legendre_power(order: int, power: int, x: np.ndarray, derivative: int) -> np.ndarray:
+    """Return x^power times the Legendre polynomial of an order on (0, 1), or a derivative of it, at x."""
+    shape = np.polynomial.Legendre.basis(order, domain=[0.0, 1.0]).convert(kind=np.polynomial.Polynomial)
+    shape = shape * np.polynomial.Polynomial([0.0] * power + [1.0])
+    return (shape.deriv(derivative) if derivative else shape)(x)
 
 
 def parallelogram(speed: float, angle: float = math.pi / 2, gravity: float = 9.81) -> str:
