@@ -11,7 +11,7 @@ module modal_reduction
   private
   public :: reduce_to_modes, stiffness_triplets, lowest_modes, mass_product
 
-  integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely
+  integer, parameter :: dense_size = 200  !! coordinates up to which all modes are computed densely: faster there
 
 contains
 
@@ -203,8 +203,8 @@ contains
     logical, intent(out) :: bad
     type(band_factor) :: factor
     real(wp), allocatable :: y(:, :), my(:, :), kk(:, :), mm(:, :), lambda(:), old(:)
-    real(wp) :: shift
-    integer :: i, j, pass
+    real(wp) :: shift, change, before                    ! changes of the frequencies, relative to themselves
+    integer :: i, j, pass, still
     call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
     if (bad) return
     allocate (y(b%nf, p), my(b%nf, p), kk(p, p), mm(p, p), lambda(p), old(p))
@@ -214,6 +214,8 @@ contains
       end do
     end do
     old = 0.0_wp
+    before = huge(1.0_wp)
+    still = 0
     do pass = 1, 200
       do j = 1, p
         my(:, j) = mass_product(b, y(:, j))
@@ -234,8 +236,11 @@ contains
       call symmetric_pair(kk, mm, lambda, bad)
       if (bad) return
       y = matmul(y, kk)
-      if (all(abs(lambda(1:modes) - old(1:modes)) <= 1.0e-14_wp*lambda(1:modes))) exit
+      change = maxval(abs(lambda(1:modes) - old(1:modes))/lambda(1:modes))
+      if (change < 1.0e-9_wp .and. change > 0.5_wp*before) still = still + 1
+      if (change <= 1.0e-14_wp .or. still == 3) exit      ! converged, or as far as rounding lets it
       old = lambda
+      before = change
     end do
     x = y(:, 1:modes)
     w = lambda(1:modes) - shift

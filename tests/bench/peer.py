@@ -18,7 +18,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import peer_scene
-import scenes
+import bench_scenes as scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
