@@ -162,6 +162,7 @@ contains
     integer :: lock
     logical :: ok
     integer(ip) :: t0, t1, rate
+    real(wp) :: p0, p1                        !! time of the processor [s]
     status = status_no_output
     call survive_size_limits()
     call make_folder(run%folder)
@@ -170,6 +171,7 @@ contains
     if (lock == 0) write (error_unit, '(a)') run%d%path//': another run is writing into "'//run%folder//'"'
     if (lock <= 0) return
     call system_clock(t0, rate)
+    call cpu_time(p0)
     if (run%d%static%present) call run_static(run, text, fail)
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
@@ -179,8 +181,9 @@ contains
       call transient_lines(run, march, text)
     end if
     call system_clock(t1)
+    call cpu_time(p1)
     if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
-    call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), text)
+    call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), p1 - p0, text)
     ok = .true.
     if (fail%status /= status_bad_input) then
       call write_whole(run%folder//'/summary.txt', text, ok)
@@ -210,10 +213,10 @@ contains
   end subroutine remove_old_results
 
   !> The end of the summary: outcome, version, times, the deck's text.
-  subroutine finish_summary(run, fail, seconds, text)
+  subroutine finish_summary(run, fail, seconds, processor, text)
     type(run_state), intent(in) :: run
     type(failure), intent(in) :: fail
-    real(wp), intent(in) :: seconds
+    real(wp), intent(in) :: seconds, processor   !! by the clock, of the processor [s]
     character(:), allocatable, intent(inout) :: text
     character(80) :: line
     call add_line(text, '')
@@ -222,7 +225,7 @@ contains
     else
       call add_line(text, 'outcome: done')
     end if
-    write (line, '(a, f0.6, a)') 'timing: analyses took ', seconds, ' s'
+    write (line, '(2(a, f0.6), a)') 'timing: analyses took ', seconds, ' s, ', processor, ' s of the processor'
     call add_line(text, trim(line))
     call add_line(text, 'version: biela '//version//', '//compiler_version())
     call add_line(text, '')

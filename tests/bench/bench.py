@@ -227,6 +227,20 @@ def whole_processes(table, quick):
         table.add(f"whole process of one step, {name}: {milliseconds(runs)}")
 
 
+def analyses(table, quick):
+    """Modes and frequency responses of fine beams."""
+    table.add()
+    modes = "&modal modes=20 /\n"
+    response = "&frequency_response from=1.0 to=20000.0 points=500 input='push' /\n"
+    for elements in (50, 200) if quick else (50, 200, 800):
+        for terms in (0, 3):
+            for name, analysis in (("20 modes and all poles", modes), ("response at 500 frequencies", response)):
+                runs = [run_process("analysis", scenes.cantilever(elements, terms, analysis)) for _ in range(3)]
+                if None in runs:
+                    fail(f"biela refused the deck of {name}")
+                table.add(f"cantilever of {elements} elements, {terms} terms, {name}: {milliseconds(runs)}")
+
+
 def milliseconds(runs):
     """Processor and clock times of some runs of run_process, in words."""
     processor, clock = ([r[k] * 1e3 for r in runs] for k in (2, 0))
@@ -300,6 +314,7 @@ def main():
     dense = dict(zip(sizes, measure(jobs)))
     implicit(table)
     whole_processes(table, quick)
+    analyses(table, quick)
     verdicts(table, rod, rigid, flexible, dense)
     (RESULTS / "bench.txt").write_text("\n".join(table.lines) + "\n")
     (WORK / "bench.json").write_text(json.dumps({f"{e} {t}": p for (e, t), p in rod.items()}, indent=1))

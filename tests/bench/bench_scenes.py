@@ -83,6 +83,19 @@ def four_bar(run):
     )
 
 
+def cantilever(elements, terms, analysis):
+    """A clamped beam with a force at its tip, for `&modal` and `&frequency_response`."""
+    return (
+        "&scene title='cantilever' /\n"
+        + materials(terms)
+        + f"&body name='arm' kind='beam' length={LENGTH} elements={elements} material='rod' section='rod' reference='clamped' /\n"
+        "&joint name='wall' type='weld' body_a='arm' node_a=1 point_b=0.0,0.0 /\n"
+        "&history name='tone' kind='sine' amplitude=1.0 frequency=100.0 /\n"
+        "&force name='push' type='force' body='arm' node=-1 fy=1.0 history='tone' /\n"
+        "&sensor name='tip' quantity='position' body='arm' node=-1 /\n" + analysis
+    )
+
+
 def explicit_step(elements):
     """A stable rk4 step [s] of the slider-crank's rod: bending grows with the square of the elements."""
     return 2.5e-5 / max(elements / 2, 1) ** 2
