@@ -27,6 +27,7 @@ SCENES = {
 }
 FLEXIBLE = {"elastic": 1, "ghm": 1, "modal": 0, "rigid chain": 0, "flexible chain": 5, "four-bar": 2}
 STEP = 5.0e-7  # stable for every scene [s]
+METHODS = {"rk4": 4, "dopri5": 6, "generalized_alpha": 0}  # right-hand sides of a step
 
 
 def work(summary):
@@ -36,13 +37,25 @@ def work(summary):
     return steps, int(evaluations), int(solves)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES)
-def test_right_hand_sides_and_solves(run_deck, name):
-    runs = [work(run_deck(SCENES[name](scenes.transient(STEP, n))).summary) for n in (40, 140)]
+def test_right_hand_sides_and_solves(run_deck, name, method):
+    runs = [work(run_deck(SCENES[name](scenes.transient(STEP, n, method))).summary) for n in (40, 140)]
     steps, evaluations, solves = (b - a for a, b in zip(*runs))
     assert steps == 100
-    assert evaluations == 4 * steps
+    assert evaluations == METHODS[method] * steps
     assert solves == 2 * FLEXIBLE[name] * evaluations
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_iterations_and_factors_of_implicit_steps(run_deck, name):
+    """Two Newton iterations a step, one constant factor a body, exact blocks never."""
+    summary = run_deck(SCENES[name](scenes.transient(STEP, 200, "generalized_alpha"))).summary
+    iterations = int(re.search(r"Newton iterations: (\d+)", summary).group(1))
+    constant, exact = (int(n) for n in re.search(r"constant (\d+), exact (\d+)", summary).groups())
+    assert 200 <= iterations <= 2.1 * 200
+    assert exact == 0
+    assert constant <= len(re.findall(r"kind='beam'", SCENES[name]("")))
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +87,12 @@ def counts(program: Path, library: Path, folder: Path, text: str):
     return int(found["allocations"]), int(found["factorisations"])
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES)
-def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path, name):
+def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path, name, method):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
-    runs = (SCENES[name](scenes.transient(STEP, n, every=n // 20)) for n in (1000, 3000))
+    runs = (SCENES[name](scenes.transient(STEP, n, method, every=n // 20)) for n in (1000, 3000))
     short, long = (counts(biela, counters, tmp_path, deck) for deck in runs)
     assert abs(long[0] - short[0]) < 100  # the two summaries may differ in a warning; 2,000 steps in nothing
     assert long[1] == short[1]
