@@ -100,6 +100,20 @@ def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path,
     assert short[1] >= FLEXIBLE[name]
 
 
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("steps", ["step=1e-5", "tolerance=1e-5"])
+def test_implicit_steps_and_their_changes_allocate_nothing(biela, counters, tmp_path, steps, name):
+    """Fixed steps factor no elastic block either; a change of the step factors each of them once."""
+    if biela.name.endswith("-debug"):
+        pytest.skip("the checked build makes temporary arrays")
+    group = "&transient method='generalized_alpha' t_end={} " + steps + " output_step={} /\n"
+    short, long = (counts(biela, counters, tmp_path, SCENES[name](group.format(t, t / 20))) for t in (4e-3, 12e-3))
+    assert abs(long[0] - short[0]) < 20
+    assert short[0] > 0
+    if steps.startswith("step"):
+        assert long[1] == short[1]
+
+
 def test_no_allocation_in_a_row(biela, counters, tmp_path):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")

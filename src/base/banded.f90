@@ -7,7 +7,7 @@ module banded
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
-  public :: band_factor, factor_symmetric, band_solve, band_solve_two, band_memory
+  public :: band_factor, factor_symmetric, factor_again, band_solve, band_solve_two, band_memory
 
   !> One uncoupled block of the factored matrix, rows first..last of the reordered matrix.
   type :: band_block
@@ -64,7 +64,7 @@ contains
     real(wp), intent(inout) :: dinv(:)
     integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
     real(wp), allocatable :: ab(:, :)
-    integer :: k, i, j, kd, n, info
+    integer :: k, i, kd, n
     n = blk%last - blk%first + 1
     kd = 0
     do k = 1, size(values)
@@ -74,7 +74,43 @@ contains
     end do
     if (kd == 2) kd = 3                      ! takes the short way of half band width 3
     blk%kd = kd
-    allocate (ab(0:kd, n), source=0.0_wp)
+    allocate (ab(0:kd, n))
+    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last), source=0.0_wp)
+    call fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
+  end subroutine factor_block
+
+  !> Factors a matrix again that has the same entries as the last time, with other values; allocates nothing.
+  subroutine factor_again(factor, position, rows, cols, values, ab, bad)
+    type(band_factor), intent(inout) :: factor
+    integer, intent(in) :: position(:)         !! (n) reordered row of each original index: the inverse of factor%order
+    integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
+    real(wp), intent(in) :: values(:)
+    real(wp), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows
+    integer, intent(out) :: bad                !! as in factor_symmetric
+    integer :: b
+    bad = 0
+    do b = 1, size(factor%blocks)
+      associate (blk => factor%blocks(b))
+        call fill_block(blk, blk%last - blk%first + 1, blk%kd, ab, position, rows, cols, values, factor%dinv, bad)
+      end associate
+      if (bad > 0) then
+        bad = factor%order(bad)
+        return
+      end if
+    end do
+  end subroutine factor_again
+
+  !> Sums a block's entries and factors it.
+  subroutine fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
+    type(band_block), intent(inout) :: blk
+    integer, intent(in) :: n, kd               !! rows, half band width
+    real(wp), intent(out) :: ab(0:kd, n)       !! work
+    integer, intent(in) :: position(:), rows(:), cols(:)
+    real(wp), intent(in) :: values(:)
+    real(wp), intent(inout) :: dinv(:)
+    integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
+    integer :: k, i, j, info
+    ab = 0.0_wp
     do k = 1, size(values)
       i = position(rows(k))
       if (i < blk%first .or. i > blk%last) cycle
@@ -87,14 +123,13 @@ contains
       bad = blk%first + max(info, 1) - 1
       return
     end if
-    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last), source=0.0_wp)
     do j = 1, n
       do i = 1, min(kd, n - j)
         blk%l(i, blk%first + j - 1) = ab(i, j)/ab(0, j)
       end do
       dinv(blk%first + j - 1) = 1.0_wp/ab(0, j)**2
     end do
-  end subroutine factor_block
+  end subroutine fill_block
 
   !> Solves A x = b in place for one right-hand side.
   subroutine band_solve(factor, x)

@@ -3,7 +3,7 @@
 !> stiffness, banded and nonsymmetric; solves with either (theory.md, section 7).
 module implicit_blocks
   use kinds, only: wp
-  use banded, only: band_solve, band_solve_two, factor_symmetric
+  use banded, only: band_solve, band_solve_two, factor_again, factor_symmetric
   use body, only: body_model
   use generalized_alpha, only: alpha_step
   use implicit_element, only: element_block, element_base, element_mass_product
@@ -22,10 +22,8 @@ contains
     type(body_model), intent(in) :: bo
     type(alpha_step), intent(in) :: now
     logical, intent(out) :: bad
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)
-    real(wp) :: x(6, 6)
-    integer :: e, i, j, n, info
+    integer :: i, n, info
+    logical :: same
     if (bo%modal) then
       t%dense = now%c2*bo%cmodal + t%stiff
       do i = 1, t%nf
@@ -35,32 +33,63 @@ contains
       bad = info /= 0
       return
     end if
-    allocate (rows(21*bo%ne + 3*size(bo%lumps)), cols(21*bo%ne + 3*size(bo%lumps)), values(21*bo%ne + 3*size(bo%lumps)))
+    call list_entries(t, bo, now, n, same)
+    if (same) then
+      call factor_again(t%base, t%reordered, t%rows(1:n), t%cols(1:n), t%values(1:n), t%band, info)
+    else
+      call factor_symmetric(bo%nf, t%rows(1:n), t%cols(1:n), t%values(1:n), t%base, info)
+      t%reordered(t%base%order) = [(i, i=1, bo%nf)]
+      n = 0
+      do i = 1, size(t%base%blocks)
+        associate (blk => t%base%blocks(i))
+          n = max(n, (blk%kd + 1)*(blk%last - blk%first + 1))
+        end associate
+      end do
+      t%band = [(0.0_wp, i=1, n)]
+    end if
+    bad = info /= 0
+  end subroutine base_block
+
+  !> Entries of the constant block of a nodal body; whether they are those of the last time.
+  subroutine list_entries(t, bo, now, n, same)
+    type(implicit_body), intent(inout) :: t
+    type(body_model), intent(in) :: bo
+    type(alpha_step), intent(in) :: now
+    integer, intent(out) :: n
+    logical, intent(out) :: same
+    real(wp) :: x(6, 6)
+    integer :: e, i, j
+    same = .true.
     n = 0
     do e = 1, bo%ne
       x = element_base(t%el, e, now%c1, now%c2)
       do i = 1, 6
         do j = 1, i
           if (bo%edof(i, e) == 0 .or. bo%edof(j, e) == 0 .or. abs(x(i, j)) <= 0.0_wp) cycle
-          n = n + 1
-          rows(n) = bo%edof(i, e)
-          cols(n) = bo%edof(j, e)
-          values(n) = x(i, j)
+          call add(bo%edof(i, e), bo%edof(j, e), x(i, j))
         end do
       end do
     end do
     do e = 1, size(bo%lumps)
       do i = 1, 3
-        if (bo%dof(i, bo%lumps(e)%node) == 0) cycle
-        n = n + 1
-        rows(n) = bo%dof(i, bo%lumps(e)%node)
-        cols(n) = rows(n)
-        values(n) = now%c1*merge(bo%lumps(e)%inertia, bo%lumps(e)%mass, i == 3)
+        j = bo%dof(i, bo%lumps(e)%node)
+        if (j > 0) call add(j, j, now%c1*merge(bo%lumps(e)%inertia, bo%lumps(e)%mass, i == 3))
       end do
     end do
-    call factor_symmetric(bo%nf, rows(1:n), cols(1:n), values(1:n), t%base, info)
-    bad = info /= 0
-  end subroutine base_block
+    same = same .and. n == t%entries
+    t%entries = n
+  contains
+    !> Adds an entry.
+    subroutine add(row, col, value)
+      integer, intent(in) :: row, col
+      real(wp), intent(in) :: value            !! [kg/s2], [kg m/s2] or [kg m2/s2]
+      n = n + 1
+      same = same .and. t%rows(n) == row .and. t%cols(n) == col
+      t%rows(n) = row
+      t%cols(n) = col
+      t%values(n) = value
+    end subroutine add
+  end subroutine list_entries
 
   !> Factors the exact block at the state of the last body_residual.
   subroutine exact_block(t, bo, now, w, wd, bad)

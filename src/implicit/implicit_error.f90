@@ -41,8 +41,8 @@ contains
     self%change = self%v1
     if (m%s%rows > 0) then                    ! the rates' own offset from Phi' = 0 would show in the accelerations
       call constraint_values(m, t1)
-      call row_rates(m, m%schur%r)
-      call along_rows(self, m, -m%schur%r)
+      call row_rates(m, m%rows%phi)
+      call along_rows(self, m)
       self%change = self%change + self%dq
     end if
     call evaluate(m, t1, self%q1, self%change, self%z, self%zd)

@@ -23,6 +23,11 @@ module implicit_model
     real(wp), allocatable :: row(:)          !! (0:nf) row of the frame's angle
     ! the elastic block B
     type(band_factor) :: base                !! nodal: factor of the constant block
+    integer :: entries = 0                   !! nodal: of its lower triangle
+    integer, allocatable :: rows(:), cols(:) !! (entries) where
+    real(wp), allocatable :: values(:)       !! (entries) [kg/s2], [kg m/s2] or [kg m2/s2]
+    integer, allocatable :: reordered(:)     !! (nf) reordered row of each coordinate
+    real(wp), allocatable :: band(:)         !! work of its factorisation
     integer :: kb = 0                        !! nodal: half band width of the exact block
     integer, allocatable :: position(:)      !! (nf) its ordering
     real(wp), allocatable :: lu(:, :)        !! its LU (LAPACK band storage), or the dense LU of a modal body
@@ -180,7 +185,7 @@ contains
     integer, intent(in) :: b
     integer, allocatable :: local(:)
     logical, allocatable :: wanted(:, :)
-    integer :: k, c, e, nc
+    integer :: k, c, e, nc, n
     allocate (local(size(m%s%places)), source=0)
     allocate (wanted(3, size(m%s%places)), source=.false.)
     associate (t => self%b(b), bo => m%s%bodies(b), r => self%rows)
@@ -217,6 +222,9 @@ contains
         allocate (t%dense(bo%nf, bo%nf), t%stiff(bo%nf, bo%nf), t%lu(bo%nf, bo%nf), t%hm(bo%nf), source=0.0_wp)
       else
         call set_up_elements(t%el, bo)
+        n = 21*bo%ne + 3*size(bo%lumps)
+        allocate (t%rows(n), t%cols(n), t%reordered(bo%nf), source=0)
+        allocate (t%values(n), source=0.0_wp)
         call order_exact(t, m, b)
       end if
     end associate

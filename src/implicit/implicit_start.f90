@@ -115,7 +115,8 @@ contains
     call acceleration_rows(self, m, t + h, self%q1, self%v1)
     self%lambda1 = -self%lambda1/h            ! Phi_q v''
     call set_frames(m, self%q)
-    call along_rows(self, m, self%lambda1)
+    m%rows%phi = -self%lambda1
+    call along_rows(self, m)
     self%a = self%a + self%method%lag*h*self%dq
     self%v = self%v - self%method%offset*h**2*self%dq
     self%lambda1 = self%lambda
@@ -126,7 +127,7 @@ contains
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq)
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq)
     integer :: k, i
     call set_frames(m, q)
     call place_kinematics(m, q, v)
@@ -144,17 +145,15 @@ contains
     self%lambda1 = self%lambda1 + m%schur%r - m%rows%phi_t
   end subroutine acceleration_rows
 
-  !> dq with Phi_q dq = goal and T dq + Phi_q^T mu = 0, T the tangent that stands.
-  subroutine along_rows(self, m, goal)
+  !> dq with Phi_q dq + m%rows%phi = 0 and T dq + Phi_q^T mu = 0, T the tangent that stands.
+  subroutine along_rows(self, m)
     type(implicit_solver), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
-    real(wp), intent(in) :: goal(:)           !! (rows)
+    type(mechanism_model), intent(in) :: m
     integer :: b
     do b = 1, size(self%b)
       self%b(b)%rr = 0.0_wp
       if (self%b(b)%nf > 0) self%b(b)%ff = 0.0_wp
     end do
-    m%rows%phi = -goal
     call trial_correction(self, m)
   end subroutine along_rows
 
@@ -230,15 +229,17 @@ contains
     type(implicit_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                 !! [s]
-    call row_rates(m, self%lambda1)
-    call along_rows(self, m, -self%lambda1)
+    call row_rates(m, m%rows%phi)
+    call along_rows(self, m)
     self%v = self%v + self%dq
     call acceleration_rows(self, m, t, self%q, self%v)
-    call along_rows(self, m, -self%lambda1)
+    m%rows%phi = self%lambda1
+    call along_rows(self, m)
     self%vd = self%vd + self%dq
     call place_kinematics(m, self%q, self%a)
-    call row_rates(m, self%lambda1)
-    call along_rows(self, m, m%rows%phi_t - self%lambda1)
+    call row_rates(m, m%rows%phi)
+    m%rows%phi = m%rows%phi - m%rows%phi_t
+    call along_rows(self, m)
     self%a = self%a + self%dq
   end subroutine take_off
 
