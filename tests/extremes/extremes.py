@@ -26,6 +26,8 @@ from extreme_mixtures import COUNT, implicit_mixture, mixture
 
 SEED = 2024
 FOLDER = Path("results") / "extremes"
+COLUMNS = 3
+STYLES = {"rk4": ("tab:blue", "o"), "dopri5": ("tab:orange", "s"), "generalized_alpha": ("tab:green", "D")}
 Maker = Callable[[int, int], Case]
 
 
@@ -73,41 +75,58 @@ def text(rows: list[Row], seed: int, seconds: float) -> str:
 def picture_of_factors(rows: list[Row], path: Path) -> None:
     """Draw each factor's figures against their limits; refusals and stops stand on the upper edge."""
     factors = list(dict.fromkeys(row.case.factor for row in rows))
-    columns = 4
-    figure, axes = plt.subplots(
-        -(-len(factors) // columns), columns, figsize=(15, 3.1 * -(-len(factors) // columns)), squeeze=False
-    )
-    for axis, factor in zip(axes.flat, factors):
+    lines = 1 + -(-(len(factors) - 1) // COLUMNS)
+    figure = plt.figure(figsize=(14, 2.7 * lines), layout="constrained")
+    grid = figure.add_gridspec(lines, COLUMNS)
+    for k, factor in enumerate(factors):
         mine = [row for row in rows if row.case.factor == factor]
-        for k, row in enumerate(mine):
-            colour = "tab:green" if row.passed else "tab:red"
-            if row.figure == row.figure:
-                axis.semilogy(k, max(row.figure, 1e-17), "o", color=colour, ms=4)
-                axis.semilogy([k - 0.4, k + 0.4], [row.case.limit] * 2, "-", color="0.3", lw=1)
-            else:
-                axis.semilogy(k, 1e3, "v" if row.case.status == 2 else "X", color=colour, ms=5)
-        axis.set_title(factor, fontsize=9)
-        axis.set_xticks(range(len(mine)), [row.case.value[:14] for row in mine], rotation=90, fontsize=5)
-        axis.set_ylim(1e-18, 1e5)
-        axis.tick_params(axis="y", labelsize=6)
-    for axis in list(axes.flat)[len(factors) :]:
-        axis.axis("off")
-    figure.suptitle("Figure of each case (dot) and its limit (line); triangle: refused as stated, cross: stopped as stated")
-    figure.tight_layout()
+        draw_factor(figure.add_subplot(grid[0, :] if k == 0 else grid[1 + (k - 1) // COLUMNS, (k - 1) % COLUMNS]), mine)
+    marks = [plt.Line2D([], [], color=c, marker=m, ls="-", lw=1, label=f"{n}: figure and limit") for n, (c, m) in STYLES.items()]
+    marks += [
+        plt.Line2D([], [], color="0.3", marker=m, ls="", label=t)
+        for m, t in (("v", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
+    ]
+    marks += [plt.Line2D([], [], color="tab:red", marker="o", ls="", label="not as stated")]
+    figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), fontsize=9)
     figure.savefig(path, dpi=90)
     plt.close(figure)
 
 
+def draw_factor(axis: plt.Axes, rows: list[Row]) -> None:
+    """Draw one factor: its values side by side, the methods above each other."""
+    values = list(dict.fromkeys(row.case.value for row in rows))
+    for row in rows:
+        x = values.index(row.case.value)
+        colour, mark = STYLES[row.case.method]
+        shown = colour if row.passed else "tab:red"
+        if row.figure == row.figure:
+            axis.semilogy(x, max(row.figure, 1e-17), mark, color=shown, ms=4)
+            axis.semilogy([x - 0.4, x + 0.4], [row.case.limit] * 2, "-", color=colour, lw=1)
+        else:
+            height = 1e2 * 30.0 ** list(STYLES).index(row.case.method)
+            axis.semilogy(x, height, "PXv"[row.case.status], color=shown, ms=5)
+    axis.set_title(rows[0].case.factor, fontsize=10)
+    axis.set_xticks(range(len(values)), [value[:20] for value in values], rotation=90, fontsize=7 if len(values) < 40 else 6)
+    axis.set_xlim(-0.7, len(values) - 0.3)
+    axis.set_ylim(1e-18, 1e7)
+    axis.set_yticks([10.0**k for k in range(-16, 5, 4)])
+    axis.tick_params(axis="y", labelsize=7)
+    axis.grid(axis="y", lw=0.3)
+
+
 def picture_of_mixtures(rows: list[Row], path: Path) -> None:
     """Draw the random mixtures: worst figure over what was stated, in order of size; refused ones counted."""
-    figures = sorted(max(row.figure, 1e-17) for row in rows if row.figure == row.figure)
+    figure, axis = plt.subplots(figsize=(8, 4))
     refused = sum(row.case.status == 2 and row.passed for row in rows)
-    figure, axis = plt.subplots(figsize=(7, 3.6))
-    axis.semilogy(figures, ".", color="tab:green")
-    axis.axhline(1.0, color="tab:red", lw=1, ls="--")
+    for method, (colour, mark) in STYLES.items():
+        figures = sorted(max(row.figure, 1e-17) for row in rows if row.case.method == method and row.figure == row.figure)
+        if figures:
+            axis.semilogy(figures, mark, color=colour, ms=3, label=f"{method}: {len(figures)} ran")
+    axis.axhline(1.0, color="tab:red", lw=1, ls="--", label="limit")
     axis.set_xlabel("mixtures that ran, in order")
-    axis.set_ylabel("joints and energy / stated")
-    axis.set_title(f"{len(rows)} random mixtures: {len(figures)} ran, {refused} refused with advice as stated", fontsize=10)
+    axis.set_ylabel("worst of joints and energy / limit")
+    axis.set_title(f"{COUNT} random mixtures; rk4 refused {refused} steps above its bound, as stated", fontsize=10)
+    axis.legend(fontsize=8)
     figure.tight_layout()
     figure.savefig(path, dpi=90)
     plt.close(figure)
