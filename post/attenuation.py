@@ -10,6 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
+import command
 import matplotlib.pyplot as plt
 import numpy as np
 from demo import RESULTS, run, size
@@ -98,4 +99,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command.run(main)

@@ -14,6 +14,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
+import command
 import matplotlib.pyplot as plt
 import numpy as np
 from animate import Picture
@@ -243,4 +244,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command.run(main)

@@ -14,6 +14,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
+import command
 import matplotlib.pyplot as plt
 import numpy as np
 from histories import RESULT_FILES, History, HistoryError, read
@@ -205,4 +206,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command.run(main)

@@ -25,6 +25,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import command
 from deck_models import in_force
 from deck_runs import InterruptedRunsError, OutOfTimeError, Runner, RunsError
 from deck_text import DeckError, DeckText, read
@@ -191,4 +192,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command.run(main)

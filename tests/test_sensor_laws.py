@@ -279,3 +279,24 @@ def test_the_torque_of_a_drive(run_deck):
     gravity = 0.4 * 0.1 * (np.cos(angle) * -9.81 - np.sin(angle) * 0.6)
     close(h["m.m"], -(2.0e-3 + 0.4 * 0.1**2) * w**2 * angle - gravity, 1e-11)
     assert np.ptp(h["m.m"]) > 1.0
+
+
+def test_each_element_of_a_modal_body_answers_with_its_own_material(run_deck):
+    """With all modes kept a body of two viscoelastic materials is the nodal one, in every element's forces too."""
+    found = []
+    for modes in (0, 6):
+        text = f"""&scene gravity=0.0,-9.81 /
+&material name='slow' density=1200.0 young=1.0e8 ghm_alpha=1.5 ghm_zeta=1.2 ghm_omega=60.0 /
+&material name='fast' density=1200.0 young=1.0e8 ghm_alpha=0.4,0.3 ghm_zeta=0.8,2.0 ghm_omega=900.0,200.0 /
+&section name='s' shape='rectangle' width=0.02 height=0.012 /
+&body name='b' kind='beam' length=0.4 elements=2 material='slow' section='s' element_material='slow','fast'
+  reference='clamped' modes={modes} /
+&joint name='o' type='weld' body_a='b' node_a=1 /
+&force name='f' type='force' body='b' node=-1 fx=2.0 fy=0.3 /
+&sensor name='e1' quantity='internal' body='b' element=1 /
+&sensor name='e2' quantity='internal' body='b' element=2 /
+&transient t_end=0.02 method='rk4' step=1e-5 output_step=1e-4 /
+"""
+        found.append(run_deck(text, name=f"modes{modes}").history)
+    for name in found[0].names[1:]:
+        close(found[1][name], found[0][name])

@@ -1,0 +1,151 @@
+"""Amplitudes of a frequency response against each other: kinematics of turning axes, Newton's law, laws of springs and sections.
+
+A flexible viscoelastic arm is turned at a growing rate, a bead slides on a line that turns with the arm's middle section.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+import pytest
+from histories import read
+
+OMEGA, ALPHA, RAYLEIGH = 12.0, 90.0, 2.0e-4
+GHM = {"arm": ([0.6, 0.3], [1.2, 0.7], [60.0, 300.0]), "hold": ([0.8], [0.9], [40.0])}
+YOUNG, WIDTH, HEIGHT, LENGTH = 4.0e7, 0.02, 0.012, 0.2
+MASS, STIFFNESS, DAMPING = 0.15, 300.0, 1.7
+X, Y = 0.3 * cos(0.4), 0.3 * sin(0.4)
+START = f"position={X!r},{Y!r} velocity={-OMEGA * Y!r},{OMEGA * X!r} angular_velocity={OMEGA}"
+TURN = {"stiffness": 9.0, "damping": 0.03}
+
+
+def terms(name: str) -> str:
+    """Return the GHM words of a material or spring."""
+    return " ".join(f"ghm_{key}={','.join(map(str, values))}" for key, values in zip(("alpha", "zeta", "omega"), GHM[name]))
+
+
+def scene(more: str) -> str:
+    """Return the deck."""
+    return f"""&scene gravity=0.0,-2.0 /
+&material name='m' density=1100.0 young={YOUNG} rayleigh_stiffness={RAYLEIGH} {terms("arm")} /
+&section name='s' shape='rectangle' width={WIDTH} height={HEIGHT} /
+&body name='arm' kind='beam' length={2 * LENGTH} elements=2 material='m' section='s' reference='clamped' angle=0.4 {more} /
+&body name='bead' kind='rigid' mass={MASS} inertia=1e-4 {START} /
+&joint name='pin' type='revolute' body_a='arm' node_a=1 /
+&joint name='rod' type='slider' body_a='bead' body_b='arm' node_b=2 /
+&history name='w' kind='polynomial' coefficients={OMEGA},{ALPHA} /
+&drive name='motor' type='rotation' body_a='arm' history='w' rate=.true. /
+&spring name='hold' type='linear' body_a='bead' body_b='arm' node_b=2 stiffness={STIFFNESS} damping={DAMPING} free_length=0.1
+  {terms("hold")} /
+&spring name='turn' type='torsional' body_a='bead' body_b='arm' node_b=3 stiffness={TURN["stiffness"]} damping={TURN["damping"]}
+  free_angle=0.0 /
+&force name='f' type='force' body='bead' fx=0.8 fy=-0.6 /
+""" + "".join(
+        f"&sensor name='{name}_{q[0]}' quantity='{q}' {place} /\n"
+        for name, place in {"bead": "body='bead'", "mid": "body='arm' node=2", "tip": "body='arm' node=3"}.items()
+        for q in ("position", "velocity", "acceleration")
+    ) + """&sensor name='bead_turn' quantity='angle' body='bead' /
+&sensor name='tip_turn' quantity='angle' body='arm' node=3 /
+&sensor name='tip_rate' quantity='angular_velocity' body='arm' node=3 /
+&sensor name='tip_jerk' quantity='angular_acceleration' body='arm' node=3 /
+&sensor name='d2' quantity='deflection' body='arm' node=2 /
+&sensor name='d3' quantity='deflection' body='arm' node=3 /
+&sensor name='rod' quantity='reaction' joint='rod' /
+&sensor name='hold' quantity='spring' spring='hold' /
+&sensor name='turn' quantity='spring' spring='turn' /
+&sensor name='in' quantity='internal' body='arm' element=2 /
+&frequency_response from=0.5 to=60.0 points=9 input='f' /
+&transient t_end=1e-6 method='rk4' step=1e-6 /
+"""
+
+
+class Response:
+    """Amplitudes by column, and the state about which they are: the first row of a transient."""
+
+    def __init__(self, run):
+        found = read(run.folder, "frequency_response")
+        self.s = 2j * np.pi * found.time
+        self.found = found
+        self.state = run.history
+
+    def __call__(self, *names: str) -> np.ndarray:
+        """Return complex amplitudes, shape (names, frequencies)."""
+        return np.array([self.found[f"{n}.re"] + 1j * self.found[f"{n}.im"] for n in names])
+
+    def now(self, *names: str) -> np.ndarray:
+        """Return values of the present state."""
+        return np.array([self.state[n][0] for n in names])
+
+
+@pytest.fixture(params=["", "stiffening=.true.", "axial=.false.", "modes=4"])
+def response(request, run_deck):
+    """Return the response of one kind of arm."""
+    return Response(run_deck(scene(request.param)))
+
+
+def same(found: np.ndarray, expected: np.ndarray, share: float = 1e-8) -> None:
+    """Assert equality to a share of the expected values' largest."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
+
+
+def ratio(name: str, s: np.ndarray) -> np.ndarray:
+    """Return E(s)/E_R."""
+    return 1 + sum(a * (s**2 + 2 * z * w * s) / (s**2 + 2 * z * w * s + w**2) for a, z, w in zip(*GHM[name]))
+
+
+def test_rates_contain_the_turn_of_the_axes(response):
+    """What is w exp(s t) in axes that turn has the rates w' + W H w and w'' + 2 W H w' + W' H w - W^2 w."""
+    s, turned = response.s, np.array([[0.0, -1.0], [1.0, 0.0]])
+    for name in ("mid", "tip"):
+        w = response(f"{name}_p.x", f"{name}_p.y")
+        same(response(f"{name}_v.x", f"{name}_v.y"), s * w + OMEGA * turned @ w)
+        expected = s**2 * w + (2 * s * OMEGA + ALPHA) * (turned @ w) - OMEGA**2 * w
+        same(response(f"{name}_a.x", f"{name}_a.y"), expected)
+    same(response("tip_rate"), s * response("tip_turn"))
+    same(response("tip_jerk"), s**2 * response("tip_turn"))
+
+
+def test_the_beads_reaction_is_newtons(response):
+    """The line's force turns with the section: its change of direction belongs to the amplitude."""
+    spring = response("hold.f")
+    gap0 = response.now("bead_p.x", "bead_p.y") - response.now("mid_p.x", "mid_p.y")
+    length = np.hypot(*gap0)
+    e = gap0 / length
+    gap = response("bead_p.x", "bead_p.y") - response("mid_p.x", "mid_p.y")
+    same(response("hold.d")[0], e @ gap)
+    across = (gap - np.outer(e, e @ gap)) / length
+    pull = np.outer(e, spring) + response.now("hold.f") * across
+    push = np.array([[0.8], [-0.6]])
+    balance = MASS * response("bead_a.x", "bead_a.y") - push + pull
+    assert np.abs(response.now("rod.fx", "rod.fy")).max() > 0.1
+    same(response("rod.fx", "rod.fy"), balance, 1e-7)
+
+
+def test_springs_answer_with_stiffness_damping_and_ghm(response):
+    s = response.s
+    same(response("hold.f"), (STIFFNESS * ratio("hold", s) + s * DAMPING) * response("hold.d"))
+    same(response("turn.f"), (TURN["stiffness"] + s * TURN["damping"]) * response("turn.d"))
+    same(response("turn.d"), response("bead_turn") - response("tip_turn"))
+
+
+def test_sections_answer_with_the_complex_modulus(response):
+    """N, Q and M of element 2 from the deflections of its ends; the stress is that of the fibre where it is largest."""
+    s = response.s
+    u2, v2, r2, u3, v3, r3 = response("d2.u", "d2.v", "d2.r", "d3.u", "d3.v", "d3.r")
+    chord = (v3 - v2) / LENGTH
+    p1, p2 = r2 - chord, r3 - chord
+    modulus = ratio("arm", s)
+    area, second = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12
+    bending = (modulus + s * RAYLEIGH) * YOUNG * second / LENGTH
+    moments = [bending * (4 * p1 + 2 * p2), bending * (2 * p1 + 4 * p2)]
+    n, q, m1, m2 = response("in.n", "in.q", "in.m1", "in.m2")
+    if np.abs(u3).max() > 0:
+        same(n, (modulus + s * RAYLEIGH) * YOUNG * area / LENGTH * (u3 - u2), 1e-6)
+    else:
+        assert not n.any()
+    same(m1, -moments[0], 1e-6)
+    same(m2, moments[1], 1e-6)
+    same(q, -(moments[0] + moments[1]) / LENGTH, 1e-6)
+    fibres = np.abs([n / area + sign * m * HEIGHT / 2 / second for m in (m1, m2) for sign in (1, -1)])
+    same(np.abs(response("in.s")[0]), fibres.max(axis=0))
