@@ -1,0 +1,75 @@
+"""The figures that the demonstrations print, from histories of known size."""
+
+from __future__ import annotations
+
+import re
+
+import attenuation
+import demo
+import numpy as np
+import pytest
+from histories import History, read
+
+TIME = np.linspace(0.0, 0.02, 2001)
+
+
+def wave(amplitude: float, more: float = 0.0) -> np.ndarray:
+    """Return whole periods of a sine, with more of it before the swing's end."""
+    return (amplitude + more * (attenuation.SWING > TIME)) * np.sin(2 * np.pi * 1000.0 * TIME)
+
+
+def write(folder, name: str, columns: dict[str, np.ndarray], file: str = "history") -> None:
+    """Write a result file."""
+    place = folder / "results" / name
+    place.mkdir(parents=True, exist_ok=True)
+    head = "# columns: t[s] " + " ".join(columns)
+    np.savetxt(place / f"{file}.txt", np.column_stack([TIME, *columns.values()]), header=head.removeprefix("# "))
+
+
+def numbers(line: str) -> list[float]:
+    """Return the numbers after the words of a line."""
+    return [float(word) for word in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:[eE][+-]?\d+)?(?![\w.])", line)]
+
+
+def test_size_is_peak_and_root_mean_square():
+    assert demo.size(np.array([3.0, -4.0, 0.0, 0.0])) == (4.0, 2.5)
+    assert demo.size(wave(2.0)) == pytest.approx((2.0, np.sqrt(2.0)), rel=1e-3)
+
+
+def test_the_demonstrations_table(tmp_path, monkeypatch):
+    """Peak and root mean square of both runs and the ratio viscoelastic over undamped; the share of the work that is lost."""
+    monkeypatch.chdir(tmp_path)
+    pair = demo.PAIRS[0]
+    for name, size in ((pair.elastic, 4.0), (pair.viscoelastic, 1.0)):
+        write(tmp_path, name, {"qf4.q[rad]": wave(1.0), "qf4.qd[rad/s]": wave(size), "qf4.qdd[rad/s2]": wave(100.0 * size)})
+    write(tmp_path, pair.viscoelastic, {"dissipated[J]": 0.3 * TIME / TIME[-1], "work[J]": 2.0 * TIME / TIME[-1]}, "energy")
+    title, *lines = demo.attenuation(pair)
+    assert title.split()[-3:] == ["undamped", "viscoelastic", "ratio"]
+    root = np.sqrt(0.5)
+    expected = [[4.0, 1.0, 0.25], [4.0 * root, root, 0.25], [400.0, 100.0, 0.25], [400.0 * root, 100.0 * root, 0.25]]
+    for line, row, measure in zip(lines, expected, ("peak", "RMS", "peak", "RMS")):
+        assert measure in line
+        assert numbers(line.split(measure)[1]) == pytest.approx(row, rel=2e-3)
+    assert numbers(lines[4]) == pytest.approx([0.3, 15.0, 2.0], rel=1e-3)
+
+
+def test_the_joints_table_takes_the_ringing_after_the_swing():
+    cases = {"none": 4.0, "rod": 2.0, "joint": 1.0}
+    runs = {}
+    for case, amplitude in cases.items():
+        data = np.column_stack([TIME, wave(amplitude, more=3.0)])
+        runs[case] = History(None, ["t", "mid.q"], {"t": "s", "mid.q": "m"}, data)
+    _, peak, rms = attenuation.table(runs, {"mid.q": "deflection"})
+    assert numbers(peak.split("peak")[1]) == pytest.approx([7.0, 1.0, 5.0, 5 / 7, 4.0, 4 / 7], rel=2e-3)
+    sizes = [amplitude * np.sqrt(0.5) for amplitude in cases.values()]
+    assert numbers(rms.split("RMS")[1]) == pytest.approx([sizes[0], 1.0, sizes[1], 0.5, sizes[2], 0.25], rel=2e-3)
+
+
+def test_the_joints_energies_are_those_at_the_end_and_the_motors_largest(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    s = TIME / TIME[-1]
+    write(tmp_path, attenuation.deck_name("rod"), {"dissipated[J]": 0.25 * s, "work[J]": 8.0 * s * (1 - s)}, "energy")
+    dissipated, work = attenuation.energies(["rod"])
+    assert numbers(dissipated) == pytest.approx([0.25])
+    assert numbers(work) == pytest.approx([2.0], rel=1e-5)
+    assert read(tmp_path / "results" / attenuation.deck_name("rod"), "energy")["work"][-1] == 0.0
