@@ -70,6 +70,12 @@ def test_the_units_of_the_run_serve_a_reference_without():
     assert error(history(x=5.0 * TIME, zero=zeros + 1.0e-3), reference, "zero") == pytest.approx(2.0e-4)
 
 
+def test_columns_without_units_do_not_measure_each_other():
+    reference = history(units=False, x=100.0 * TIME, alone=np.full_like(TIME, 5.0))
+    run = history(units=False, x=100.0 * TIME, alone=np.full_like(TIME, 5.5))
+    assert error(run, reference, "alone") == pytest.approx(0.1)
+
+
 def test_rows_are_matched_by_time_and_further_ones_do_not_count():
     fine = np.linspace(0.0, 1.5, 31)
     x = fine**2
