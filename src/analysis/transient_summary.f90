@@ -42,14 +42,36 @@ contains
           ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
         call add_line(text, trim(line))
       end if
-      if (len(march%warning) > 0) then
-        call add_line(text, '  warning: '//march%warning)
-        write (error_unit, '(a)') run%d%path//': warning: '//march%warning
-      end if
+      if (len(march%warning) > 0) call warn(run, march%warning, text)
+      if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call witness(run, march, text)
     call validity_lines(run, text)
   end subroutine transient_lines
+
+  !> A warning, in the summary and on standard error.
+  subroutine warn(run, words, text)
+    type(run_state), intent(in) :: run
+    character(*), intent(in) :: words
+    character(:), allocatable, intent(inout) :: text
+    call add_line(text, '  warning: '//words)
+    write (error_unit, '(a)') run%d%path//': warning: '//words
+  end subroutine warn
+
+  !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
+  subroutine motion_interval(run, text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable, intent(inout) :: text
+    character(160) :: line
+    real(wp) :: ratio
+    associate (r => run%d%transient)
+      ratio = r%motion_step/r%output_step
+      if (ratio >= 1.0_wp .and. abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) return
+      write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') 'motion_step =', r%motion_step, ' s is no multiple of output_step =', &
+        r%output_step, ' s: motion.txt has a row every', max(1.0_wp, anint(ratio))*r%output_step, ' s'
+    end associate
+    call warn(run, trim(line), text)
+  end subroutine motion_interval
 
   !> Drift, energy residual and what they say.
   subroutine witness(run, march, text)
