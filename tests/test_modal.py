@@ -282,6 +282,33 @@ def test_every_pole_of_a_scene_of_several_materials_is_found(modes_of, probe, tm
     assert len(set(modes.table["mode"][modes.kind == VIBRATION])) == (modes.kind == VIBRATION).sum()
 
 
+FOUR = """&material name='m0' density=2100.0 young=7.6e7 ghm_alpha=0.2,0.49,0.053 ghm_zeta=1.0,0.34,2.0 ghm_omega=76.0,100.0,62.0 /
+&material name='m1' density=2200.0 young=8.2e7 ghm_alpha=0.19,0.4 ghm_zeta=0.87,0.9 ghm_omega=510.0,1400.0 rayleigh_mass=2.7 /
+&section name='s' shape='tube' outer=0.015 inner=0.0041 /
+&body name='b0' kind='beam' length=0.39 elements=3 material='m1' section='s' reference='clamped' position=0.77,-1.1 angle=2.6 /
+&joint name='j0' type='revolute' body_a='b0' node_a=3 point_b=0.55,-0.98 /
+&spring name='t0' type='torsional' body_a='b0' stiffness=26.0 damping=0.011 /
+&lump body='b0' node=2 mass=0.085 inertia=4.0e-5 /
+&body name='b1' kind='beam' length=0.46 elements=3 material='m1' section='s' position=0.87,-0.4 angle=-2.8 /
+&joint name='j1' type='revolute' body_a='b1' node_a=-1 point_b=0.43,-0.53 /
+&spring name='t1' type='torsional' body_a='b1' node_a=4 stiffness=61.0 free_angle=-2.9 /
+&body name='b2' kind='beam' length=0.39 elements=3 material='m0' section='s' reference='free' modes=2 position=0.67,0.74 angle=3.0 /
+&joint name='j2' type='prismatic' body_a='b2' node_a=2 point_b=0.44,0.85 direction=-0.7 /
+&spring name='p2' type='linear' body_a='b2' node_a=2 point_b=0.82,0.53 stiffness=660.0 /
+&body name='b3' kind='frame' node_x=-0.16,0.0063,-0.14 node_y=0.18,0.28,0.14 element_nodes=2,1,3,2 material='m0' section='s'
+  reference='clamped' modes=5 position=1.0,-0.18 angle=2.5 /
+&joint name='j3' type='weld' body_a='b3' node_a=2 body_b='b1' node_b=1 /
+&static /
+"""
+
+
+def test_all_modes_of_a_scene_are_found_whose_highest_ones_are_known_to_rounding_only(modes_of):
+    """Frequencies apart by 1000: those of the highest modes go on changing by rounding while the lowest are settled."""
+    modes = modes_of(FOUR + "&modal modes=200 /\n")
+    assert modes.undamped().size == 28
+    np.testing.assert_allclose(modes.undamped()[:8], modes_of(FOUR + "&modal modes=8 /\n", name="few").undamped(), rtol=1e-9)
+
+
 # ---------------------------------------------------------------- turning structures
 
 

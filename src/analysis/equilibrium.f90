@@ -2,7 +2,9 @@
 !> tangent. The frames keep the velocities that drives give them and the accelerations that follow from those, so that
 !> centrifugal forces act; the elastic coordinates have neither. GHM is relaxed.
 !>
-!> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p.
+!> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p. The tangent
+!> is that of the equilibrium: with a_p, and with the reactions that Newton's last step found for it. Those of the state out of
+!> balance, which hold inertia forces too, would spoil its convergence where bodies turn far.
 module equilibrium
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
@@ -40,11 +42,12 @@ contains
     type(equilibrium_report), intent(out) :: report
     type(stiffness_system) :: ds
     complex(wp), allocatable :: r(:)
-    real(wp), allocatable :: start(:), dx(:)
+    real(wp), allocatable :: start(:), dx(:), lambda(:)
     real(wp) :: before, length
     integer :: tries
     logical :: at_floor
     call equations(run, ds, r, report)
+    lambda = run%sys%m%lambda
     do
       report%converged = report%residual <= tolerance .and. report%gap <= closed
       if (report%converged .or. report%steps == most_newton) return
@@ -53,6 +56,8 @@ contains
       call ds%factor()
       call ds%solve(r)
       dx = real(r(1:ds%n), wp)
+      lambda = run%sys%m%lambda
+      lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
       if (.not. all(abs(dx) < huge(1.0_wp))) return
       start = run%y
       before = report%residual + report%gap
@@ -60,11 +65,11 @@ contains
       do tries = 0, most_halvings
         run%y = start
         call move(run, length*dx)
-        call equations(run, ds, r, report)
+        call equations(run, ds, r, report, lambda)
         if (report%residual + report%gap <= max(2*before, 10*tolerance)) exit
         length = length/2
       end do
-      at_floor = report%residual <= report%noise .and. report%residual + report%gap > 0.5_wp*before
+      at_floor = report%residual <= 4*report%noise .and. report%residual + report%gap > 0.5_wp*before
       report%converged = at_floor .and. report%gap <= closed
       if (report%converged) return
     end do
@@ -93,28 +98,32 @@ contains
   end subroutine move
 
   !> Residual, tangent and their measures at the present positions; velocities and dissipative coordinates follow.
-  subroutine equations(run, ds, r, report)
+  subroutine equations(run, ds, r, report, lambda)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
     complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step
     type(equilibrium_report), intent(inout) :: report
+    real(wp), intent(in), optional :: lambda(:)      !! (rows) multipliers of the equilibrium, as known so far [N, N m]
     type(linear_mechanism) :: lin
-    real(wp), allocatable :: a(:), steady(:), force(:)
+    real(wp), allocatable :: a(:), reactions(:), steady(:), force(:)
     integer :: nq
     nq = run%sys%m%s%nq
     call set_frames(run%sys%m, run%y(1:nq))
     call place_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
     call relax(run%sys, run%y)
     call evaluate_state(run)
-    call linear_system(run, ds, lin, evaluated=.true.)
     allocate (steady(nq), source=0.0_wp)
     if (moves(run)) then
+      call linear_system(run, ds, lin, evaluated=.true.)
       call prescribe(run, ds, steady)
-      a = run%sys%m%a
-      run%sys%m%a = steady
-      call linear_system(run, ds, lin, evaluated=.true.)   ! the tangent belongs to the prescribed accelerations
-      run%sys%m%a = a
     end if
+    a = run%sys%m%a
+    reactions = run%sys%m%lambda
+    run%sys%m%a = steady                                   ! the tangent belongs to the equilibrium's accelerations
+    if (present(lambda)) run%sys%m%lambda = lambda         ! and reactions
+    call linear_system(run, ds, lin, evaluated=.true.)
+    run%sys%m%a = a
+    run%sys%m%lambda = reactions
     if (allocated(r)) deallocate (r)
     allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
     allocate (force(nq), source=0.0_wp)

@@ -13,6 +13,7 @@ module natural_modes
   integer, parameter :: most_passes = 80
   real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
   real(wp), parameter :: settled = 1.0e-13_wp      !! relative change of omega^2 [-]
+  real(wp), parameter :: at_floor = 1.0e-10_wp     !! change that no longer shrinks and is rounding [-]
 
 contains
 
@@ -25,7 +26,7 @@ contains
     real(wp), allocatable, intent(out) :: x(:, :)     !! (n, p) [1/sqrt(kg)]
     logical, intent(out) :: ok
     integer :: free, p, pass
-    real(wp) :: shift, noise
+    real(wp) :: shift, noise, change, last
     logical :: settled_yet
     real(wp), allocatable :: before(:)
     free = ds%n - ds%rows
@@ -44,6 +45,7 @@ contains
     noise = epsilon(1.0_wp)*shift/small_shift          ! rounding of the largest frequencies [rad2/s2]
     call shift_matrix(ds, shift)
     settled_yet = .false.
+    change = huge(1.0_wp)
     do pass = 1, most_passes
       before = omega2
       call iterate(ds, omega2, x, ok)
@@ -54,6 +56,10 @@ contains
       end if
       associate (w => min(wanted, p))
         settled_yet = pass > 2 .and. all(abs(omega2(1:w) - before(1:w)) <= settled*(abs(omega2(1:w)) + shift) + noise)
+        if (settled_yet) exit
+        last = change
+        change = maxval(abs(omega2(1:w) - before(1:w))/(abs(omega2(1:w)) + shift))
+        settled_yet = pass > 6 .and. change <= at_floor .and. change >= 0.5_wp*last   ! rounding alone changes it
         if (settled_yet) exit
       end associate
     end do
