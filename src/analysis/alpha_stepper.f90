@@ -35,7 +35,9 @@ module alpha_stepper
     logical, allocatable :: jumps(:)          !! whether accelerations jump there
     type(implicit_solver) :: solver
     logical :: started = .false.              !! the method's own variables stand
+    logical :: fresh = .false.                !! they started here, no step has been accepted since
     integer(ip) :: done = 0                   !! fixed: whole steps done in the present interval
+    integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: level = 0                      !! fixed: the step is divided into 2**level parts
     integer :: part = 0                       !! fixed: parts of it done
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
@@ -112,6 +114,7 @@ contains
       call one_step(self, m, h/2**self%level, ok)
       if (.not. ok) then
         self%rejected = self%rejected + 1
+        self%failures = self%failures + 1
         self%level = self%level + 1
         self%part = 2*self%part
         if (self%level <= most_halvings) cycle
@@ -151,9 +154,10 @@ contains
     class(implicit_stepper), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: h                 !! [s]
-    if (.not. self%started) then
+    if (.not. self%started .or. (self%fresh .and. .not. same_step(self%solver, h))) then
       call start_method(self%solver, m, self%t, h, self%y)
       self%started = .true.
+      self%fresh = .true.
     else if (.not. same_step(self%solver, h)) then
       call change_step(self%solver, m, self%t, h)
     end if
@@ -166,7 +170,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     integer :: k
     call accept_step(self%solver, m, self%tried)
-    self%removed = self%solver%removed
+    self%fresh = .false.
     call self%count_step(self%tried, h)
     do k = 1, size(self%stops)
       if (.not. self%jumps(k) .or. abs(self%stops(k) - self%t) > 1.0e-9_wp*h) cycle
@@ -186,7 +190,10 @@ contains
     outcome = reached
     call reported_state(self%solver, m, to, self%y, ok)
     y = self%y
-    if (ok .and. sane(y)) return
+    if (ok .and. sane(y)) then
+      self%removed = self%solver%removed
+      return
+    end if
     self%trial = y
     self%tried = to
     self%trouble = merge(trouble_manifold, trouble_size, sane(y))
@@ -258,6 +265,7 @@ contains
     end if
     if (.not. ok .or. error > 1.0_wp) then
       self%rejected = self%rejected + 1
+      if (.not. ok) self%failures = self%failures + 1
       self%h = next_step(self%memory, h, error)
       if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
       call give_up(self, m)
@@ -328,7 +336,10 @@ contains
         call evaluate_branch(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
       end if
     end associate
-    if (ok .and. sane(y)) return
+    if (ok .and. sane(y)) then
+      self%removed = self%solver%removed
+      return
+    end if
     self%trial = y
     self%tried = to
     self%trouble = merge(trouble_manifold, trouble_size, sane(y))
@@ -343,8 +354,9 @@ contains
     write (line, '(a, i0, a, i0, a, i0)') 'Newton iterations: ', self%solver%iterations, &
       ', factorisations of elastic blocks: constant ', self%solver%constant_factors, ', exact ', self%solver%exact_factors
     text = trim(line)
-    if (self%adaptive .or. self%rejected == 0) return
-    write (line, '(a, i0, a)') '; Newton''s method failed ', self%rejected, ' times, and the step was halved'
+    if (self%failures == 0) return
+    write (line, '(a, i0, 2a)') '; Newton''s method failed ', self%failures, ' times, and the step was ', &
+      trim(merge('tried smaller', 'halved       ', self%adaptive))
     text = text//trim(line)
   end function account
 
@@ -354,7 +366,9 @@ contains
     type(value_archive), intent(inout) :: a
     call exchange_common(self, a)
     call a%exchange(self%started)
+    call a%exchange(self%fresh)
     call a%exchange(self%done)
+    call a%exchange(self%failures)
     call a%exchange(self%level)
     call a%exchange(self%part)
     call a%exchange(self%h)
