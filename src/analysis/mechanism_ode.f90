@@ -70,6 +70,6 @@ contains
     real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
     logical, intent(out) :: ok
     call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
-    if (ok) ok = sane(y)
+    if (ok) ok = sane(y(1:2*nq))
   end subroutine project_state
 end module mechanism_ode

@@ -8,7 +8,8 @@ module implicit_ghm
   use implicit_model, only: implicit_solver, ghm_term
   use mechanism, only: mechanism_model
   use modal_kernel, only: modal_dissipation
-  use nodal_kernel, only: deformations, run_dissipation, rayleigh_power
+  use ghm_kernel, only: run_dissipation
+  use nodal_kernel, only: deformations, rayleigh_power
   implicit none (type, external)
   private
   public :: set_terms, begin_terms, end_terms, spring_state, spring_stiffness, dissipated_in_bodies

@@ -166,7 +166,7 @@ contains
     self%trouble = trouble_size
     if (.not. ok) return
     call system%accept(self%tried, self%trial, ok)
-    if (sane(self%trial)) self%trouble = trouble_manifold
+    if (.not. ok .and. sane(self%trial)) self%trouble = trouble_manifold
     if (.not. ok) return
     call system%derivative(self%tried, self%trial, .true., self%k7)
     self%trouble = trouble_size

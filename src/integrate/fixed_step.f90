@@ -75,7 +75,7 @@ contains
     self%trouble = trouble_size
     if (ok) then
       call system%accept(self%tried, self%trial, ok)
-      if (sane(self%trial)) self%trouble = trouble_manifold
+      if (.not. ok) self%trouble = merge(trouble_manifold, trouble_size, sane(self%trial))
     end if
     if (.not. ok) then
       outcome = lost

@@ -2,7 +2,8 @@
 module body_energy
   use kinds, only: wp
   use body, only: body_model, ghm_run
-  use nodal_kernel, only: deformations, run_product, gather, mass_times, gyroscopic_times
+  use ghm_kernel, only: run_product
+  use nodal_kernel, only: deformations, gather, mass_times, gyroscopic_times
   implicit none (type, external)
   private
   public :: kinetic_energy, strain_energy

@@ -3,11 +3,12 @@
 !> nothing is virtual inside a loop; beams of linear strain take the short way of `chain_kernel`.
 module nodal_kernel
   use kinds, only: wp
-  use body, only: body_model, ghm_run
+  use body, only: body_model
   use chain_kernel, only: chain_deformations, chain_forces
+  use ghm_kernel, only: advance_run, run_dissipation, copy_values
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, element_stress, run_dissipation, rayleigh_power, run_product
+  public :: nodal_forces, deformations, element_stress, rayleigh_power
   public :: gather, mass_times, gyroscopic_times
 
 contains
@@ -25,7 +26,7 @@ contains
     power = 0.0_wp
     call deformations(b, b%qx, b%d)
     if (size(b%runs) > 0) then
-      b%ds(:, :) = b%d
+      call copy_values(size(b%d), b%d, b%ds)
       do r = 1, size(b%runs)
         associate (run => b%runs(r))
           call advance_run(run, run%width, b%d(1, run%first), z(run%offset + 1), zd(run%offset + 1), &
@@ -92,62 +93,6 @@ contains
     a(4) = c*u + s*v
     a(5) = c*v - s*u
   end subroutine to_element
-
-  !> Dissipative accelerations of one run and its differences alpha (d - z), added to ds (theory.md, section 5).
-  pure subroutine advance_run(run, n, d, z, zd, zdd, ds)
-    type(ghm_run), intent(in) :: run
-    integer, intent(in) :: n                !! coordinates of one term
-    real(wp), intent(in) :: d(n)            !! deformations followed
-    real(wp), intent(in) :: z(n, *), zd(n, *)
-    real(wp), intent(inout) :: zdd(n, *), ds(n)
-    real(wp) :: two_zw, w2, alpha
-    integer :: k, i
-    do k = 1, size(run%alpha)
-      two_zw = 2*run%zeta(k)*run%omega(k)
-      w2 = run%omega(k)**2
-      alpha = run%alpha(k)
-      do i = 1, n
-        zdd(i, k) = w2*(d(i) - z(i, k)) - two_zw*zd(i, k)
-        ds(i) = ds(i) + alpha*(d(i) - z(i, k))
-      end do
-    end do
-  end subroutine advance_run
-
-  !> Power dissipated by one run, sum of (2 alpha zeta/omega) z'^T D z' [W].
-  pure function run_dissipation(b, run, zd) result(power)
-    type(body_model), intent(in) :: b
-    type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: zd(*)           !! rates of the run's dissipative coordinates
-    real(wp) :: power
-    integer :: k
-    power = 0.0_wp
-    do k = 1, size(run%alpha)
-      power = power + 2*run%alpha(k)*run%zeta(k)/run%omega(k) &
-              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(1 + (k - 1)*run%width))
-    end do
-  end function run_dissipation
-
-  !> x^T D x over neighbouring elements.
-  pure function run_product(nd, n, factors, x) result(total)
-    integer, intent(in) :: nd, n            !! deformations of an element, elements
-    real(wp), intent(in) :: factors(10, n)  !! of the elements (body_model)
-    real(wp), intent(in) :: x(nd, n)        !! deformations, dissipative coordinates or rates
-    real(wp) :: total, bend, stretch
-    integer :: e
-    bend = 0.0_wp
-    stretch = 0.0_wp
-    if (nd == 3) then
-      do e = 1, n
-        stretch = stretch + factors(8, e)*x(1, e)**2
-        bend = bend + factors(9, e)*(x(2, e)*(x(2, e) + x(3, e)) + x(3, e)**2)
-      end do
-    else
-      do e = 1, n
-        bend = bend + factors(9, e)*(x(1, e)*(x(1, e) + x(2, e)) + x(2, e)**2)
-      end do
-    end if
-    total = stretch + 4*bend
-  end function run_product
 
   !> Force and end moments conjugate to the element's deformations: D ds, with the extra terms of stiffening.
   !> Returned as force along the element, the moment conjugate to the chord's turn, and the two end moments.

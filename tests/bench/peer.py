@@ -295,7 +295,7 @@ def main():
     many = compare(
         report, "32 elements: each program free to choose its model, its converged run of 32 elements is its reference",
         free_models(fine),
-        {"biela": (run_biela, (32, "rk4", 0), POINTS * 1600), "exudyn": (run_exudyn, ("cable", 32), POINTS * 2**9)},
+        {"biela": (run_biela, (32, "rk4", 0), POINTS * 3200), "exudyn": (run_exudyn, ("cable", 32), POINTS * 2**11)},
     )
     nodal_steps(report, many)
     chains(report)
@@ -312,11 +312,13 @@ def free_models(fine):
     jobs = {}
     for elements, n in ((8, 32), (16, 120)):
         jobs[f"biela, {elements} elements, rk4"] = ("biela", run_biela, (elements, "rk4", 0), [POINTS * n, 2 * POINTS * n])
-    jobs["biela, 32 elements, rk4"] = ("biela", run_biela, (32, "rk4", 0), [POINTS * 400, POINTS * 800])
+    jobs["biela, 32 elements, rk4"] = ("biela", run_biela, (32, "rk4", 0), [POINTS * 400, POINTS * 480, POINTS * 800])
     jobs["biela, 32 el., generalized_alpha"] = ("biela", run_biela, (32, "generalized_alpha", 0), fine[:5])
-    for modes, steps in ((8, fine[:4]), (16, fine[1:5]), (24, fine[2:5]), (32, fine[3:6]), (48, fine[3:6]), (64, fine[5:7])):
+    thirds = [POINTS * n for n in (48, 64, 96, 128)]
+    modal = {8: fine[:4], 16: fine[1:5], 24: fine[2:5], 32: fine[3:6], 48: thirds, 56: thirds[1:], 64: fine[5:7]}
+    for modes, steps in modal.items():
         jobs[f"biela, 32 el., {modes} modes, rk4"] = ("biela", run_biela, (32, "rk4", modes), steps)
-    for cables, steps in ((2, fine), (8, fine[:6]), (32, fine[:6])):
+    for cables, steps in ((2, fine), (8, fine[:6]), (32, [*fine, POINTS * 2**9, POINTS * 2**10])):
         jobs[f"exudyn, {cables} cables"] = ("exudyn", run_exudyn, ("cable", cables), steps)
     return jobs
 
