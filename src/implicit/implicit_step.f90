@@ -87,7 +87,7 @@ contains
     before = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
-    blur = noise*(1 + maxval(abs(m%p%r))/m%s%size)
+    blur = noise*(1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size)      ! without places the largest is -huge
     do k = 1, most_iterations
       call trial_residual(self, m, t1)
       if (k == 1 .or. slowly) then
@@ -109,7 +109,7 @@ contains
         slowly = slowly .or. (rate > slow .and. whole > blur)
       end if
       ok = size_now <= rounding
-      if (k > 1) ok = ok .or. (rate < 1.0_wp .and. size_now*rate/(1 - rate) <= goal)
+      if (k > 1 .and. rate < 1.0_wp) ok = ok .or. size_now*rate <= goal*(1 - rate)
       if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
       if (k > 3) ok = ok .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(max(self%rows%weakest, self%rows%shift)))
       if (ok) exit

@@ -102,7 +102,8 @@ contains
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
         carried = highest_carried(bo)
-        if (f(4) > 0.0_wp .and. m%t*carried >= 2*pi) then      ! a start from rest looks faster than it is
+        ! a start from rest looks faster than it is, and below rounding nothing moves
+        if (f(4) > 0.0_wp .and. f(1) > 1.0e-13_wp*bo%length .and. m%t*carried >= 2*pi) then
           if (sqrt(f(5)/f(4)) > carried) call say(bo, 'moves elastically at', sqrt(f(5)/f(4)), 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
