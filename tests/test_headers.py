@@ -1,9 +1,10 @@
-"""The first lines of every result file: names and units of all columns, as the description of the deck states them."""
+"""Every result file: names and units of all columns, as the description of the deck states them, and what they have in common."""
 
 from __future__ import annotations
 
 import subprocess
 
+import numpy as np
 import pytest
 
 SCENE = """&scene title='all columns' /
@@ -36,6 +37,7 @@ SENSORS = [
     ("internal", "body='c' element=1", ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]"]),
     ("spring", "spring='turn'", ["f[Nm]", "d[rad]"]),
     ("spring", "spring='pull'", ["f[N]", "d[m]"]),
+    ("position", "body='c' node=3", ["x[m]", "y[m]"]),
 ]
 NODES = [f"{node}.{axis}[m]" for node in (1, 2, 3) for axis in "xy"]
 FRAMES = [f"{body}.{name}" for body in "bc" for name in ("x[m]", "y[m]", "angle[rad]", *NODES)]
@@ -100,3 +102,36 @@ def test_every_row_is_as_long_as_its_head(run):
         head, rows = run[name]
         assert rows
         assert {len(row) for row in rows} == {len(columns(head))}
+
+
+def table(run, name: str) -> dict[str, np.ndarray]:
+    """Return the columns of a result file by name without unit."""
+    head, rows = run[name]
+    names = [column.split("[")[0] for column in columns(head)]
+    return dict(zip(names, np.array(rows, dtype=float).T))
+
+
+def test_nodes_of_the_motion_are_where_the_sensors_are(run):
+    """Nodal and modal bodies, deflected by the static stage; in static.txt too."""
+    history, motion, static = (table(run, name) for name in ("history", "motion", "static"))
+    last = len(SENSORS) - 1
+    for sensor, node, rest in ((0, "b.2", [0.2, 0.0]), (last, "c.3", [0.8, 0.0])):
+        for k, axis in enumerate("xy"):
+            np.testing.assert_allclose(motion[f"{node}.{axis}"], history[f"s{sensor}.{axis}"][::5], rtol=0, atol=1e-15)
+            np.testing.assert_allclose(static[f"state.{node}.{axis}"], static[f"s{sensor}.{axis}"], rtol=0, atol=1e-15)
+            if axis == "y":
+                assert np.abs(motion[f"{node}.y"] - rest[k]).min() > 1e-6
+
+
+def test_figures_of_a_mode_follow_from_its_pole(run):
+    m = table(run, "modes")
+    pole = m["real"] + 1j * m["imag"]
+    np.testing.assert_array_equal(m["number"], np.arange(1, len(pole) + 1))
+    np.testing.assert_allclose(m["frequency"], np.abs(m["imag"]) / (2 * np.pi), rtol=1e-14)
+    np.testing.assert_allclose(m["damping_ratio"], -m["real"] / np.abs(pole), rtol=1e-12, atol=0)
+    np.testing.assert_allclose(m["loss_factor"], 2 * m["damping_ratio"], rtol=1e-14)
+    undamped = {mode: f for mode, kind, f in zip(m["mode"], m["kind"], m["frequency"]) if kind == 0}
+    np.testing.assert_allclose(m["undamped_frequency"], [undamped[mode] for mode in m["mode"]], rtol=1e-14)
+    vibrations = m["kind"] == 1
+    assert vibrations.sum() == 3
+    assert (m["damping_ratio"][vibrations] > 1e-4).all()
