@@ -309,6 +309,44 @@ def test_all_modes_of_a_scene_are_found_whose_highest_ones_are_known_to_rounding
     np.testing.assert_allclose(modes.undamped()[:8], modes_of(FOUR + "&modal modes=8 /\n", name="few").undamped(), rtol=1e-9)
 
 
+TANGLED = """&scene gravity=0.838,-0.00438 /
+&material name='m0' density=2820.0 young=3.92e8 ghm_alpha=2.77,0.548,1.18 ghm_zeta=0.994,1.92,0.243 ghm_omega=124.0,1110.0,364.0 /
+&material name='m1' density=2660.0 young=1.43e8 ghm_alpha=0.0885,0.101,0.667 ghm_zeta=0.595,2.36,0.505 ghm_omega=212.0,40.5,773.0
+  ghm_frequency_scale=0.809 rayleigh_mass=2.32 rayleigh_stiffness=1.04e-6 /
+&section name='s0' shape='rectangle' width=0.0143 height=0.00788 /
+&section name='s1' shape='tube' outer=0.0126 inner=0.00339 /
+&body name='b0' kind='frame' node_x=0.228,0.0979,-0.0233 node_y=0.212,0.0401,0.227 element_nodes=2,1,2,3 material='m1','m0'
+  section='s0' stiffening=.true. position=0.61,-0.105 angle=2.13 /
+&joint name='j0' type='prismatic' body_a='b0' node_a=1 point_b=0.208,-0.0658 direction=0.391 /
+&spring name='p0' type='linear' body_a='b0' node_a=1 point_b=0.671,0.124 stiffness=607.0 /
+&body name='b1' kind='beam' length=0.563 elements=3 material='m0' section='s1' axial=.false. position=0.717,-0.000345 angle=2.1 /
+&joint name='j1' type='revolute' body_a='b1' node_a=4 point_b=0.433,0.485 /
+&spring name='t1' type='torsional' body_a='b1' node_a=4 stiffness=86.3 /
+&body name='b2' kind='beam' length=0.529 elements=2 material='m0' section='s0' element_material='m1','m0'
+  position=0.572,-0.00205 angle=1.76 /
+&joint name='j2' type='prismatic' body_a='b2' node_a=2 body_b='b1' node_b=3 direction=2.53 /
+&spring name='p2' type='linear' body_a='b2' node_a=2 point_b=0.489,-0.175 stiffness=514.0 /
+&lump body='b2' node=2 mass=0.0679 /
+&body name='b3' kind='rigid' mass=0.6 inertia=0.0467 position=0.372,0.0549 angle=0.687 /
+&joint name='j3' type='revolute' body_a='b3' point_a=0.118,-0.17 body_b='b2' node_b=1 /
+&spring name='t3' type='torsional' body_a='b3' body_b='b2' stiffness=17.9 damping=0.0169
+  ghm_alpha=0.627,0.247 ghm_zeta=1.88,1.06 ghm_omega=383.0,270.0 /
+&lump body='b3' point=-0.124,-0.041 mass=0.0748 /
+&force name='f0' type='force' body='b1' node=2 fx=-2.49 fy=1.83 axes='body' history='h0' /
+&force name='f1' type='torque' body='b3' moment=0.07 /
+&force name='f2' type='force' body='b1' node=3 fx=-1.58 fy=-0.0624 axes='section' /
+&history name='h0' kind='table' time=0.002,0.005,0.009,0.013,0.03 value=0.0907,0.916,-0.915,0.245,0.872 /
+&static /
+"""
+
+
+def test_nothing_is_listed_that_is_no_pole(modes_of):
+    """Real poles of one GHM term crowd together here; a search between them may settle at none of them."""
+    modes = modes_of(TANGLED + "&modal modes=200 /\n")
+    assert modes.damped().size > 90
+    assert modes.table["residual"].max() < 1e-9
+
+
 # ---------------------------------------------------------------- turning structures
 
 

@@ -15,6 +15,7 @@ module complex_modes
   private
   public :: find_modes
 
+  real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which Newton's method has not ended at a pole [-]
   integer, parameter :: whole_below = 120              !! unknowns up to which a gyroscopic system is reduced on all its modes
 
 contains
@@ -160,11 +161,8 @@ contains
             x = x0
             call grow_damping(ds, lambda, x, modes, ok)
           end if
-          if (.not. ok) then
-            modes%lost = modes%lost + 1
-            cycle
-          end if
-          call add_pole(ds, merge(vibration_mode, further_mode, i == vibration), modes%mode(j), lambda, x, modes)
+          if (ok) call add_pole(ds, merge(vibration_mode, further_mode, i == vibration), modes%mode(j), lambda, x, modes, ok)
+          if (.not. ok) modes%lost = modes%lost + 1
         end do
       end do
     end do
@@ -199,27 +197,28 @@ contains
       j = most_alike(ds, x, modes, undamped)
       kind = further_mode
       if (.not. any(modes%kind == vibration_mode .and. modes%mode == modes%mode(j))) kind = vibration_mode
-      call add_pole(ds, kind, modes%mode(j), lambda, x, modes)
-      modes%lost = modes%lost - 1
+      call add_pole(ds, kind, modes%mode(j), lambda, x, modes, ok)
+      if (ok) modes%lost = modes%lost - 1
     end do
   end subroutine missing_poles
 
-  !> Adds a pole with Im >= 0.
-  subroutine add_pole(ds, kind, mode, lambda, x, modes)
+  !> Adds a pole with Im >= 0, unless what it leaves of the equations says that it is none.
+  subroutine add_pole(ds, kind, mode, lambda, x, modes, ok)
     type(stiffness_system), intent(inout) :: ds
     integer, intent(in) :: kind, mode                  !! kind if it oscillates, number of its undamped mode
     complex(wp), intent(in) :: lambda, x(:)
     type(mode_set), intent(inout) :: modes
-    complex(wp) :: pole
-    pole = cmplx(lambda%re, abs(lambda%im), wp)
-    if (abs(lambda%im) <= 1.0e-12_wp*abs(lambda)) then
-      pole%im = 0.0_wp
-      call modes%add(real_pole, mode, pole, residual_of(ds, pole, x, 1.0_wp), x)
-    else if (lambda%im < 0.0_wp) then
-      call modes%add(kind, mode, pole, residual_of(ds, pole, conjg(x), 1.0_wp), conjg(x))
-    else
-      call modes%add(kind, mode, pole, residual_of(ds, pole, x, 1.0_wp), x)
-    end if
+    logical, intent(out) :: ok                         !! whether it was added
+    complex(wp) :: pole, shape(size(x))
+    real(wp) :: residual
+    logical :: still
+    still = abs(lambda%im) <= 1.0e-12_wp*abs(lambda)
+    pole = cmplx(lambda%re, merge(0.0_wp, abs(lambda%im), still), wp)
+    shape = x
+    if (lambda%im < 0.0_wp .and. .not. still) shape = conjg(x)
+    residual = residual_of(ds, pole, shape, 1.0_wp)
+    ok = residual <= no_pole
+    if (ok) call modes%add(merge(real_pole, kind, still), mode, pole, residual, shape)
   end subroutine add_pole
 
   !> Which of the first modes resembles a shape most, in the sense of the mass matrix.
