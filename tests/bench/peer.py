@@ -231,24 +231,30 @@ def chain_seconds(program, links, steps):
     return march_seconds(WORK / "chain")
 
 
+def look(label):
+    """Marker, line and colours of a curve: exudyn dashed, nodal models triangles, modal ones circles."""
+    if label.startswith("exudyn"):
+        return "s", "--", "autumn"
+    return ("o", "-", "viridis") if "modes" in label else ("^", "-", "winter")
+
+
 def picture(blocks):
-    """Error against seconds, one panel a block; each curve is named at its end."""
-    figure, axes = plt.subplots(1, len(blocks), figsize=(6.4 * len(blocks), 6.2))
+    """Error against seconds, one panel a block."""
+    figure, axes = plt.subplots(1, len(blocks), figsize=(5.6 * len(blocks), 6.0), sharey=True)
     for axis, (title, curves) in zip(axes, blocks):
-        ours, theirs = plt.get_cmap("viridis"), plt.get_cmap("autumn")
-        for program, shades in (("biela", ours), ("exudyn", theirs)):
-            labels = [label for label in curves if label.startswith(program)]
-            for k, label in enumerate(labels):
-                points = curves[label]
-                style = "s--" if program == "exudyn" else "o-"
-                color = shades(0.85 * k / max(1, len(labels) - 1))
-                axis.loglog([p[2] for p in points], [p[1] for p in points], style, color=color, label=label, markersize=4)
-        axis.set(xlabel="seconds of the processor, solver alone", title=title)
+        for label, points in curves.items():
+            marker, line, shades = look(label)
+            alike = [other for other in curves if look(other) == look(label)]
+            color = plt.get_cmap(shades)(0.85 * alike.index(label) / max(1, len(alike) - 1))
+            axis.loglog(
+                [p[2] for p in points], [p[1] for p in points], line, marker=marker, color=color, label=label, markersize=5
+            )
+        axis.set(xlabel="seconds of the processor, solver alone", title=title, ylim=(1e-7, 0.1))
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
     axes[0].set_ylabel("largest error of the mid-rod deflection over its largest value")
     figure.tight_layout()
-    figure.savefig(RESULTS / "peer.png", dpi=120)
+    figure.savefig(RESULTS / "peer.png", dpi=110)
     plt.close(figure)
 
 
