@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from histories import read
 
 SCENE = """&scene title='all columns' /
 &material name='m' density=1200.0 young=1.0e8 rayleigh_stiffness=1.0e-5 /
@@ -135,3 +136,26 @@ def test_figures_of_a_mode_follow_from_its_pole(run):
     vibrations = m["kind"] == 1
     assert vibrations.sum() == 3
     assert (m["damping_ratio"][vibrations] > 1e-4).all()
+
+
+def test_shapes_close_the_joints_about_a_deflected_state(run_deck):
+    """A block hinged to the middle of a sagging beam that rocks on its support: both move alike in every mode."""
+    text = """&scene gravity=0.0,-9.81 /
+&material name='m' density=1200.0 young=1.0e7 /
+&section name='s' shape='rectangle' width=0.02 height=0.012 /
+&body name='beam' kind='beam' length=0.4 elements=2 material='m' section='s' /
+&body name='block' kind='rigid' mass=0.1 inertia=1e-5 com=0.0,-0.02 position=0.2,0.0 /
+&joint name='o' type='revolute' body_a='beam' node_a=1 /
+&joint name='e' type='revolute' body_a='block' body_b='beam' node_b=2 /
+&spring name='end' type='linear' body_a='beam' node_a=3 point_b=0.4,0.3 stiffness=50.0 /
+&spring name='hold' type='torsional' body_a='block' body_b='beam' node_b=2 stiffness=0.5 /
+&static /
+&modal modes=4 /
+"""
+    h = read(run_deck(text).folder, "modes")
+    static = read(run_deck(text, name="again").folder, "static")
+    chord = static["state.beam.angle"][-1]
+    assert abs(static["state.beam.2.y"][-1] - 0.2 * np.sin(chord)) > 0.01  # it sags
+    assert max(np.abs(h["beam.angle.re"])) > 0.1
+    for axis in "xy":
+        np.testing.assert_allclose(h[f"block.{axis}.re"], h[f"beam.2.{axis}.re"], rtol=0, atol=1e-9)

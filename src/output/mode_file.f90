@@ -32,7 +32,7 @@ contains
     call file%line('# positions: '//positions(m, q))
     call file%line('# columns: '//figures//shape_names(m))
     do k = 1, modes%count
-      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, modes%x(:, k))])
+      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, q, modes%x(:, k))])
     end do
     call file%close()
     failed = file%failed
@@ -90,13 +90,14 @@ contains
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.
-  pure function shape_row(m, x) result(row)
+  pure function shape_row(m, q, x) result(row)
     type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq) present positions
     complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation: body axes
     real(wp), allocatable :: row(:)
     complex(wp), allocatable :: d(:)
     integer :: k
-    d = displacements(m, x)
+    d = displacements(m, q, x)
     allocate (row(2*size(d)))
     do k = 1, size(d)
       row(2*k - 1) = d(k)%re
@@ -105,12 +106,13 @@ contains
   end function shape_row
 
   !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
-  pure function displacements(m, x) result(d)
+  pure function displacements(m, q, x) result(d)
     type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq) present positions
     complex(wp), intent(in) :: x(:)
     complex(wp), allocatable :: d(:)
     complex(wp) :: w(2), u(3), largest
-    real(wp) :: rho(2), weight
+    real(wp) :: rho(2), now(3), weight
     integer :: b, i, k, j
     allocate (d(sum(3 + 2*m%s%bodies%nn)))
     j = 0
@@ -129,8 +131,8 @@ contains
         do k = 1, bo%nn
           u = cmplx(bo%displacement(k, real(x(i + 4:i + 3 + bo%nf), wp)), &
                     bo%displacement(k, aimag(x(i + 4:i + 3 + bo%nf))), wp)
-          rho = bo%x(:, k)
-          if (bo%flexible) rho = rho + deflection(m, b, k)
+          now = bo%displacement(k, q(i + 4:i + 3 + bo%nf))
+          rho = bo%x(:, k) + now(1:2)
           w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
           d(j + 1) = m%c(b)*w(1) - m%sn(b)*w(2)
           d(j + 2) = m%sn(b)*w(1) + m%c(b)*w(2)
@@ -142,13 +144,4 @@ contains
     end do
     if (abs(largest) > 0.0_wp) d = d/largest
   end function displacements
-
-  !> Present deflection of a node (the last evaluation's coordinates) [m].
-  pure function deflection(m, b, k) result(u)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b, k
-    real(wp) :: u(2), v(3)
-    v = m%s%bodies(b)%displacement(k, m%s%bodies(b)%qx(1:m%s%bodies(b)%nf))
-    u = v(1:2)
-  end function deflection
 end module mode_file
