@@ -52,7 +52,7 @@ class Twins:
     def call(self, word, text=""):
         """Return the lines that the probe prints."""
         done = subprocess.run(
-            [str(self.probe), word, str(self.path)], input=text, capture_output=True, text=True, timeout=120, check=False
+            [str(self.probe), word, str(self.path)], input=text, capture_output=True, text=True, timeout=600, check=False
         )
         assert done.returncode == 0, f"probe {word}: {done.stderr}"
         return done.stdout.splitlines()

@@ -17,7 +17,7 @@ DECK = """&body name='a' mass=1.0 inertia=0.1 com=0.5,0.0 /
 
 def call(biela: Path, folder: Path, *arguments: str, given: str = "") -> subprocess.CompletedProcess[str]:
     """Run the solver in a folder with a text on its standard input."""
-    return subprocess.run([biela, *arguments], cwd=folder, input=given, capture_output=True, text=True, timeout=20, check=False)
+    return subprocess.run([biela, *arguments], cwd=folder, input=given, capture_output=True, text=True, timeout=600, check=False)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from compare import differences
-from conftest import REFERENCE, caught, program, wait_for
+from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
 from histories import read
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
@@ -373,7 +373,7 @@ def stopped(command, folder):
     wait_for(folder / "results" / "scene" / "history.txt", job)
     time.sleep(0.1)
     job.send_signal(signal.SIGINT)
-    status = job.wait(timeout=120)
+    status = job.wait(timeout=TIMEOUT)
     assert status in (0, 128 + signal.SIGINT)
     return True if status else None
 

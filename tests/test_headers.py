@@ -55,7 +55,7 @@ def run(biela, tmp_path_factory):
     folder = tmp_path_factory.mktemp("headers")
     text = SCENE + "".join(f"&sensor name='s{k}' quantity='{q}' {place} /\n" for k, (q, place, _) in enumerate(SENSORS))
     (folder / "scene.nml").write_text(text + ANALYSES, encoding="utf-8")
-    subprocess.run([str(biela), "--quiet", "scene.nml"], cwd=folder, check=True, timeout=60)
+    subprocess.run([str(biela), "--quiet", "scene.nml"], cwd=folder, check=True, timeout=600)
     found = {}
     for path in (folder / "results" / "scene").glob("*.txt"):
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -26,7 +26,7 @@ def run(biela, folder, deck):
     """Return the status, the messages and the rows of history.txt (None without) of a deck's text."""
     (folder / "d.nml").write_text(deck, encoding="utf-8")
     done = subprocess.run(
-        [biela, "--quiet", "--output", "out", "d.nml"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+        [biela, "--quiet", "--output", "out", "d.nml"], cwd=folder, capture_output=True, text=True, timeout=600, check=False
     )
     told = done.stderr + done.stdout
     assert done.returncode in (0, 1, 2), told

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import caught, wait_for
+from conftest import TIMEOUT, caught, wait_for
 
 SCENE = """&scene title='two beams, a drive, a spring, a pulse' gravity=0.0,-9.81 /
 &material name='m' density=1500.0 young=3.0e9 ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0 rayleigh_stiffness=1e-6 /
@@ -57,7 +57,7 @@ class Place:
     def run(self, *options) -> tuple[int, str]:
         """Run to the end; return exit status and what was said."""
         done = self.start(*options)
-        _, told = done.communicate(timeout=120)
+        _, told = done.communicate(timeout=TIMEOUT)
         return done.returncode, told
 
     @property
@@ -92,7 +92,7 @@ def killed_after(place, seconds, number, *options):
     process = place.start(*options)
     time.sleep(seconds)
     process.send_signal(number)
-    _, told = process.communicate(timeout=120)
+    _, told = process.communicate(timeout=TIMEOUT)
     return process.returncode, told
 
 
@@ -141,7 +141,7 @@ def test_signals_stop_cleanly(method, number, place):
         wait_for(cut.results / "history.txt", process)
         time.sleep(0.01)
         process.send_signal(number)
-        _, told = process.communicate(timeout=120)
+        _, told = process.communicate(timeout=TIMEOUT)
         assert process.returncode in (0, 128 + number)
         return told if process.returncode else None
 
