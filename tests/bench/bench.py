@@ -76,7 +76,7 @@ def measure(jobs):
 
 
 def run_process(name, text):
-    """Seconds of the process by the clock, of its march by the summary, and of the processor; None where refused."""
+    """Seconds of the process by the clock, of the processor in its march, and in all of it; None where refused."""
     deck = WORK / f"{name}.nml"
     deck.write_text(text)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -86,7 +86,7 @@ def run_process(name, text):
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         return None
-    march = re.search(r"timing: analyses took\s+(\S+) s", (WORK / name / "summary.txt").read_text())
+    march = re.search(r"s, +(\S+) s of the processor", (WORK / name / "summary.txt").read_text())
     processor = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
     return seconds, float(march.group(1)), processor
 
