@@ -90,7 +90,7 @@ def test_a_drive_that_demands_the_impossible(method, run_deck):
 def test_joints_that_drift_apart(method, run_deck):
     text = f"&transient t_end=0.1 method={method} output_step=1e-3 stabilization='none' /\n"
     run, told = failed(run_deck, PULL + text)
-    assert "the joints have drifted apart" in told or "the solution diverged" in told
+    assert "the joints have drifted apart" in told or "the solution diverged" in told or "the step became too small" in told
     assert run.energy["position_violation"].max() < 0.01 * 5.0
 
 

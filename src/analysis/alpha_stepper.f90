@@ -21,6 +21,8 @@ module alpha_stepper
   implicit none (type, external)
   private
 
+  real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
+
   integer, parameter :: most_halvings = 30      !! of a fixed step that fails
 
   !> The method.
@@ -256,10 +258,10 @@ contains
     error = 8.0_wp
     if (ok) then
       call error_vector(self%solver, m, self%tried, self%error, self%trial)
-      error = self%norm%measure(self%error, self%trial, h, self%tolerance)
+      error = self%norm%measure(self%error, self%trial, h, aim*self%tolerance)
       if (error > 1.0_wp .and. nearly_dependent(m)) then
         call own_error(self%solver, m, self%error)
-        error = min(error, self%norm%measure(self%error, self%trial, h, self%tolerance))
+        error = min(error, self%norm%measure(self%error, self%trial, h, aim*self%tolerance))
       end if
       if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
     end if

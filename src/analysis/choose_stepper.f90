@@ -36,14 +36,15 @@ contains
   end function method_order
 
   !> A stepper for the deck's transient.
-  subroutine make_stepper(r, s, march)
+  subroutine make_stepper(r, s, fastest, march)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
+    real(wp), intent(in) :: fastest            !! largest frequency of the scene, where it is known [rad/s]
     class(stepper), allocatable, intent(out) :: march
     if (r%method == 'generalized_alpha') then
       call make_implicit(r, s, march)
     else if (r%adaptive) then
-      call make_adaptive(r, s, march)
+      call make_adaptive(r, s, fastest, march)
     else
       call make_fixed(r, march)
     end if
@@ -87,9 +88,10 @@ contains
   end subroutine make_fixed
 
   !> The adaptive method, which stops at every corner.
-  subroutine make_adaptive(r, s, march)
+  subroutine make_adaptive(r, s, fastest, march)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
+    real(wp), intent(in) :: fastest            !! [rad/s]
     class(stepper), allocatable, intent(out) :: march
     type(adaptive_stepper), allocatable :: adaptive
     type(corner), allocatable :: corners(:)
@@ -99,6 +101,7 @@ contains
     adaptive%first_step = r%first_step
     if (r%max_step > 0.0_wp) adaptive%max_step = r%max_step
     call group_unknowns(s, adaptive%norm)
+    adaptive%norm%fastest = fastest
     call scene_corners(s, r%t_end, method_order(r%method), corners)
     adaptive%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
     adaptive%jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]

@@ -27,33 +27,38 @@ module step_bounds
 contains
 
   !> Bound at an evaluated state of a mechanism, joints held or released.
-  subroutine find_bound(d, m, held, fast, bound)
+  subroutine find_bound(d, m, held, fast, bound, lambda, force)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast !! set up
     type(step_bound), intent(out) :: bound
+    real(wp), intent(out), optional :: lambda  !! largest squared frequency, instantaneous stiffness [rad2/s2]
+    real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations
     type(fast_mode) :: f
-    real(wp) :: lambda
-    logical :: alike
+    real(wp) :: most
     integer :: k
-    call fast%largest(m, held, .false., 100, lambda)
-    alike = size(fast%lin%runs) == 1 .and. fast%steps > 0
+    call fast%largest(m, held, .false., 100, most)
+    if (present(lambda)) lambda = most
+    if (present(force)) then
+      force = 0.0_wp
+      do k = 1, min(4, fast%steps)
+        force = force + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
+      end do
+    end if
     do k = 1, min(modes_looked_at, fast%steps)
-      if (fast%e(fast%steps + 1 - k) < 0.25_wp*lambda) exit
+      if (fast%e(fast%steps + 1 - k) < 0.25_wp*most) exit
       call fast%mode(m, k, f)
-      if (alike) alike = abs(f%runs(1) - f%stiffness) <= 1.0e-9_wp*f%stiffness
       call look_at(d, m, fast, f, bound)
     end do
     if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
-      alike = .false.
-      call fast%largest(m, held, .true., 100, lambda)
+      call fast%largest(m, held, .true., 100, most)
       do k = 1, min(2, fast%steps)
         call fast%mode(m, k, f)
         call look_at(d, m, fast, f, bound)
       end do
     end if
-    call material_poles(d, m, fast, alike, bound)
+    call material_poles(d, m, held, fast, bound)
   end subroutine find_bound
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
@@ -65,7 +70,6 @@ contains
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
     character(120) :: what
-    real(wp), allocatable :: fast_pair(:)
     logical, allocatable :: is_mode(:)
     real(wp) :: total
     integer :: body, k
@@ -73,15 +77,24 @@ contains
     total = f%stiffness + sum(f%runs)
     call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
     call describe(m, f, body, axial, what)
-    fast_pair = abs(roots - cmplx(0.0_wp, 1.0_wp, wp)*sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)))
-    k = minloc(fast_pair, dim=1)
-    fast_pair = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
-    is_mode = fast_pair <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
+    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
     call take(pack(roots, is_mode), what, body, 0, axial, bound)
     if (all(is_mode)) return
     k = maxloc(f%runs, dim=1)
     call take(pack(roots, .not. is_mode), pole_name(d, m, fast, k), body, k, .false., bound)
   end subroutine look_at
+
+  !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
+  pure subroutine mark_mode(roots, omega, is_mode)
+    complex(wp), intent(in) :: roots(:)        !! [1/s]
+    real(wp), intent(in) :: omega              !! [rad/s]
+    logical, allocatable, intent(out) :: is_mode(:)
+    real(wp) :: apart(size(roots))
+    integer :: k
+    k = minloc(abs(roots - cmplx(0.0_wp, omega, wp)), dim=1)
+    apart = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
+    is_mode = apart <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
+  end subroutine mark_mode
 
   !> What GHM adds to a mode's stiffness at once [1/s2].
   pure function extra(fast, runs) result(k)
@@ -157,25 +170,31 @@ contains
     call eigenvalues(a, roots)
   end subroutine modal_roots
 
-  !> Poles of every material's and spring's terms at both ends: an element that hardly resists (the terms' own poles), and
-  !> one that hardly has mass (the zeros of E(s)); those of real modes lie between. Where all that is elastic is of one
-  !> material, modes decouple, and slower ones lie between the first end and the fastest mode, which has been looked at.
-  subroutine material_poles(d, m, fast, alike, bound)
+  !> Poles of every material's and spring's terms, between two ends: where hardly anything moves (the terms' own poles, which
+  !> slow modes approach), and where the least mass resists, in the motion that the material or spring alone would make
+  !> fastest. Poles of real modes lie between.
+  subroutine material_poles(d, m, held, fast, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    type(fast_spectrum), intent(in) :: fast
-    logical, intent(in) :: alike               !! all stiffness is of one material, nothing else damps
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held
+    type(fast_spectrum), intent(inout) :: fast
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
+    logical, allocatable :: is_mode(:)
+    real(wp) :: share(size(fast%lin%runs)), lambda
     integer :: r
     do r = 1, size(fast%lin%runs)
       if (repeated(r)) cycle
       associate (t => fast%lin%runs(r))
-        call term_roots(t%alpha, t%zeta, t%omega, .false., roots)
+        call term_roots(t%zeta, t%omega, roots)
         call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
-        if (alike) cycle
-        call term_roots(t%alpha, t%zeta, t%omega, .true., roots)
-        call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
+        call fast%largest_of_run(m, held, r, lambda)
+        if (.not. lambda > 0.0_wp) cycle
+        share = 0.0_wp
+        share(r) = lambda
+        call modal_roots(fast, 0.0_wp, 0.0_wp, share, 0.0_wp, roots)
+        call mark_mode(roots, sqrt(lambda*(1 + sum(t%alpha))), is_mode)
+        call take(pack(roots, .not. is_mode), pole_name(d, m, fast, r), t%body, r, .false., bound)
       end associate
     end do
   contains
@@ -191,27 +210,14 @@ contains
     end function repeated
   end subroutine material_poles
 
-  !> Roots of z'' + 2 zeta omega z' + omega^2 (z - x) = 0 for all terms, x held (0) or without mass: (1 + sum alpha) x =
-  !> sum alpha z.
-  subroutine term_roots(alpha, zeta, omega, massless, roots)
-    real(wp), intent(in) :: alpha(:), zeta(:)  !! [-]
+  !> The terms' own poles, roots of s2 + 2 zeta omega s + omega2: those of z where x is held.
+  pure subroutine term_roots(zeta, omega, roots)
+    real(wp), intent(in) :: zeta(:)            !! [-]
     real(wp), intent(in) :: omega(:)           !! [rad/s]
-    logical, intent(in) :: massless
     complex(wp), allocatable, intent(out) :: roots(:)
-    real(wp), allocatable :: a(:, :)
-    integer :: j, k, n
-    n = size(alpha)
-    allocate (a(2*n, 2*n), source=0.0_wp)
-    do j = 1, n
-      a(2*j - 1, 2*j) = omega(j)
-      a(2*j, 2*j - 1) = -omega(j)
-      a(2*j, 2*j) = -2*zeta(j)*omega(j)
-      if (.not. massless) cycle
-      do k = 1, n
-        a(2*j, 2*k - 1) = a(2*j, 2*k - 1) + omega(j)*alpha(k)/(1 + sum(alpha))
-      end do
-    end do
-    call eigenvalues(a, roots)
+    complex(wp) :: w(size(zeta))
+    w = sqrt(cmplx(zeta**2 - 1, 0.0_wp, wp))
+    roots = [omega*(w - zeta), omega*(-w - zeta)]
   end subroutine term_roots
 
   !> Eigenvalues of a small dense matrix.

@@ -6,7 +6,7 @@ module step_monitor
   use deck_records, only: deck
   use dynamics, only: evaluate
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, fast_mode
+  use spectrum, only: fast_spectrum
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, material_poles
   implicit none (type, external)
@@ -23,6 +23,7 @@ module step_monitor
     real(wp) :: pole_step = huge(1.0_wp)       !! what does not depend on the configuration [s]
     real(wp) :: mode_step = huge(1.0_wp)       !! of the fastest mode at the start [s]
     real(wp) :: start_lambda = 0.0_wp          !! its squared frequency [rad2/s2]
+    real(wp) :: fastest = 0.0_wp               !! largest frequency, joints released, 0: nothing vibrates [rad/s]
     real(wp) :: smallest = huge(1.0_wp)        !! smallest current bound so far [s]
     real(wp) :: at = 0.0_wp                    !! when [s]
     type(fast_spectrum) :: fast
@@ -52,28 +53,22 @@ contains
     real(wp), intent(in) :: q(:)               !! (nq) positions at the start
     character(*), intent(in) :: method
     type(mechanism_model) :: work
-    type(step_bound) :: bound
-    type(fast_mode) :: f
+    type(step_bound) :: bound, poles
     real(wp), allocatable :: rest(:), none(:), force(:)
     complex(wp) :: mu
-    integer :: k
     self%method = method_number(method)
-    if (self%method == 0 .or. m%s%rows == 0) return
+    if (self%method == 0) return
     work = m
     allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
     call evaluate(work, 0.0_wp, q, rest, none, none)
     call self%fast%set_up(work, q)
-    call material_poles(d, work, self%fast, .false., bound)
-    self%pole_step = bound%step(self%method)
-    call self%fast%largest(work, .false., .false., 100, self%start_lambda)
-    if (.not. self%start_lambda > 0.0_wp) return
-    do k = 1, min(4, self%fast%steps)
-      call self%fast%mode(work, k, f)
-      force = force + matmul(self%fast%w(:, 1:self%fast%steps), self%fast%t(1:self%fast%steps, self%fast%steps + 1 - k))
-    end do
-    call find_bound(d, work, .false., self%fast, bound)
+    call find_bound(d, work, .false., self%fast, bound, self%start_lambda, force)
+    self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
+    if (m%s%rows == 0 .or. .not. self%start_lambda > 0.0_wp) return
     mu = bound%mu(self%method)
     self%mode_step = bound%step(self%method)
+    call material_poles(d, work, .false., self%fast, poles)
+    self%pole_step = poles%step(self%method)
     if (bound%run(self%method) > 0) then
       self%mode_step = huge(1.0_wp)
       self%pole_step = bound%step(self%method)

@@ -75,7 +75,8 @@ contains
     type(failure), intent(inout) :: fail
     associate (r => run%d%transient, s => run%sys%m%s)
       call choose_stabilisation(run)
-      call make_stepper(r, s, march%method)
+      call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
+      call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
         call fail%raise(status_failed, 'method '''//trim(r%method)//''' is not available')
         return
@@ -86,7 +87,6 @@ contains
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       march%files%energy_floor = sum(s%bodies%mass)*(1.0e-6_wp*s%size/r%t_end)**2
       call run%watch%begin(run%sys%m)
-      call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
       call march%method%begin(run%sys, 0.0_wp, run%y)
     end associate
   end subroutine prepare

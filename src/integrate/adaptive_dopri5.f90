@@ -1,6 +1,13 @@
 !> Dormand-Prince 5(4) with step control, continuous output and stops at the corners of histories (Dormand and Prince 1980;
 !> Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected
 !> before its derivative is taken: the seventh stage is then the first of the next step also where states are projected.
+!>
+!> Local errors may be as large as the tolerance, for values, rates and the derivatives of rates, each relative to its group.
+!> Where nothing damps them they add up, so each is held to its share of a sum over the run's length T: values and rates to
+!> the step's part h/T of some hundred tolerances. Derivatives are where fast vibrations show, and for these the sum is known:
+!> the estimate of a vibration z = i h omega is z5/1200, the error 2.8e-4 z6, a third of h omega of the estimate; after
+!> T/h steps they make omega T/3 estimates. Errors of derivatives are a difference quotient along the error itself,
+!> f(y + s e) - f(y) over s.
 module adaptive_dopri5
   use kinds, only: wp
   use archive, only: value_archive
@@ -19,6 +26,11 @@ module adaptive_dopri5
                                  -10690763975.0_wp/1880347072.0_wp, 701980252875.0_wp/199316789632.0_wp, &
                                  -1453857185.0_wp/822651844.0_wp, 69997945.0_wp/29380423.0_wp]
 
+  real(wp), parameter :: whole_run = 300.0_wp      !! tolerances that estimates of values and rates may add up to in a run [-]
+  real(wp), parameter :: vibration = 200.0_wp      !! the same for derivatives, over omega T [-]
+  real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance: however long the run, no less is asked for [-]
+  real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: below it there is nothing to follow [-]
+  real(wp), parameter :: shift = 1.0e-7_wp         !! of the scales: size of the difference quotient's step [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
 
   !> The method.
@@ -34,6 +46,8 @@ module adaptive_dopri5
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
     real(wp), allocatable :: k7(:)            !! (n) derivative at the end of the step
     real(wp), allocatable :: error(:)         !! (n)
+    real(wp), allocatable :: moved(:)         !! (n) the end of the step moved along the error
+    real(wp), allocatable :: slope(:)         !! (n) the derivative there, then the error of the derivative
     real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
     real(wp) :: dense_step = 0.0_wp           !! its size [s]
@@ -52,13 +66,15 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: y(:)              !! (n)
     call self%stages%prepare(dormand_prince(), size(y))
-    allocate (self%k7(size(y)), self%error(size(y)), self%dense(size(y), 5), source=0.0_wp)
+    allocate (self%k7(size(y)), self%error(size(y)), self%moved(size(y)), self%slope(size(y)), self%dense(size(y), 5), &
+              source=0.0_wp)
     self%t = t
     self%y = y
     self%trial = y
     self%h = self%first_step
     call self%norm%watch(y)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
+    call self%norm%watch_slopes(self%stages%k(:, 1))
   end subroutine begin
 
   !> Marches towards an output time (see `time_stepper`).
@@ -143,6 +159,7 @@ contains
     self%y = self%trial
     self%stages%k(:, 1) = self%k7
     call self%norm%watch(self%y)
+    call self%norm%watch_slopes(self%k7)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
     if (.not. at_stop) return
@@ -175,8 +192,32 @@ contains
       self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
                          + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
     end do
-    err = self%norm%measure(self%error, self%trial, h, self%tolerance)
+    call weigh(self, system, h, err)
   end subroutine try_step
+
+  !> The error of a step in what it is allowed.
+  subroutine weigh(self, system, h, err)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(out) :: err              !! [-]
+    real(wp) :: length, allowed, s
+    integer :: k
+    length = self%stops(size(self%stops))
+    allowed = self%tolerance*min(1.0_wp, max(least_share, whole_run*h/length))
+    err = self%norm%measure(self%error, self%trial, h, allowed)
+    if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
+    s = shift/(err*allowed)
+    do k = 1, size(self%y)
+      self%moved(k) = self%trial(k) + s*self%error(k)
+    end do
+    call system%derivative(self%tried, self%moved, .true., self%slope)
+    do k = 1, size(self%y)
+      self%slope(k) = (self%slope(k) - self%k7(k))/s
+    end do
+    allowed = self%tolerance*min(1.0_wp, max(least_share, vibration/(self%norm%fastest*length)))
+    err = max(err, self%norm%measure_slopes(self%slope, self%k7, h, allowed))
+  end subroutine weigh
 
   !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
   subroutine keep_dense(self, h)
@@ -229,6 +270,7 @@ contains
     call a%exchange(self%h)
     call self%control%exchange(a)
     call a%exchange(self%norm%largest)
+    call a%exchange(self%norm%steepest)
     call a%exchange(self%stages%k(:, 1))
     call a%exchange(self%dense)
     call a%exchange(self%dense_start)

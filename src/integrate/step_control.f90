@@ -7,7 +7,6 @@ module step_control
   private
 
   real(wp), parameter :: safety = 0.9_wp      !! on the step that the error model predicts [-]
-  real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: this part of the tolerance is allowed to each [-]
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
   real(wp), parameter :: calm = 1.0e-4_wp     !! least error that is remembered [-]
@@ -19,9 +18,14 @@ module step_control
     logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values, moved in one step
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far
     real(wp), allocatable :: scale(:)         !! (groups) work
+    logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
+    real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far
+    real(wp) :: fastest = 0.0_wp              !! largest natural frequency of the system, 0: nothing vibrates [rad/s]
   contains
     procedure :: watch
+    procedure :: watch_slopes
     procedure :: measure
+    procedure :: measure_slopes
   end type error_norm
 
   !> The controller; order is that of the error estimate's companion (5 for 5(4) pairs).
@@ -48,7 +52,43 @@ contains
     end do
   end subroutine watch
 
-  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to; 1: just allowed.
+  !> Updates the largest derivatives.
+  pure subroutine watch_slopes(self, dy)
+    class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: dy(:)             !! (n)
+    integer :: k
+    do k = 1, size(dy)
+      if (self%group(k) == 0) cycle
+      if (self%slope(self%group(k))) self%steepest(self%group(k)) = max(self%steepest(self%group(k)), abs(dy(k)))
+    end do
+  end subroutine watch_slopes
+
+  !> Largest error of a derivative over the largest that its group has had, in tolerances. Not asked of derivatives below a
+  !> millionth of the largest of the system, and below what rounding leaves of them: eps v h, times the square of the fastest
+  !> frequency.
+  function measure_slopes(self, e, dy, h, tolerance) result(worst)
+    class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step
+    real(wp), intent(in) :: h                 !! step [s]
+    real(wp), intent(in) :: tolerance         !! [-]
+    real(wp) :: worst                         !! [-]
+    real(wp), parameter :: rounding = 16*epsilon(1.0_wp), least = 1.0e-6_wp
+    integer :: k
+    self%scale = self%steepest
+    do k = 1, size(dy)
+      if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(dy(k)))
+    end do
+    self%scale = max(self%scale, least*maxval(self%scale/self%floor, self%slope)*self%floor)
+    self%scale = tolerance*self%scale + rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
+    worst = 0.0_wp
+    do k = 1, size(e)
+      if (self%group(k) == 0) cycle
+      if (self%slope(self%group(k))) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
+    end do
+  end function measure_slopes
+
+  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to, in tolerances; 1: just
+  !> allowed.
   function measure(self, e, y, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
@@ -66,7 +106,7 @@ contains
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
     end do
-    worst = worst/(aim*tolerance)
+    worst = worst/tolerance
   end function measure
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).

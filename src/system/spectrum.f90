@@ -36,9 +36,11 @@ module spectrum
     real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
     real(wp), allocatable :: t(:, :), e(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
+    integer :: only = 0                        !! GHM run whose material or spring alone counts as stiffness, 0: everything
   contains
     procedure :: set_up
     procedure :: largest
+    procedure :: largest_of_run
     procedure :: mode
   end type fast_spectrum
 
@@ -173,6 +175,18 @@ contains
     end do
   end subroutine largest
 
+  !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM run's material or spring [rad2/s2].
+  subroutine largest_of_run(self, m, held, run, lambda)
+    class(fast_spectrum), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held              !! joints and drives held
+    integer, intent(in) :: run
+    real(wp), intent(out) :: lambda
+    self%only = run
+    call self%largest(m, held, .false., most_vectors, lambda)
+    self%only = 0
+  end subroutine largest_of_run
+
   !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
   subroutine mode(self, m, k, f)
     class(fast_spectrum), intent(in) :: self
@@ -216,7 +230,10 @@ contains
     real(wp), intent(out) :: y(:)
     real(wp) :: s
     integer :: i, k
-    if (damping) then
+    if (self%only > 0) then
+      call multiply_run(self, m, x, y)
+      return
+    else if (damping) then
       y = 0.0_wp
       call self%lin%damping%times(1.0_wp, x, y)
     else
@@ -233,6 +250,25 @@ contains
       if (abs(s) > 0.0_wp) call spring_push(m, k, s, y)
     end do
   end subroutine multiply
+
+  !> y = K_r x, the static stiffness of the chosen run's material wherever it is, or of its spring.
+  subroutine multiply_run(self, m, x, y)
+    class(fast_spectrum), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: y(:)
+    integer :: k
+    y = 0.0_wp
+    associate (runs => self%lin%runs, r => self%lin%runs(self%only))
+      if (r%spring > 0) then
+        call spring_push(m, r%spring, self%spring_static(r%spring)*spring_stretch(m, r%spring, x), y)
+        return
+      end if
+      do k = 1, size(runs)
+        if (runs(k)%spring == 0 .and. runs(k)%material == r%material) call runs(k)%stiffness%times(1.0_wp, x, y)
+      end do
+    end associate
+  end subroutine multiply_run
 
   !> Displacement of a place, global, and turn of its section, from the unknowns.
   pure function place_shift(m, k, x) result(d)
