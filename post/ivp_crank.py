@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The flexible slider-crank of the IVP test set: error against its converged history and cost, for every method.
 
-Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against seconds. The
+Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against evaluations. The
 converged history (linear elasticity, by an independent program) is tests/reference/published/crank_conv_lin_ini2.csv.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
@@ -27,6 +28,19 @@ from tradeoff_settings import FAMILIES, Setting, grid_of, with_setting
 COLUMNS = {"rod": "phi2", "slider.x": "x3", "mid.v": "wmid_local"}
 MESHES = (2, 4, 8, 16)
 ASKED = {"rod", "slider", "mid", "motor"}
+RADII = (0.9, 0.5, 0.0)  # of generalized_alpha
+
+
+@dataclass(frozen=True)
+class Row:
+    """A run: its mesh, curve, family, setting in words, what it gave, and its errors (rod angle, slider, deflection)."""
+
+    elements: int
+    curve: str
+    family: str
+    setting: str
+    outcome: Outcome
+    errors: list[float]
 
 
 def errors(run: Outcome, reference: History) -> list[float]:
@@ -39,50 +53,73 @@ def errors(run: Outcome, reference: History) -> list[float]:
 
 
 def settings(family: str) -> list[Setting]:
-    """Return the ladder of a method: steps of the output interval over 4 to 1024, tolerances from 1e-3 to 1e-9."""
+    """Return the ladder of a method.
+
+    Explicit steps go from the output interval over 4 to that over 1024, implicit ones from the interval to its 256th part;
+    tolerances fall from 1e-3 (implicit: 1e-2) by tens, seven and four times.
+    """
+    implicit = FAMILIES[family][0] == "generalized_alpha"
     if FAMILIES[family][1] == "tolerance":
-        return [Setting(family, k) for k in range(2, 16, 2)]
-    first = Setting(family, 3)
-    ladder = [first]
+        return [Setting(family, k) for k in (range(0, 10, 2) if implicit else range(2, 16, 2))]
+    ladder = [Setting(family, 0 if implicit else 3)]
     while len(ladder) < 9:
         ladder.append(ladder[-1].doubled())
     return ladder
 
 
-def rows(
-    runner: Runner, deck: DeckText, families: list[str], reference: History
-) -> list[tuple[int, str, Setting, Outcome, list[float]]]:
-    """Return (elements, family, setting, outcome, errors) of every run that the solver accepts."""
+def variants(families: list[str]) -> list[tuple[str, float | None]]:
+    """Return (family, spectral radius) of each curve; the fixed-step implicit method has one curve for each of `RADII`."""
+    found: list[tuple[str, float | None]] = []
+    for family in families:
+        fixed = family == "generalized_alpha"
+        found += [(family, radius) for radius in RADII] if fixed else [(family, None)]
+    return found
+
+
+def with_radius(deck: DeckText, radius: float | None) -> DeckText:
+    """Return a deck with a spectral radius, as it is without one."""
+    return deck if radius is None else deck.set(deck.one("transient"), spectral_radius=f"{radius:g}")
+
+
+def rows(runner: Runner, deck: DeckText, families: list[str], reference: History) -> list[Row]:
+    """Return every run that the solver accepts."""
     grid = grid_of(deck)
-    plan = [(n, f, s) for n in MESHES for f in families for s in settings(f)]
+    plan = [(n, f, r, s) for n in MESHES for f, r in variants(families) for s in settings(f)]
     meshes = {n: deck_models.with_elements(deck, "rod", n, ASKED) for n in MESHES}
-    texts = [with_setting(meshes[n], s, grid, grid.interval).text for n, _, s in plan]
+    texts = [with_radius(with_setting(meshes[n], s, grid, grid.interval), r).text for n, _, r, s in plan]
     outcomes = runner.all(texts, "IVP slider-crank")
     runner.clear_line()
-    return [(*p, o, errors(o, reference)) for p, o in zip(plan, outcomes) if o.ok]
+    return [
+        Row(n, f"{f}, radius {r:g}" if r is not None else f, f, s.words(grid), o, errors(o, reference))
+        for (n, f, r, s), o in zip(plan, outcomes)
+        if o.ok
+    ]
 
 
-def table(found: list, grid_words) -> str:
-    """Return the table: the coarsest accepted run of each mesh and method, then ever finer ones."""
+def table(found: list[Row]) -> str:
+    """Return the table: by mesh and curve, from the coarsest run that the solver accepts to the finest."""
     head = f"{'rod angle':>9} {'slider':>9} {'mid-rod':>9} {'seconds':>9} {'evaluations':>11} {'solves':>9}"
-    lines = [f"{'elements':>8}  {'setting':34} {head}"]
-    for n, _, setting, o, (rod, slider, mid) in found:
+    lines = [f"{'elements':>8}  {'curve':29} {'setting':36} {head}"]
+    for row in found:
+        o, (rod, slider, mid) = row.outcome, row.errors
         counts = f"{o.evaluations:11} {o.counts.get('solves', 0):9}"
-        lines.append(f"{n:8}  {grid_words(setting):34} {rod:9.1e} {slider:9.1e} {mid:9.1e} {o.seconds:9.4f} {counts}")
+        figures = f"{rod:9.1e} {slider:9.1e} {mid:9.1e} {o.seconds:9.4f} {counts}"
+        lines.append(f"{row.elements:8}  {row.curve:29} {row.setting:36} {figures}")
     return "\n".join(lines)
 
 
-def draw(found: list, path: Path) -> None:
-    """Draw the error of the mid-rod deflection against seconds, one curve a mesh and method."""
+def draw(found: list[Row], path: Path) -> None:
+    """Draw the error of the mid-rod deflection against evaluations, one curve a mesh and method (spectral radius 0.9)."""
     figure, axes = plt.subplots(figsize=(7.2, 4.6))
     marks = dict(zip(FAMILIES, "os^v"))
     for n in MESHES:
         for family in FAMILIES:
-            mine = [(o.seconds, e[2]) for m, f, _, o, e in found if (m, f) == (n, family)]
+            mine = [r for r in found if (r.elements, r.family) == (n, family) and (not r.curve[-1].isdigit() or "0.9" in r.curve)]
             if mine:
-                colour = f"C{MESHES.index(n)}"
-                axes.loglog(*zip(*mine), marks[family] + "-", color=colour, ms=4, lw=1, label=f"{n} elements, {family}")
-    axes.set_xlabel("seconds of the analysis")
+                points = [(r.outcome.evaluations, r.errors[2]) for r in mine]
+                style = {"color": f"C{MESHES.index(n)}", "ms": 4, "lw": 1, "label": f"{n} elements, {family}"}
+                axes.loglog(*zip(*points), marks[family] + "-", **style)
+    axes.set_xlabel("evaluations of the equations of motion (implicit: Newton iterations)")
     axes.set_ylabel("largest error of the mid-rod deflection / range")
     axes.set_title("Flexible slider-crank of the IVP test set, against its converged history", fontsize=10)
     axes.grid(which="major", alpha=0.3)
@@ -104,7 +141,7 @@ def main(words: list[str] | None = None) -> int:
         reference = read_history(Path("tests") / "reference" / "published" / "crank_conv_lin_ini2.csv")
         runner = Runner(args.biela, args.output / "kept")
         found = rows(runner, deck, args.methods, reference)
-        text = table(found, lambda s: s.words(grid_of(deck)))
+        text = table(found)
         (args.output / "table.txt").write_text(text + "\n", encoding="utf-8")
         draw(found, args.output / "ivp_crank.png")
     except (DeckError, RunsError, HistoryError) as fault:
