@@ -23,10 +23,13 @@ class ImpossibleError(DeckError):
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that can be taken out of a model, and the deck without it."""
+    """One thing that can be taken out of a model, and the deck without it; body, kind and what is left where they can be told."""
 
     label: str
     deck: DeckText
+    body: str = ""
+    kind: str = ""
+    count: int = 0
 
 
 def is_flexible(body: Group) -> bool:
@@ -202,7 +205,7 @@ def removals(deck: DeckText, asked: set[str]) -> list[Change]:
 
     def offer(label: str, make: Callable[[], DeckText]) -> None:
         with contextlib.suppress(ImpossibleError):
-            found.append(Change(label, make()))
+            found.append(Change(label, make(), *_told(label)))
 
     for body in (group for group in deck.all("body") if is_flexible(group)):
         for label, values in _body_changes(deck, body):
@@ -215,6 +218,13 @@ def removals(deck: DeckText, asked: set[str]) -> list[Change]:
         for label, values in _ghm_changes(deck, group):
             offer(label, lambda values=values, group=group: deck.set(group, **values))
     return found
+
+
+def _told(label: str) -> tuple[str, str, int]:
+    """Return (body, kind, what is left) of a removal's label."""
+    body, what = label.split(": ", 1)
+    counted = _counted(what)
+    return body, counted or what, int(what.split()[0]) if counted else 0
 
 
 def in_force(labels: list[str]) -> list[str]:

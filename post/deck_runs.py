@@ -44,7 +44,7 @@ ALONE = 9  # a run timed alone is repeated so often at most
 ENOUGH = 1.0  # [s] of repeats of a run timed alone
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-QUICK = 0.5  # [s] runs below are timed as the median of repeats
+QUICK = 0.1  # [s] runs below are timed as the median of repeats
 MARK = "\n! timed alone\n"
 
 

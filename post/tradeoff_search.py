@@ -258,6 +258,7 @@ def _round(
     """Return the removal that saves most, with its cheapest adequate point; None where none saves anything."""
     tried = _effects(study, turn, options, effects)
     fit = [(step, change) for step, change in zip(tried, options) if step.effect.largest <= study.room]
+    fit = _promising(study, fit)
     own = [last.setting.family] if len(fit) > 3 else None
 
     def price(pair: tuple[Step, deck_models.Change]) -> Point | None:
@@ -270,6 +271,23 @@ def _round(
         step.best = best
     fit = [(step, change) for step, change in fit if step.best and study.price(step.best) < GAIN * study.price(last)]
     return min(fit, key=lambda pair: study.price(pair[0].best), default=None)
+
+
+def _promising(study: Study, fit: list[tuple[Step, deck_models.Change]]) -> list[tuple[Step, deck_models.Change]]:
+    """Return the removals whose cost is worth measuring.
+
+    A rigid body is cheaper than any other model of it; of the smaller meshes and numbers of modes that fit, the smallest is
+    tried, and the smallest that leaves half of the tolerance to the time integration.
+    """
+    kept = []
+    rigid = {change.body for _, change in fit if change.kind == "rigid"}
+    for step, change in fit:
+        same = [(s, c) for s, c in fit if (c.body, c.kind) == (change.body, change.kind) and c.count < change.count]
+        half = 0.5 * study.room
+        beaten = bool(same) and (step.effect.largest > half or min(s.effect.largest for s, _ in same) <= half)
+        if change.kind == "rigid" or not (beaten or change.body in rigid):
+            kept.append((step, change))
+    return kept
 
 
 def _effects(study: Study, turn: int, options: list[deck_models.Change], settings: list[Setting]) -> list[Step]:

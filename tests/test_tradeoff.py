@@ -17,6 +17,8 @@ import pytest
 from compare import differences
 from conftest import REFERENCE, ROOT
 from histories import read
+from oracle import Scene
+from scipy.integrate import solve_ivp
 
 TOOL = ROOT / "post" / "tradeoff.py"
 CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
@@ -75,6 +77,55 @@ def test_refined_truth_splits_the_error_and_is_met(study, run_deck):
     reference = run_deck(fine.set(transient, step="4e-7").text, name="fine")
     found = differences(run_deck(folder / "recommended.nml").history, reference.history, 1e-2, columns=["rod", "pin.*"])
     assert all(d.passed for d in found), found
+
+
+def test_reactions_of_the_four_bar_by_an_implicit_method(study, run_deck):
+    deck = REFERENCE / "four_bar" / "deck.nml"
+    _, folder, _, _ = study(deck, "--sensor", "joint_c", "pin_c", "--tolerance", "1e-2")
+    done = run_deck(folder / "recommended.nml")
+    found = differences(done.history, read(deck.parent / "expected.csv"), 1e-2, columns=["joint_c.*", "pin_c.*"])
+    assert all(d.passed for d in found), found
+    assert promised(folder)[2] > 5.0
+    assert "generalized_alpha" in (folder / "recommended.nml").read_text().split("&scene")[0]
+
+
+def start_of(scene_deck: Path, rows: int, times: np.ndarray, columns: list[str]) -> np.ndarray:
+    """Return columns of the independent model's motion at the first times, shape (rows, columns)."""
+    scene = Scene(scene_deck)
+    start = np.concatenate([scene.q0, scene.deck_v, *scene.relaxed(scene.q0)])
+    run = solve_ivp(scene.derivative, (0.0, times[rows]), start, "DOP853", t_eval=times[: rows + 1], rtol=1e-8, atol=1e-11)
+    values = [scene.sensor_columns(t, *scene.split(run.y[:, k])) for k, t in enumerate(run.t)]
+    return np.array([[row[column] for column in columns] for row in values])
+
+
+@pytest.mark.parametrize(
+    ("name", "t_end", "asked", "rows"),
+    [("engine", "2e-3", ["piston", "crank_pin"], 4), ("four_bar", "1e-2", ["rocker", "motor", "pin_c"], 1)],
+)
+def test_recommended_deck_follows_the_independent_model(study, run_deck, tmp_path, name, t_end, asked, rows):
+    deck = deck_text.read(ROOT / "input" / f"{name}.nml")
+    short = deck.set(deck.one("transient"), t_end=t_end)
+    (tmp_path / "deck.nml").write_text(short.text)
+    _, folder, _, _ = study(tmp_path / "deck.nml", "--sensor", *asked, "--tolerance", "1e-2")
+    run = run_deck(folder / "recommended.nml").history
+    columns = [c for c in run.names[1:] if c.split(".")[0] in asked and np.ptp(run[c]) > 1e-9]
+    assert len(columns) >= 3
+    expected = start_of(tmp_path / "deck.nml", rows, run.time, columns)
+    for k, column in enumerate(columns):
+        assert np.abs(run[column][: rows + 1] - expected[:, k]).max() < 1e-2 * np.ptp(run[column]), column
+
+
+def test_rod_angle_and_slider_of_the_ivp_crank_meet_a_thousandth(study, run_deck, tmp_path):
+    coarse = deck_models.with_elements(deck_text.read(ROOT / "input" / "ivp_slider_crank.nml"), "rod", 2, {"rod", "slider"})
+    (tmp_path / "deck.nml").write_text(coarse.text)
+    _, folder, _, _ = study(tmp_path / "deck.nml", "--sensor", "rod", "slider", "--truth", "refined", "--methods", "rk4")
+    run = run_deck(folder / "recommended.nml").history
+    reference = read(REFERENCE / "published" / "crank_conv_lin_ini2.csv")
+    for ours, theirs in {"rod": "phi2", "slider.x": "x3"}.items():
+        exact = np.interp(run.time, reference.time, reference[theirs])
+        assert np.array_equal(np.round(run.time, 12), np.round(reference.time, 12))
+        assert np.abs(run[ours] - exact).max() < 1e-3 * np.ptp(reference[theirs])
+    assert promised(folder)[2] > 5.0
 
 
 def test_curve_has_the_slope_of_the_methods_order(study):
