@@ -22,6 +22,7 @@ from scipy.integrate import solve_ivp
 
 TOOL = ROOT / "post" / "tradeoff.py"
 CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
+SOME = ("rk4", "generalized_alpha")
 
 
 @pytest.fixture
@@ -81,7 +82,7 @@ def test_refined_truth_splits_the_error_and_is_met(study, run_deck):
 
 def test_reactions_of_the_four_bar_by_an_implicit_method(study, run_deck):
     deck = REFERENCE / "four_bar" / "deck.nml"
-    _, folder, _, _ = study(deck, "--sensor", "joint_c", "pin_c", "--tolerance", "1e-2")
+    _, folder, _, _ = study(deck, "--sensor", "joint_c", "pin_c", "--tolerance", "1e-2", "--methods", *SOME)
     done = run_deck(folder / "recommended.nml")
     found = differences(done.history, read(deck.parent / "expected.csv"), 1e-2, columns=["joint_c.*", "pin_c.*"])
     assert all(d.passed for d in found), found
@@ -92,7 +93,10 @@ def test_reactions_of_the_four_bar_by_an_implicit_method(study, run_deck):
 def start_of(scene_deck: Path, rows: int, times: np.ndarray, columns: list[str]) -> np.ndarray:
     """Return columns of the independent model's motion at the first times, shape (rows, columns)."""
     scene = Scene(scene_deck)
-    start = np.concatenate([scene.q0, scene.deck_v, *scene.relaxed(scene.q0)])
+    v, moving = scene.deck_v.copy(), {"velocity", "angular_velocity"}
+    free = [scene.offset[b.name] + k for b in scene.bodies if not moving & set(b.record) for k in range(3)]
+    v[free] = np.linalg.lstsq(scene.jacobian(scene.q0)[:, free], -scene.phi_rate(0.0, scene.q0, v), rcond=None)[0]
+    start = np.concatenate([scene.q0, v, *scene.relaxed(scene.q0)])
     run = solve_ivp(scene.derivative, (0.0, times[rows]), start, "DOP853", t_eval=times[: rows + 1], rtol=1e-8, atol=1e-11)
     values = [scene.sensor_columns(t, *scene.split(run.y[:, k])) for k, t in enumerate(run.t)]
     return np.array([[row[column] for column in columns] for row in values])
@@ -134,6 +138,40 @@ def test_curve_has_the_slope_of_the_methods_order(study):
     seen = [float(word) for word in re.search(r"^  rk4: (.*)$", text, re.MULTILINE)[1].split(", ")]
     assert any(abs(order - 4.0) < 0.3 for order in seen), seen
     assert (folder / "work_precision.png").stat().st_size > 10_000
+
+
+RIGID = """&scene gravity=0.0,-9.81 /
+&body name='a' kind='rigid' mass=1.0 inertia=0.08 com=0.5,0.0 angle=0.3 /
+&body name='b' kind='rigid' mass=0.5 inertia=0.04 com=0.25,0.0 position=0.9553364891,0.2955202067 angle=-0.4 /
+&joint name='o' type='revolute' body_a='a' /
+&joint name='p' type='revolute' body_a='b' body_b='a' point_b=1.0,0.0 /
+&sensor name='b' quantity='angle' body='b' /
+&sensor name='o' quantity='reaction' joint='o' /
+&sensor name='fixed' quantity='position' body='a' /
+&transient t_end=1.0 method='rk4' step=1e-4 output_step=5e-3 /
+"""
+
+
+def test_curves_of_all_methods_fall_with_their_orders(study, tmp_path):
+    """A sensor of a fixed point shows rounding only: it must not hold up convergence."""
+    (tmp_path / "deck.nml").write_text(RIGID)
+    _, folder, _, _ = study(tmp_path / "deck.nml", "--tolerance", "1e-6")
+    text = (folder / "tradeoff.txt").read_text()
+    last = {}
+    for family in ("rk4", "dopri5", "generalized_alpha", "generalized_alpha adaptive"):
+        last[family] = float(re.search(rf"^  {family}: ([-\d., ]+)$", text, re.MULTILINE)[1].split(", ")[-1])
+    assert abs(last["rk4"] - 4.0) < 0.3
+    assert 4.5 < last["dopri5"] < 7.5
+    assert abs(last["generalized_alpha"] - 2.0) < 0.15
+    assert 1.7 < last["generalized_alpha adaptive"] < 2.8
+
+
+def test_time_ends_the_search(study):
+    began = time.monotonic()
+    _, _, told, fault = study(ROOT / "input" / "four_bar.nml", "--tolerance", "1e-5", "--time", "2", status=None)
+    assert time.monotonic() - began < 40.0
+    assert "Traceback" not in fault
+    assert "no method converged" in fault or "no reference within" in fault or "recommended.nml" in told
 
 
 def test_points_below_the_truths_own_uncertainty_are_marked(study):
