@@ -33,11 +33,10 @@ RADII = (0.9, 0.5, 0.0)  # of generalized_alpha
 
 @dataclass(frozen=True)
 class Row:
-    """A run: its mesh, curve, family, setting in words, what it gave, and its errors (rod angle, slider, deflection)."""
+    """A run: its mesh, curve, setting in words, what it gave, and its errors (rod angle, slider, deflection)."""
 
     elements: int
     curve: str
-    family: str
     setting: str
     outcome: Outcome
     errors: list[float]
@@ -90,7 +89,7 @@ def rows(runner: Runner, deck: DeckText, families: list[str], reference: History
     outcomes = runner.all(texts, "IVP slider-crank")
     runner.clear_line()
     return [
-        Row(n, f"{f}, radius {r:g}" if r is not None else f, f, s.words(grid), o, errors(o, reference))
+        Row(n, f"{f}, radius {r:g}" if r is not None else f, s.words(grid), o, errors(o, reference))
         for (n, f, r, s), o in zip(plan, outcomes)
         if o.ok
     ]
@@ -110,11 +109,11 @@ def table(found: list[Row]) -> str:
 
 def draw(found: list[Row], path: Path) -> None:
     """Draw the error of the mid-rod deflection against evaluations, one curve a mesh and method (spectral radius 0.9)."""
-    figure, axes = plt.subplots(figsize=(7.2, 4.6))
+    figure, axes = plt.subplots(figsize=(9.2, 4.6))
     marks = dict(zip(FAMILIES, "os^v"))
     for n in MESHES:
         for family in FAMILIES:
-            mine = [r for r in found if (r.elements, r.family) == (n, family) and (not r.curve[-1].isdigit() or "0.9" in r.curve)]
+            mine = [r for r in found if r.elements == n and r.curve in (family, f"{family}, radius {RADII[0]:g}")]
             if mine:
                 points = [(r.outcome.evaluations, r.errors[2]) for r in mine]
                 style = {"color": f"C{MESHES.index(n)}", "ms": 4, "lw": 1, "label": f"{n} elements, {family}"}
@@ -123,7 +122,7 @@ def draw(found: list[Row], path: Path) -> None:
     axes.set_ylabel("largest error of the mid-rod deflection / range")
     axes.set_title("Flexible slider-crank of the IVP test set, against its converged history", fontsize=10)
     axes.grid(which="major", alpha=0.3)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, bbox_to_anchor=(1.01, 1.0), loc="upper left")
     figure.tight_layout()
     figure.savefig(path, dpi=100)
     plt.close(figure)
