@@ -12,7 +12,7 @@ from tradeoff_report import Result, pareto
 from tradeoff_search import Point, Study
 
 MARKS = {"rk4": "o", "dopri5": "s", "generalized_alpha": "^", "generalized_alpha adaptive": "v"}
-SHOWN = 9  # curves of smaller models at most
+SHOWN = 12  # curves of smaller models at most
 
 
 def _short(model: str) -> str:
@@ -24,7 +24,7 @@ def _short(model: str) -> str:
 def _curves(study: Study, result: Result) -> dict[tuple[str, str], list[Point]]:
     """Return the points by (model, family): the full model and those on the way to the recommended one."""
     models = list(dict.fromkeys(point.model for point in result.path))
-    keep = models if len(models) <= 4 else [models[0], *models[-3:]]
+    keep = models if len(models) <= 3 else [models[0], *models[-2:]]
     found: dict[tuple[str, str], list[Point]] = {}
     for point in study.points:
         if point.model in keep and point.gap.largest < 2.0:
