@@ -159,3 +159,9 @@ def test_shapes_close_the_joints_about_a_deflected_state(run_deck):
     assert max(np.abs(h["beam.angle.re"])) > 0.1
     for axis in "xy":
         np.testing.assert_allclose(h[f"block.{axis}.re"], h[f"beam.2.{axis}.re"], rtol=0, atol=1e-9)
+    # S is the distance of the two points of the ground, 0.5 m
+    parts = [name for name in h.names if name.endswith(".re") and name.count(".") >= 2]
+    largest = [
+        max(np.hypot(h[n][k], h[n[:-2] + "im"][k]) * (0.5 if ".angle" in n else 1.0) for n in parts) for k in range(len(h.time))
+    ]
+    np.testing.assert_allclose(largest, 1.0, rtol=1e-12)
