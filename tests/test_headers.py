@@ -165,3 +165,10 @@ def test_shapes_close_the_joints_about_a_deflected_state(run_deck):
         max(np.hypot(h[n][k], h[n[:-2] + "im"][k]) * (0.5 if ".angle" in n else 1.0) for n in parts) for k in range(len(h.time))
     ]
     np.testing.assert_allclose(largest, 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["method='rk4' step=1e-5", "method='dopri5' tolerance=1e-6"])
+def test_a_part_of_an_output_interval_is_left_at_the_end(run_deck, method):
+    text = f"&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&transient t_end=1.05e-3 output_step=1e-4 {method} /\n"
+    energy = run_deck(text).energy
+    np.testing.assert_allclose(energy.time, [*(1e-4 * np.arange(11)), 1.05e-3], rtol=1e-12)
