@@ -11,7 +11,7 @@ module modal_reduction
   private
   public :: reduce_to_modes, stiffness_triplets, lowest_modes, mass_product
 
-  integer, parameter :: dense_size = 200  !! coordinates up to which all modes are computed densely: faster there
+  integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
 
 contains
 
