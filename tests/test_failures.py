@@ -94,6 +94,29 @@ def test_joints_that_drift_apart(method, run_deck):
     assert run.energy["position_violation"].max() < 0.01 * 5.0
 
 
+def test_a_step_that_becomes_too_small(run_deck):
+    """Accelerations grow without bound where the drive reaches the end of the arm: no step keeps the tolerance there."""
+    text = "&transient t_end=0.1 method='dopri5' tolerance=1e-8 output_step=1e-3 stabilization='none' /\n"
+    _, told = failed(run_deck, PULL + text)
+    assert re.search(r"the step became too small at t = 5\.0000\d+E-02 s: the tolerance cannot be kept", told)
+    assert 'the coordinates of body "a" grow most' in told
+    assert re.search(r'the largest reactions are those of ("pull", "o"|"o", "pull")', told)
+    assert "or try a larger tolerance" in told
+    assert "elsewhere" not in told
+
+
+@pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-6", "'rk4' step=1e-3", "'dopri5' step=1e-3"])
+def test_loads_beyond_all_numbers(method, run_deck):
+    """A load that grows to 1e59 N: values beyond 1e40 are never used, and nothing of them reaches a file."""
+    load = "&history name='h' kind='polynomial' coefficients=0,0,0,0,0,0,0,0,1.0e59 /\n&force name='f' type='force' body='b' "
+    scene = PULL[: PULL.index("&history")] + load + "fx=1.0 history='h' /\n"
+    scene = scene.replace("&joint name='elsewhere' type='revolute' body_a='b' point_b=5.0,0.0 /\n", "")
+    scene += "&sensor name='b' quantity='position' body='b' /\n"
+    _, told = failed(run_deck, scene + f"&transient t_end=1.0 method={method} output_step=1e-2 /\n")
+    assert re.search(r'the solution diverged at t = \S+ s, the coordinates of body "b" grow most', told)
+    assert ("check the loads" if "tolerance" in method else "try a smaller one") in told
+
+
 @pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-6", "'rk4' step=2e-6"])
 def test_a_motion_that_grows_without_bound(method, run_deck):
     """A beam without stiffening that spins at twice its first frequency."""

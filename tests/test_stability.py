@@ -53,7 +53,14 @@ FRAME = """&scene title='frame of two materials with a lump' gravity=0.0,-1.0 /
 &joint name='pin' type='revolute' body_a='f' node_a=1 /
 &sensor name='rod' quantity='angle' body='f' /
 """
+SHAFT = """&scene title='disc on a viscoelastic spring' /
+&body name='disc' kind='rigid' mass=1.0 inertia={inertia} angular_velocity=1.0 /
+&joint name='axle' type='revolute' body_a='disc' /
+&spring name='shaft' type='torsional' body_a='disc' stiffness=1.0 ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=1.0e3 /
+&sensor name='rod' quantity='angle' body='disc' /
+"""
 SCENES = {
+    "heavy_disc": SHAFT.format(inertia=1.0),
     "crank_1": CRANK.format(ghm="", elements=1, axial=""),
     "crank_1_bending": CRANK.format(ghm="", elements=1, axial="axial=.false."),
     "crank_2": CRANK.format(ghm="", elements=2, axial=""),
@@ -106,7 +113,7 @@ def test_bounds_against_runs(name, method, run_deck):
     alive, bound = march(run_deck, scene, method, 0.98 * safe, time)
     assert alive, "a run below 0.98 of the safe bound diverged"
     assert bound is not None
-    slow = method == "dopri5" and name not in ("complex_pole", "two_poles")
+    slow = method == "dopri5" and name not in ("complex_pole", "two_poles", "heavy_disc")
     low, high = 0.98 * safe, (2.4 if slow else 1.5) * bound
     assert not march(run_deck, scene, method, high, time)[0], "far above every bound and stable"
     for _ in range(6):
@@ -143,6 +150,31 @@ def amplitude(wave, step, omega):
     spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave))))
     frequency = 2 * np.pi * np.fft.rfftfreq(len(wave), step)
     return spectrum[np.abs(frequency / omega - 1) < 0.12].max()
+
+
+@pytest.mark.parametrize("inertia", [1.0, 1e-4, 2e-6, 1e-9])
+def test_poles_of_a_spring_see_its_disc(inertia, run_deck):
+    """The bound is that of the exact eigenvalues, from a disc that hardly moves to one that hardly resists."""
+    alpha, omega, stiffness = 0.5, 1.0e3, 1.0
+    matrix = np.zeros((4, 4))
+    matrix[0, 1] = matrix[2, 3] = 1.0
+    matrix[1, [0, 2]] = -stiffness * (1 + alpha) / inertia, stiffness * alpha / inertia
+    matrix[3] = omega**2, 0.0, -(omega**2), -2 * omega
+    roots = np.linalg.eigvals(matrix)
+    steps = np.linspace(0.5, 4.0, 20001) / abs(roots).max()
+    z = steps * roots[:, None]
+    unstable = (abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))) > 1 + 1e-9).any(axis=0)
+    assert safe_bound(run_deck, SHAFT.format(inertia=inertia), "rk4") == pytest.approx(steps[unstable.argmax()], rel=1e-3)
+
+
+def test_the_summary_tells_of_a_step_above_the_current_bound(run_deck):
+    """dopri5 slightly beyond its bound grows so slowly that the run ends: the summary says so, below the bound it does not."""
+    safe = safe_bound(run_deck, ARM, "dopri5")
+    for factor, told in ((1.1, True), (0.9, False)):
+        step = factor * safe
+        run = run_deck(ARM + transient("dopri5", step, 2000 * step), name=f"at_{factor}")
+        assert ("times the smallest current bound" in run.summary) == told
+        assert ("times the smallest current bound" in run.stderr) == told
 
 
 def test_a_wave_speed_formula_would_be_wrong(run_deck):

@@ -192,7 +192,7 @@ contains
         if (.not. lambda > 0.0_wp) cycle
         share = 0.0_wp
         share(r) = lambda
-        call modal_roots(fast, 0.0_wp, 0.0_wp, share, 0.0_wp, roots)
+        call modal_roots(fast, lambda, 0.0_wp, share, 0.0_wp, roots)
         call mark_mode(roots, sqrt(lambda*(1 + sum(t%alpha))), is_mode)
         call take(pack(roots, .not. is_mode), pole_name(d, m, fast, r), t%body, r, .false., bound)
       end associate

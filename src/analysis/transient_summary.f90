@@ -41,6 +41,7 @@ contains
         write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
           ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
         call add_line(text, trim(line))
+        if (.not. r%adaptive) call compare_step(run, text)
       end if
       if (len(march%warning) > 0) call warn(run, march%warning, text)
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
@@ -48,6 +49,21 @@ contains
     call witness(run, march, text)
     call validity_lines(run, text)
   end subroutine transient_lines
+
+  !> Says where a fixed step lay above the smallest current bound that was met.
+  subroutine compare_step(run, text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable, intent(inout) :: text
+    character(12) :: number
+    real(wp) :: share                          ! of the bound [-]
+    associate (r => run%d%transient)
+      share = r%output_step/real(step_count(r%output_step, r%step), wp)/run%monitor%smallest
+    end associate
+    if (share <= 1.0_wp) return
+    write (number, '(f12.3)') min(share, 1.0e6_wp)
+    call warn(run, 'the step was '//trim(adjustl(number))//' times the smallest current bound: what limits it grew, '// &
+              'if slowly', text)
+  end subroutine compare_step
 
   !> A warning, in the summary and on standard error.
   subroutine warn(run, words, text)
