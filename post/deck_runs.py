@@ -38,7 +38,7 @@ COUNTS = {
     "dissipative": r"^\s*dissipative coordinates: (\d+)",
     "multipliers": r"^\s*constraints \(multipliers\): (\d+)",
 }
-SECONDS = r"^timing: analyses took\s+([\d.]+) s"
+SECONDS = r"^timing: analyses took\s+[\d.]+ s, ([\d.]+) s of the processor"
 REPEATS = 3
 ALONE = 9  # a run timed alone is repeated so often at most
 ENOUGH = 1.0  # [s] of repeats of a run timed alone
@@ -69,7 +69,7 @@ class Outcome:
         message: its first error line, '' where it ran
         names: columns without the time
         data: rows of the history, shape (rows, 1 + columns), the time first
-        seconds: median of the repeats [s], analyses only
+        seconds: of the processor, median of the repeats [s], analyses only
         counts: steps, evaluations, newton, solves, coordinates, dissipative, multipliers
     """
 

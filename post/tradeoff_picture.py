@@ -57,7 +57,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
         axes.plot(result.chosen.cost, result.chosen.gap.largest, "*", color="tab:red", ms=15, label="recommended.nml", zorder=4)
     lowest = min([study.truth.uncertainty, *(e for _, e in front), study.tolerance])
     axes.set_ylim(0.5 * max(lowest, 1e-16), 2.5)
-    axes.set_xlabel("seconds of the analyses")
+    axes.set_xlabel("processor seconds of the analyses")
     axes.set_ylabel("largest error / range, worst column")
     axes.set_title(f"{result.deck_name}: {', '.join(sorted(study.asked))}"[:90])
     axes.grid(which="major", alpha=0.3)

@@ -151,7 +151,7 @@ def table(study: Study, result: Result) -> str:
         f"sensors: {', '.join(sorted(study.asked))}; tolerance {study.tolerance:g} of each column's range",
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
-        "seconds: analyses alone, without start-up, median of repeats where short",
+        "seconds: of the processor, analyses alone, without start-up, median of repeats where short",
         "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one",
         "",
         "Observed orders on the full model: how fast errors fall with the number of steps",
