@@ -77,3 +77,27 @@ def test_with_several_decks_the_highest_status_and_the_good_ones_run(biela, tmp_
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["bad.nml", "absent.nml"]
     assert (tmp_path / "results" / "good" / "history.txt").exists()
     assert not (tmp_path / "results" / "bad").exists()
+
+
+def test_forces_and_lumps_of_zero_run_with_a_warning(biela, tmp_path):
+    """Their values have defaults of 0 (input/README.md): the deck runs as if they were not there, and says so."""
+    (tmp_path / "plain.nml").write_text(DECK, encoding="utf-8")
+    (tmp_path / "idle.nml").write_text(DECK + "&force name='f' body='a' /\n&lump body='a' /\n", encoding="utf-8")
+    assert call(biela, tmp_path, "--quiet", "plain.nml").stderr == ""
+    done = call(biela, tmp_path, "--quiet", "idle.nml")
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [
+        "idle.nml:6: force/f: warning: fx and fy are 0: it pushes nothing",
+        "idle.nml:7: lump: warning: mass and inertia are 0: it adds nothing",
+    ]
+    rows = [(tmp_path / "results" / name / "history.txt").read_text().splitlines()[3:] for name in ("plain", "idle")]
+    assert rows[0] == rows[1]
+
+
+def test_a_check_that_cannot_be_printed_fails(biela, tmp_path):
+    (tmp_path / "plain.nml").write_text(DECK, encoding="utf-8")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([biela, "--check", "plain.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE,
+                              text=True, check=False)
+    assert done.returncode == 3
+    assert "cannot be written" in done.stderr

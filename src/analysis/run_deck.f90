@@ -3,9 +3,10 @@ module run_deck
   use kinds, only: wp, ip
   use checkpoint, only: read_checkpoint, remove_checkpoint
   use deck_reader, only: read_deck
+  use idle_parts, only: warn_of_idle_parts
   use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, survive_size_limits
+  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, survive_size_limits, write_bytes, standard_output
   use response_analysis, only: run_response
   use load, only: stage_transient
   use scene_run, only: run_state, prepare_run
@@ -19,7 +20,7 @@ module run_deck
   use time_stepper, only: step_count
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
-  use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit, output_unit
+  use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit
   implicit none (type, external)
   private
   public :: run_one_deck, run_options
@@ -60,15 +61,18 @@ contains
     do k = 1, size(run%assembly%warnings)
       write (error_unit, '(a)') path//': warning: '//trim(run%assembly%warnings(k))
     end do
+    call warn_of_idle_parts(run%d)
     text = model_lines(run%d, run%sys%m, run%assembly)
     call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
     call add_line(text, '')
     text = text//advice%text//deck_step(run, advice)
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
-      write (output_unit, '(a)') text(:len(text) - 1)
-      flush (output_unit)
       status = status_ok
+      if (.not. write_bytes(standard_output, text)) then
+        write (error_unit, '(a)') path//': the check cannot be written to standard output'
+        status = status_no_output
+      end if
       return
     end if
     run%quiet = options%quiet

@@ -6,11 +6,12 @@ module posix
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
   public :: create_file, extend_file, write_bytes, close_file
-  public :: catch_signals, caught_signal, survive_size_limits
+  public :: catch_signals, caught_signal, survive_size_limits, standard_output
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: read_only = 0, write_only = 1   !! O_RDONLY, O_WRONLY
   integer, parameter :: from_end = 2                !! SEEK_END
+  integer, parameter :: standard_output = 1         !! handle for write_bytes
   integer, parameter :: signal_interrupt = 2, signal_terminate = 15, signal_file_size = 25
   integer(c_int), volatile :: received = 0    !! the last signal caught
 

@@ -24,7 +24,6 @@ contains
     call forbid_ground(deck, 'body', l%place%body, 'does not move, a mass on it has no effect')
     call get(deck, 'mass', l%mass, least=0.0_wp)
     call get(deck, 'inertia', l%inertia, least=0.0_wp)
-    if (.not. (deck%is_given('mass') .or. deck%is_given('inertia'))) call deck%miss('mass', 'mass, inertia or both')
   end subroutine read_lump
 
   !> &joint

@@ -72,9 +72,6 @@ contains
     call forbid_ground(deck, 'body', f%place%body, 'does not move, no load acts on it')
     call get(deck, 'fx', f%fx, kinds='force')
     call get(deck, 'fy', f%fy, kinds='force')
-    if (deck%is_choice('force') .and. .not. (deck%is_given('fx') .or. deck%is_given('fy'))) then
-      call deck%miss('fx', 'fx, fy or both', kinds='force')
-    end if
     call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')
     call get(deck, 'moment', f%moment, required, kinds='torque torque_about')
     call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')
