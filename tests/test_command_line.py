@@ -96,7 +96,7 @@ def test_forces_and_lumps_of_zero_run_with_a_warning(biela, tmp_path):
 
 def test_a_check_that_cannot_be_printed_fails(biela, tmp_path):
     (tmp_path / "plain.nml").write_text(DECK, encoding="utf-8")
-    with open("/dev/full", "w") as full:
+    with Path("/dev/full").open("w") as full:
         done = subprocess.run([biela, "--check", "plain.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE,
                               text=True, check=False)
     assert done.returncode == 3

@@ -15,12 +15,12 @@ contains
     type(deck), intent(in) :: d
     integer :: k
     do k = 1, size(d%forces)
-      if (d%forces(k)%type == 'force' .and. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) <= 0.0_wp) &
-        call warn(d%forces(k)%at, 'force/'//trim(d%forces(k)%name), 'fx and fy are 0: it pushes nothing')
+      if (d%forces(k)%type /= 'force' .or. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) > 0.0_wp) cycle
+      call warn(d%forces(k)%at, 'force/'//trim(d%forces(k)%name), 'fx and fy are 0: it pushes nothing')
     end do
     do k = 1, size(d%lumps)
-      if (max(d%lumps(k)%mass, d%lumps(k)%inertia) <= 0.0_wp) &
-        call warn(d%lumps(k)%at, 'lump', 'mass and inertia are 0: it adds nothing')
+      if (max(d%lumps(k)%mass, d%lumps(k)%inertia) > 0.0_wp) cycle
+      call warn(d%lumps(k)%at, 'lump', 'mass and inertia are 0: it adds nothing')
     end do
   end subroutine warn_of_idle_parts
 
