@@ -208,7 +208,9 @@ def test_second_study_uses_the_kept_runs(study):
 
 def test_interrupt_keeps_what_was_run(biela: Path, tmp_path: Path):
     command = [sys.executable, str(TOOL), str(REFERENCE / "four_bar" / "deck.nml"), "--biela", str(biela), "--output", "study"]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child of tests in the background would ignore it
     child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+    signal.signal(signal.SIGINT, before)
     kept = tmp_path / "study" / "kept"
     until = time.monotonic() + 120.0
     while time.monotonic() < until and not any(kept.glob("*.npz")):
