@@ -95,7 +95,7 @@ contains
     real(wp) :: h
     integer :: r, outcome
     h = steps*run%d%transient%step
-    call make_stepper(run%d%transient, run%sys%m%s, march)
+    call make_stepper(run%d%transient, run%sys%m%s, 0.0_wp, march)    ! steps are fixed: no frequency is needed
     if (.not. allocated(march)) error stop 'the method is not offered'
     y = run%y
     call march%begin(run%sys, 0.0_wp, y)
