@@ -61,7 +61,7 @@ demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoela
 joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both: table and picture
 	@$(RUN) post/attenuation.py --biela $(BIELA)
 
-test: $(BIELA) $(PROBE) $(VENV)    ## all tests
+test: $(BIELA) $(PROBE) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
 	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
 test-debug:                        ## all tests, against the checked build
 	@$(MAKE) DEBUG=1 test

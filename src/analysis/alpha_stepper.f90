@@ -16,7 +16,7 @@ module alpha_stepper
   use projection, only: project
   use singular, only: evaluate_branch
   use step_control, only: error_norm
-  use time_stepper, only: stepper, exchange_common, step_count, reached, paused, lost, trouble_none, trouble_size, &
+  use time_stepper, only: stepper, exchange_common, step_count, step_end, reached, paused, lost, trouble_none, trouble_size, &
                           trouble_manifold, trouble_accuracy, trouble_iteration
   implicit none (type, external)
   private
@@ -189,18 +189,26 @@ contains
     real(wp), intent(inout) :: y(:)
     integer, intent(out) :: outcome
     logical :: ok
-    outcome = reached
     call reported_state(self%solver, m, to, self%y, ok)
     y = self%y
+    call hand_over(self, to, y, ok, outcome)
+  end subroutine finish_output
+
+  !> An output state: reached, or lost where it is not on the manifold or not finite.
+  subroutine hand_over(self, to, y, ok, outcome)
+    class(implicit_stepper), intent(inout) :: self
+    real(wp), intent(in) :: to                !! [s]
+    real(wp), intent(in) :: y(:)
+    logical, intent(in) :: ok                 !! whether the joints could be closed
+    integer, intent(out) :: outcome
     if (ok .and. sane(y)) then
       self%removed = self%solver%removed
-      return
+      outcome = reached
+    else
+      call self%give_back(to, y, merge(trouble_manifold, trouble_size, sane(y)))
+      outcome = lost
     end if
-    self%trial = y
-    self%tried = to
-    self%trouble = merge(trouble_manifold, trouble_size, sane(y))
-    outcome = lost
-  end subroutine finish_output
+  end subroutine hand_over
 
   !> Newton's method failed for good: the state that it left.
   subroutine give_up(self, m)
@@ -245,14 +253,7 @@ contains
     integer :: next
     logical :: at_stop, ok
     if (.not. self%h > 0.0_wp) call choose_step(self, m, to - from)
-    next = 1
-    do while (self%stops(next) <= self%t .and. next < size(self%stops))
-      next = next + 1
-    end do
-    h = min(self%h, self%max_step)
-    at_stop = self%t + 1.01_wp*h >= self%stops(next)
-    if (at_stop) h = self%stops(next) - self%t
-    self%tried = merge(self%stops(next), self%t + h, at_stop)
+    call step_end(self%t, min(self%h, self%max_step), self%stops, next, h, self%tried, at_stop)
     call ready(self, m, h)
     call try_step(self%solver, m, self%tried, ok)
     error = 8.0_wp
@@ -322,7 +323,6 @@ contains
     real(wp) :: x, w(4)
     integer :: i
     logical :: ok
-    outcome = reached
     x = (to - self%dense_start)/self%dense_step
     if (self%t <= to) x = 1.0_wp
     w = [(1 + 2*x)*(1 - x)**2, self%dense_step*x*(1 - x)**2, x**2*(3 - 2*x), -self%dense_step*x**2*(1 - x)]
@@ -338,14 +338,7 @@ contains
         call evaluate_branch(m, to, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
       end if
     end associate
-    if (ok .and. sane(y)) then
-      self%removed = self%solver%removed
-      return
-    end if
-    self%trial = y
-    self%tried = to
-    self%trouble = merge(trouble_manifold, trouble_size, sane(y))
-    outcome = lost
+    call hand_over(self, to, y, ok, outcome)
   end subroutine output_adaptive
 
   !> Newton iterations and factorisations, and steps that had to be divided.

@@ -56,8 +56,6 @@ contains
     type(scene), intent(in) :: s
     class(stepper), allocatable, intent(out) :: march
     type(implicit_stepper), allocatable :: alpha
-    type(corner), allocatable :: corners(:)
-    integer :: k
     allocate (alpha)
     alpha%spectral_radius = r%spectral_radius
     alpha%adaptive = r%adaptive
@@ -69,9 +67,7 @@ contains
       alpha%norm%floor = alpha%norm%floor*max(1.0_wp, finest/r%tolerance)
     end if
     if (r%max_step > 0.0_wp) alpha%max_step = r%max_step
-    call scene_corners(s, r%t_end, method_order(r%method), corners)
-    alpha%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
-    alpha%jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+    call stop_times(r, s, alpha%stops, alpha%jumps)
     call move_alloc(alpha, march)
   end subroutine make_implicit
 
@@ -94,17 +90,26 @@ contains
     real(wp), intent(in) :: fastest            !! [rad/s]
     class(stepper), allocatable, intent(out) :: march
     type(adaptive_stepper), allocatable :: adaptive
-    type(corner), allocatable :: corners(:)
-    integer :: k
     allocate (adaptive)
     adaptive%tolerance = r%tolerance
     adaptive%first_step = r%first_step
     if (r%max_step > 0.0_wp) adaptive%max_step = r%max_step
     call group_unknowns(s, adaptive%norm)
     adaptive%norm%fastest = fastest
-    call scene_corners(s, r%t_end, method_order(r%method), corners)
-    adaptive%stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
-    adaptive%jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+    call stop_times(r, s, adaptive%stops, adaptive%jumps)
     call move_alloc(adaptive, march)
   end subroutine make_adaptive
+
+  !> Times that end a step, the corners of histories and the end of the run, and whether accelerations jump there.
+  subroutine stop_times(r, s, stops, jumps)
+    type(transient_record), intent(in) :: r
+    type(scene), intent(in) :: s
+    real(wp), allocatable, intent(out) :: stops(:)     !! [s]
+    logical, allocatable, intent(out) :: jumps(:)
+    type(corner), allocatable :: corners(:)
+    integer :: k
+    call scene_corners(s, r%t_end, method_order(r%method), corners)
+    stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
+    jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+  end subroutine stop_times
 end module choose_stepper

@@ -52,6 +52,7 @@ module posix
       integer(c_long), value :: offset
       integer(c_long) :: position
     end function c_lseek
+    !> flock(2): locks an open file.
     function c_flock(fd, operation) bind(c, name='flock') result(status)
       import :: c_int
       integer(c_int), value :: fd, operation

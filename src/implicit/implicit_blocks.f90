@@ -12,7 +12,7 @@ module implicit_blocks
   use place, only: place_model
   implicit none (type, external)
   private
-  public :: base_block, exact_block, elastic_solve, elastic_columns, elastic_filter, pick, invert3
+  public :: base_block, exact_block, elastic_solve, elastic_columns, elastic_filter, invert3
 
 contains
 
@@ -225,12 +225,12 @@ contains
         t%sxe(i, j) = dot_product(bo%sbar(:, i), t%xe(:, j))
       end do
       do i = 1, t%na
-        t%compliance(:, t%seat(2, j), i, t%seat(1, j)) = pick(places(t%place(i)), t%xe(:, j))
+        t%compliance(:, t%seat(2, j), i, t%seat(1, j)) = places(t%place(i))%elastic(t%xe(:, j))
       end do
     end do
     do i = 1, t%na
       do c = 1, 2
-        t%exs(:, c, i) = pick(places(t%place(i)), t%xs(:, c))
+        t%exs(:, c, i) = places(t%place(i))%elastic(t%xs(:, c))
       end do
     end do
   end subroutine elastic_columns
@@ -274,24 +274,6 @@ contains
       end do
     end do
   end subroutine mass_product
-
-  !> E_k x: what a place sees of elastic coordinates.
-  pure function pick(place, x) result(u)
-    type(place_model), intent(in) :: place
-    real(wp), intent(in) :: x(:)          !! (nf)
-    real(wp) :: u(3)
-    integer :: c
-    u = 0.0_wp
-    if (allocated(place%psi)) then
-      do c = 1, size(x)
-        u = u + place%psi(:, c)*x(c)
-      end do
-    else
-      do c = 1, 3
-        if (place%dof(c) > 0) u(c) = x(place%dof(c))
-      end do
-    end if
-  end function pick
 
   !> Inverse of a 3 x 3 matrix by elimination with pivots.
   pure subroutine invert3(a, inverse, bad)

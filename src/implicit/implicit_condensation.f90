@@ -2,7 +2,7 @@
 !> correction back from rows to frames to elastic coordinates (theory.md, section 7).
 module implicit_condensation
   use kinds, only: wp
-  use implicit_blocks, only: pick, invert3
+  use implicit_blocks, only: invert3
   use implicit_model, only: implicit_solver, implicit_body
   use implicit_rows, only: solve_rows
   use mechanism, only: mechanism_model
@@ -50,7 +50,7 @@ contains
         t%rxe(j) = rc
       end do
       do j = 1, t%na
-        t%exy(:, j) = pick(m%s%places(t%place(j)), t%col(1:t%nf))
+        t%exy(:, j) = m%s%places(t%place(j))%elastic(t%col(1:t%nf))
       end do
     end if
     call invert3(a, t%minv, bad)
@@ -193,7 +193,7 @@ contains
         rc(2) = rc(2) - t%k1*x(2) - t%k2*x(1)
         rc(3) = rc(3) - y
         do k = 1, t%na
-          t%exf(:, k) = pick(m%s%places(t%place(k)), t%ff(1:t%nf))
+          t%exf(:, k) = m%s%places(t%place(k))%elastic(t%ff(1:t%nf))
         end do
       end if
       do k = 1, 3

@@ -14,7 +14,7 @@ module implicit_start
   use singular, only: evaluate_branch
   implicit none (type, external)
   private
-  public :: start_method, change_step, restore_factors, widen_scales, reported_state, same_step, full_state, along_rows
+  public :: start_method, change_step, restore_factors, widen_scales, reported_state, same_step, full_state, pack_state, along_rows
 
 contains
 
@@ -297,14 +297,23 @@ contains
   pure subroutine full_state(self, y)
     type(implicit_solver), intent(in) :: self
     real(wp), intent(inout) :: y(:)
-    integer :: nq, nz
-    nq = size(self%q)
-    nz = size(self%z)
-    y(1:nq) = self%q
-    y(nq + 1:2*nq) = self%v
-    y(2*nq + 1:2*nq + nz) = self%z
-    y(2*nq + nz + 1:2*nq + 2*nz) = self%zd
-    y(2*nq + 2*nz + 1) = self%dissipated
-    y(2*nq + 2*nz + 2) = self%work
+    call pack_state(self%q, self%v, self%z, self%zd, self%dissipated, self%work, y)
   end subroutine full_state
+
+  !> Parts of a state, or of its rates, in the layout of `scene_model`.
+  pure subroutine pack_state(q, v, z, zd, dissipated, work, y)
+    real(wp), intent(in) :: q(:), v(:)              !! (nq) positions and rates, or rates and accelerations
+    real(wp), intent(in) :: z(:), zd(:)             !! (nz) the same of dissipative coordinates
+    real(wp), intent(in) :: dissipated, work        !! [J], or powers [W]
+    real(wp), intent(inout) :: y(:)                 !! (2 nq + 2 nz + 2)
+    integer :: nq, nz
+    nq = size(q)
+    nz = size(z)
+    y(1:nq) = q
+    y(nq + 1:2*nq) = v
+    y(2*nq + 1:2*nq + nz) = z
+    y(2*nq + nz + 1:2*nq + 2*nz) = zd
+    y(2*nq + 2*nz + 1) = dissipated
+    y(2*nq + 2*nz + 2) = work
+  end subroutine pack_state
 end module implicit_start

@@ -10,7 +10,7 @@ module implicit_step
   use implicit_model, only: implicit_solver
   use implicit_newton, only: trial_residual, trial_tangent, trial_elastic
   use implicit_rows, only: light_shift, strong_shift
-  use implicit_start, only: restore_factors, widen_scales
+  use implicit_start, only: restore_factors, widen_scales, pack_state
   use implicit_term_energy, only: keep_terms, removed_from_terms
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -190,15 +190,7 @@ contains
   pure subroutine full_rates(self, y)
     type(implicit_solver), intent(in) :: self
     real(wp), intent(inout) :: y(:)
-    integer :: nq, nz
-    nq = size(self%q)
-    nz = size(self%z)
-    y(1:nq) = self%v
-    y(nq + 1:2*nq) = self%vd
-    y(2*nq + 1:2*nq + nz) = self%zd
-    y(2*nq + nz + 1:2*nq + 2*nz) = self%zdd
-    y(2*nq + 2*nz + 1) = self%power
-    y(2*nq + 2*nz + 2) = self%input
+    call pack_state(self%v, self%vd, self%zd, self%zdd, self%power, self%input, y)
   end subroutine full_rates
 
   !> Saves or restores the method's state; the factors of the step are made again.

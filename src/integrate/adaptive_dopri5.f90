@@ -14,7 +14,8 @@ module adaptive_dopri5
   use ode_system, only: ode, sane
   use runge_kutta, only: dormand_prince, explicit_stepper
   use step_control, only: error_norm, step_controller
-  use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, trouble_accuracy
+  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, &
+                          trouble_accuracy
   implicit none (type, external)
   private
 
@@ -115,9 +116,7 @@ contains
         call system%derivative(to, y, .false., self%error)
         call system%accept(to, y, ok)
         if (.not. ok) then
-          self%trial = y
-          self%tried = to
-          self%trouble = trouble_manifold
+          call self%give_back(to, y, trouble_manifold)
           outcome = lost
           return
         end if
@@ -138,14 +137,7 @@ contains
     integer :: next
     logical :: at_stop
     wanted = min(self%h, self%max_step)
-    next = 1
-    do while (self%stops(next) <= self%t .and. next < size(self%stops))
-      next = next + 1
-    end do
-    at_stop = self%t + 1.01_wp*wanted >= self%stops(next)
-    h = wanted
-    if (at_stop) h = self%stops(next) - self%t
-    self%tried = merge(self%stops(next), self%t + h, at_stop)
+    call step_end(self%t, wanted, self%stops, next, h, self%tried, at_stop)
     call try_step(self, system, h, err)
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1

@@ -6,7 +6,7 @@ module time_stepper
   use ode_system, only: ode
   implicit none (type, external)
   private
-  public :: step_count, exchange_common
+  public :: step_count, step_end, exchange_common
 
   !> How a portion of the march ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
@@ -31,6 +31,7 @@ module time_stepper
     procedure(advance_march), deferred :: advance
     procedure(exchange_march), deferred :: exchange
     procedure :: count_step
+    procedure :: give_back
     procedure :: account => nothing_more
   end type stepper
 
@@ -87,6 +88,34 @@ contains
     self%shortest = min(self%shortest, h)
     self%longest = max(self%longest, h)
   end subroutine count_step
+
+  !> Notes a state that is given up, with the time that could not be reached and why.
+  subroutine give_back(self, t, y, trouble)
+    class(stepper), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: y(:)              !! (n)
+    integer, intent(in) :: trouble
+    self%trial = y
+    self%tried = t
+    self%trouble = trouble
+  end subroutine give_back
+
+  !> End of a step from t: at a stop that lies within it or hardly beyond, else after the step that is wanted.
+  pure subroutine step_end(t, wanted, stops, next, h, ends, at_stop)
+    real(wp), intent(in) :: t, wanted         !! [s]
+    real(wp), intent(in) :: stops(:)          !! ascending; the last is the end of the run [s]
+    integer, intent(out) :: next              !! first stop after t
+    real(wp), intent(out) :: h, ends          !! step and its end [s]
+    logical, intent(out) :: at_stop           !! whether the step ends at that stop
+    next = 1
+    do while (stops(next) <= t .and. next < size(stops))
+      next = next + 1
+    end do
+    at_stop = t + 1.01_wp*wanted >= stops(next)
+    h = wanted
+    if (at_stop) h = stops(next) - t
+    ends = merge(stops(next), t + h, at_stop)
+  end subroutine step_end
 
   !> A line for the summary about the method's own work; most methods have none.
   function nothing_more(self) result(text)

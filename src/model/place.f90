@@ -13,6 +13,8 @@ module place
     real(wp) :: x(2) = 0.0_wp                !! undeformed position: body axes, global on the ground [m]
     integer :: dof(3) = 0                    !! its elastic coordinates (u, v, rotation), 0: none
     real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) its displacements in each mode
+  contains
+    procedure :: elastic
   end type place_model
 
   !> Kinematic state of all places of a list.
@@ -35,6 +37,24 @@ contains
     integer, intent(in) :: n
     allocate (self%r(2, n), self%v(2, n), self%angle(n), self%rate(n), self%rho(2, n), self%bias(2, n), source=0.0_wp)
   end subroutine allocate_states
+
+  !> E_k x: what the place sees of a vector of its body's elastic coordinates: u, v, rotation.
+  pure function elastic(self, x) result(u)
+    class(place_model), intent(in) :: self
+    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp) :: u(3)                         !! body axes
+    integer :: c
+    u = 0.0_wp
+    if (allocated(self%psi)) then
+      do c = 1, size(x)
+        u = u + self%psi(:, c)*x(c)
+      end do
+    else
+      do c = 1, 3
+        if (self%dof(c) > 0) u(c) = x(self%dof(c))
+      end do
+    end if
+  end function elastic
 
   !> H x: a vector turned by +90 degrees.
   pure function turn(x) result(y)

@@ -342,36 +342,15 @@ contains
         end do
       end do
       do i = 1, n
-        t%ep(:, 1, i) = pick(self, t%place(i), bo%pmat(:, 1))
-        t%ep(:, 2, i) = pick(self, t%place(i), bo%pmat(:, 2))
+        t%ep(:, 1, i) = self%s%places(t%place(i))%elastic(bo%pmat(:, 1))
+        t%ep(:, 2, i) = self%s%places(t%place(i))%elastic(bo%pmat(:, 2))
         do j = 1, n
           t%compliance(:, :, i, j) = 0.0_wp
           do c = 1, 3
-            if (t%column(c, j) > 0) t%compliance(:, c, i, j) = pick(self, t%place(i), t%columns(:, t%column(c, j)))
+            if (t%column(c, j) > 0) t%compliance(:, c, i, j) = self%s%places(t%place(i))%elastic(t%columns(:, t%column(c, j)))
           end do
         end do
       end do
     end associate
   end subroutine attach_body
-
-  !> E_k x: what a place sees of a vector of elastic coordinates.
-  pure function pick(self, k, x) result(u)
-    type(mechanism_model), intent(in) :: self
-    integer, intent(in) :: k              !! place
-    real(wp), intent(in) :: x(:)          !! (nf)
-    real(wp) :: u(3)
-    integer :: c
-    u = 0.0_wp
-    associate (place => self%s%places(k))
-      if (allocated(place%psi)) then
-        do c = 1, size(x)
-          u = u + place%psi(:, c)*x(c)
-        end do
-      else
-        do c = 1, 3
-          if (place%dof(c) > 0) u(c) = x(place%dof(c))
-        end do
-      end if
-    end associate
-  end function pick
 end module mechanism
