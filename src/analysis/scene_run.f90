@@ -7,7 +7,7 @@ module scene_run
   use deck_records, only: deck
   use build_scene, only: build
   use assembly, only: assemble, assembly_report
-  use mechanism, only: set_up_mechanism
+  use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
   use nodal_kernel, only: deformations
   use scene_model, only: scene

@@ -6,7 +6,8 @@ module step_advice
   use deck_records, only: deck
   use dynamics, only: evaluate
   use errors, only: fault_list
-  use mechanism, only: mechanism_model, set_up_mechanism
+  use mechanism, only: mechanism_model
+  use mechanism_setup, only: set_up_mechanism
   use scene_model, only: scene
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names

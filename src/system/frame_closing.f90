@@ -5,7 +5,8 @@
 !> ends, positions near a singular one), the mass-orthogonal correction serves.
 module frame_closing
   use kinds, only: wp
-  use joint_system, only: add_frame_compliance, solve_frames, turn_back
+  use joint_response, only: solve_frames, turn_back
+  use joint_system, only: add_frame_compliance
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private

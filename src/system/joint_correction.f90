@@ -5,7 +5,8 @@
 !> (iterative refinement; Higham 2002, chapter 12).
 module joint_correction
   use kinds, only: wp
-  use joint_system, only: apply_multipliers, row_rates
+  use joint_response, only: apply_multipliers
+  use joint_system, only: row_rates
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private

@@ -1,0 +1,191 @@
+!> Every body's equations condensed onto its frame (theory.md, sections 2, 3, 7): inertia, gravity and elastic forces, the two
+!> banded solves of a flexible body, and the 3 x 3 mass and forces that are left of it, in body axes.
+module body_condensation
+  use kinds, only: wp
+  use banded, only: band_solve_two
+  use mechanism, only: mechanism_model, factor_frame
+  use modal_kernel, only: modal_forces
+  use nodal_kernel, only: nodal_forces
+  use place_forces, only: load_elastic
+  implicit none (type, external)
+  private
+  public :: condense_bodies
+
+contains
+
+  !> Condensed mass, forces and products of every body: rhs, low, dinv, pin of the mechanism.
+  subroutine condense_bodies(self, q, v, z, zd)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
+    integer :: b
+    do b = 1, size(self%c)
+      if (self%flexible(b)) then
+        call flexible_body(self, b, q, v, z, zd)
+      else
+        call rigid_body(self%rigid(:, b), self%c(b), self%sn(b), self%s%gravity, v(self%s%qo(b) + 3), self%pin(:, b), &
+                        self%rhs(:, b), self%low(:, b), self%dinv(:, b))
+      end if
+    end do
+  end subroutine condense_bodies
+
+  !> Condensed mass and inertia forces of a rigid body (constant mass in body axes).
+  pure subroutine rigid_body(constants, c, s, gravity, thetad, p, rhs, low, dinv)
+    real(wp), intent(in) :: constants(9)    !! mass, I1, L and 1/D (mechanism_model)
+    real(wp), intent(in) :: c, s            !! of the frame angle [-]
+    real(wp), intent(in) :: gravity(2)      !! [m/s2]
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(out) :: p(2), rhs(3), low(3), dinv(3)
+    real(wp) :: g(2)
+    p = constants(2:3)
+    g(1) = c*gravity(1) + s*gravity(2)
+    g(2) = c*gravity(2) - s*gravity(1)
+    rhs(1:2) = constants(1)*g + thetad**2*p
+    rhs(3) = p(1)*g(2) - p(2)*g(1)
+    low = constants(4:6)
+    dinv = constants(7:9)
+  end subroutine rigid_body
+
+  !> Elastic forces, the two banded solves and the condensed mass and forces of a flexible body.
+  subroutine flexible_body(self, b, q, v, z, zd)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
+    real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sv(2), i1q, i1v, tt
+    real(wp) :: sx(2), sy(2), tx, ty
+    integer :: i, o, n
+    i = self%s%qo(b) + 3
+    o = self%s%zo(b)
+    thetad = v(i)
+    associate (bo => self%s%bodies(b))
+      n = bo%nf
+      g(1) = self%c(b)*self%s%gravity(1) + self%sn(b)*self%s%gravity(2)
+      g(2) = -self%sn(b)*self%s%gravity(1) + self%c(b)*self%s%gravity(2)
+      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), bo%sbar, bo%i1f, bo%c0, g, thetad, bo%qx, bo%vx, bo%fx, &
+                          bo%tx, p, sv, i1q, i1v)
+      p = p + bo%i1
+      if (bo%modal) then
+        call modal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
+      else
+        call nodal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
+      end if
+      self%dissipated_power = self%dissipated_power + power
+      self%pin(:, b) = p
+      self%rhs(1, b) = bo%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
+      self%rhs(2, b) = bo%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
+      self%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)
+      tt = bo%i11 + 2*i1q + qmq
+    end associate
+    call load_elastic(self, b)
+    call solve_elastic(self, b, sx, sy, tx, ty)
+    associate (bo => self%s%bodies(b))
+      self%rhs(1:2, b) = self%rhs(1:2, b) - sx
+      self%rhs(3, b) = self%rhs(3, b) - tx
+      call factor_frame(bo%mass - bo%sps(1, 1), -bo%sps(1, 2), bo%mass - bo%sps(2, 2), -p(2) - sy(1), p(1) - sy(2), &
+                        tt - ty, self%low(:, b), self%dinv(:, b))
+    end associate
+    if (.not. all(self%dinv(:, b) > 0.0_wp)) self%broken = .true.
+  end subroutine flexible_body
+
+  !> Copies the coordinates and their rates; Q_f without elastic and velocity-product terms; products with q_f and q_f'.
+  pure subroutine frame_products(n, q, v, sbar, i1f, c0, g, thetad, qx, vx, fx, tx, sq, sv, i1q, i1v)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: q(n), v(n)
+    real(wp), intent(in) :: sbar(n, 2), i1f(n), c0(n)
+    real(wp), intent(in) :: g(2)            !! gravity in body axes [m/s2]
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(inout) :: qx(0:n), vx(0:n), fx(0:n), tx(0:n)
+    real(wp), intent(out) :: sq(2), sv(2)   !! S-bar q_f [kg m], S-bar q_f'
+    real(wp), intent(out) :: i1q, i1v       !! I1f q_f [kg m2], I1f q_f'
+    integer :: k
+    do k = 1, n
+      qx(k) = q(k)
+      vx(k) = v(k)
+      fx(k) = thetad**2*i1f(k) + sbar(k, 1)*g(1) + sbar(k, 2)*g(2)
+      tx(k) = c0(k)
+    end do
+    sq = 0.0_wp
+    sv = 0.0_wp
+    i1q = 0.0_wp
+    i1v = 0.0_wp
+    do k = 1, n
+      sq(1) = sq(1) + sbar(k, 1)*q(k)
+      sq(2) = sq(2) + sbar(k, 2)*q(k)
+      sv(1) = sv(1) + sbar(k, 1)*v(k)
+      sv(2) = sv(2) + sbar(k, 2)*v(k)
+      i1q = i1q + i1f(k)*q(k)
+      i1v = i1v + i1f(k)*v(k)
+    end do
+  end subroutine frame_products
+
+  !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products.
+  subroutine solve_elastic(self, b, sx, sy, tx, ty)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    real(wp), intent(out) :: sx(2), sy(2)   !! S-bar X, S-bar Y
+    real(wp), intent(out) :: tx, ty         !! m_theta_f X, m_theta_f Y
+    integer :: n, k, j
+    associate (bo => self%s%bodies(b), at => self%attached(b))
+      n = bo%nf
+      call products(n, bo%pmat, bo%fx(1:n), bo%tx(1:n), sx, sy)   ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
+      if (bo%modal) then
+        tx = dot_product(bo%tx(1:n), bo%fx(1:n))
+        ty = dot_product(bo%tx(1:n), bo%tx(1:n))
+      else
+        bo%qx(1:n) = bo%tx(1:n)
+        call band_solve_two(bo%mff, bo%fx(1:n), bo%tx(1:n))
+        self%solves = self%solves + 2
+        tx = 0.0_wp
+        ty = 0.0_wp
+        do k = 1, n
+          tx = tx + bo%qx(k)*bo%fx(k)
+          ty = ty + bo%qx(k)*bo%tx(k)
+        end do
+      end if
+      do j = 1, size(at%place)
+        associate (place => self%s%places(at%place(j)))
+          if (allocated(place%psi)) then
+            call products3(n, place%psi, bo%fx(1:n), bo%tx(1:n), at%ex(:, j), at%ey(:, j))
+          else
+            do k = 1, 3
+              if (place%dof(k) == 0) cycle
+              at%ex(k, j) = bo%fx(place%dof(k))
+              at%ey(k, j) = bo%tx(place%dof(k))
+            end do
+          end if
+        end associate
+      end do
+    end associate
+  end subroutine solve_elastic
+
+  !> x^T P and y^T P.
+  pure subroutine products(n, p, x, y, px, py)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: p(n, 2), x(n), y(n)
+    real(wp), intent(out) :: px(2), py(2)
+    integer :: k
+    px = 0.0_wp
+    py = 0.0_wp
+    do k = 1, n
+      px(1) = px(1) + p(k, 1)*x(k)
+      px(2) = px(2) + p(k, 2)*x(k)
+      py(1) = py(1) + p(k, 1)*y(k)
+      py(2) = py(2) + p(k, 2)*y(k)
+    end do
+  end subroutine products
+
+  !> Psi x and Psi y.
+  pure subroutine products3(n, psi, x, y, px, py)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: psi(3, n), x(n), y(n)
+    real(wp), intent(out) :: px(3), py(3)
+    integer :: k
+    px = 0.0_wp
+    py = 0.0_wp
+    do k = 1, n
+      px = px + psi(:, k)*x(k)
+      py = py + psi(:, k)*y(k)
+    end do
+  end subroutine products3
+end module body_condensation

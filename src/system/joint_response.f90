@@ -1,0 +1,140 @@
+!> What multipliers do to the coordinates: M^-1 Phi_q^T lambda of frames and elastic coordinates with the factors of the last
+!> evaluation (theory.md, section 7). Loops run over plain arrays; rigid bodies never touch their models.
+module joint_response
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: push_frames, push_elastic, apply_multipliers, solve_frames, turn_back
+
+contains
+
+  !> push = Mc^-1 J^T w lambda of every body's frame, body axes.
+  pure subroutine push_frames(self, lambda)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
+    call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%jw, self%low, self%dinv, &
+                        self%s%rows, lambda, self%push)
+  end subroutine push_frames
+
+  !> x = Mc^-1 J^T w lambda of every body's frame, the wrenches J^T w in jw.
+  pure subroutine solve_frames(nb, first, n, row, jw, low, dinv, rows, lambda, x)
+    integer, intent(in) :: nb, n, rows
+    integer, intent(in) :: first(nb + 1), row(n)
+    real(wp), intent(in) :: jw(3, n), low(3, nb), dinv(3, nb), lambda(rows)
+    real(wp), intent(out) :: x(3, nb)
+    real(wp) :: x1, x2, x3, l
+    integer :: b, e
+    do b = 1, nb
+      x1 = 0.0_wp
+      x2 = 0.0_wp
+      x3 = 0.0_wp
+      do e = first(b), first(b + 1) - 1
+        l = lambda(row(e))
+        x1 = x1 + jw(1, e)*l
+        x2 = x2 + jw(2, e)*l
+        x3 = x3 + jw(3, e)*l
+      end do
+      x2 = x2 - low(1, b)*x1
+      x3 = (x3 - low(2, b)*x1 - low(3, b)*x2)*dinv(3, b)
+      x2 = x2*dinv(2, b) - low(3, b)*x3
+      x(1, b) = x1*dinv(1, b) - low(1, b)*x2 - low(2, b)*x3
+      x(2, b) = x2
+      x(3, b) = x3
+    end do
+  end subroutine solve_frames
+
+  !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
+  subroutine push_elastic(self, b, lambda, a)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: b
+    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
+    real(wp), intent(inout), contiguous :: a(:)       !! (nf)
+    integer :: first, last
+    first = self%end_first(b)
+    last = self%end_first(b + 1) - 1
+    associate (at => self%attached(b))
+      call column_loads(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
+                        self%s%rows, lambda, size(at%place), at%column, size(at%load), at%load)
+      call subtract_columns(size(a), size(at%load), at%load, at%columns, a)
+    end associate
+  end subroutine push_elastic
+
+  !> Multiplier forces on the columns of one body's attachments.
+  pure subroutine column_loads(n, row, local, w, rows, lambda, na, column, nc, load)
+    integer, intent(in) :: n, rows, na, nc
+    integer, intent(in) :: row(n), local(n), column(3, na)
+    real(wp), intent(in) :: w(3, n), lambda(rows)
+    real(wp), intent(out) :: load(nc)
+    integer :: e, c, k
+    load = 0.0_wp
+    do e = 1, n
+      do c = 1, 3
+        k = column(c, local(e))
+        if (k > 0) load(k) = load(k) + w(c, e)*lambda(row(e))
+      end do
+    end do
+  end subroutine column_loads
+
+  !> a = a - columns load.
+  pure subroutine subtract_columns(n, nc, load, columns, a)
+    integer, intent(in) :: n, nc
+    real(wp), intent(in) :: load(nc), columns(n, nc)
+    real(wp), intent(inout) :: a(n)
+    integer :: j, k
+    do k = 1, nc
+      do j = 1, n
+        a(j) = a(j) - load(k)*columns(j, k)
+      end do
+    end do
+  end subroutine subtract_columns
+
+  !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
+  subroutine apply_multipliers(self, mu, dq)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in), contiguous :: mu(:)         !! (rows)
+    real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes
+    integer :: b, i, n
+    call push_frames(self, mu)
+    call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(dq), dq)
+    do b = 1, size(self%c)
+      if (.not. self%flexible(b)) cycle
+      i = self%s%qo(b)
+      n = self%s%bodies(b)%nf
+      if (self%frozen) then
+        dq(i + 4:i + 3 + n) = 0.0_wp
+        cycle
+      end if
+      associate (bo => self%s%bodies(b))
+        call follow_frame(n, bo%pmat, bo%tx(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
+      end associate
+      call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
+    end do
+  end subroutine apply_multipliers
+
+  !> Corrections of the frames, -push in global axes.
+  pure subroutine turn_back(nb, offset, c, s, push, nq, dq)
+    integer, intent(in) :: nb, nq
+    integer, intent(in) :: offset(nb)
+    real(wp), intent(in) :: c(nb), s(nb), push(3, nb)
+    real(wp), intent(inout) :: dq(nq)
+    integer :: b, i
+    do b = 1, nb
+      i = offset(b)
+      dq(i + 1) = s(b)*push(2, b) - c(b)*push(1, b)
+      dq(i + 2) = -s(b)*push(1, b) - c(b)*push(2, b)
+      dq(i + 3) = -push(3, b)
+    end do
+  end subroutine turn_back
+
+  !> Elastic coordinates that follow a correction -x of the frame: m_ff^-1 (S-bar^T, m_theta_f^T) x.
+  pure subroutine follow_frame(n, pmat, tx, x, dq)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: pmat(n, 2), tx(n), x(3)
+    real(wp), intent(out) :: dq(n)
+    integer :: k
+    do k = 1, n
+      dq(k) = pmat(k, 1)*x(1) + pmat(k, 2)*x(2) + tx(k)*x(3)
+    end do
+  end subroutine follow_frame
+end module joint_response
