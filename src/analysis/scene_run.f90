@@ -6,7 +6,8 @@ module scene_run
   use errors, only: failure, fault_list
   use deck_records, only: deck
   use build_scene, only: build
-  use assembly, only: assemble, assembly_report
+  use assembly, only: assemble
+  use assembly_reports, only: assembly_report
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
   use nodal_kernel, only: deformations

@@ -15,6 +15,8 @@ module place
     real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) its displacements in each mode
   contains
     procedure :: elastic
+    procedure :: shift
+    procedure :: push
   end type place_model
 
   !> Kinematic state of all places of a list.
@@ -55,6 +57,48 @@ contains
       end do
     end if
   end function elastic
+
+  !> What the place sees of small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md, section 6).
+  pure function shift(self, rho, frame, x) result(u)
+    class(place_model), intent(in) :: self
+    real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
+    real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle
+    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp) :: u(3)                         !! body axes: u, v, rotation
+    integer :: c
+    u(1:2) = frame(1:2) + frame(3)*turn(rho)
+    u(3) = frame(3)
+    if (allocated(self%psi)) then
+      do c = 1, size(x)
+        u = u + self%psi(:, c)*x(c)
+      end do
+    else
+      do c = 1, 3
+        if (self%dof(c) > 0) u(c) = u(c) + x(self%dof(c))
+      end do
+    end if
+  end function shift
+
+  !> The transpose of `shift`: adds the generalised forces of a wrench on the place.
+  pure subroutine push(self, rho, w, frame, f)
+    class(place_model), intent(in) :: self
+    real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
+    real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
+    real(wp), intent(inout) :: frame(3)      !! on the frame, body axes
+    real(wp), intent(inout) :: f(:)          !! (nf) on the elastic coordinates
+    integer :: c
+    frame(1:2) = frame(1:2) + w(1:2)
+    frame(3) = frame(3) + w(3) + rho(1)*w(2) - rho(2)*w(1)
+    if (allocated(self%psi)) then
+      do c = 1, size(f)
+        f(c) = f(c) + dot_product(self%psi(:, c), w)
+      end do
+    else
+      do c = 1, 3
+        if (self%dof(c) > 0) f(self%dof(c)) = f(self%dof(c)) + w(c)
+      end do
+    end if
+  end subroutine push
 
   !> H x: a vector turned by +90 degrees.
   pure function turn(x) result(y)

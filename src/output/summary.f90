@@ -1,7 +1,7 @@
 !> The model part of summary.txt and of --check: what was modelled and why, and what it costs.
 module summary
   use kinds, only: wp
-  use assembly, only: assembly_report
+  use assembly_reports, only: assembly_report
   use body, only: body_model
   use deck_records, only: deck
   use mechanism, only: mechanism_model

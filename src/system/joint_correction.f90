@@ -57,27 +57,16 @@ contains
     end do
   end subroutine joint_residual
 
+
   !> Acceleration of a place without its velocity-dependent part, and of its section's angle, body axes.
   pure function place_acceleration(self, b, k) result(x)
     type(mechanism_model), intent(in) :: self
     integer, intent(in) :: b, k                      !! body, place
-    real(wp) :: x(3)
-    integer :: i, n, c
+    real(wp) :: x(3), frame(3)
+    integer :: i
     i = self%s%qo(b)
-    associate (a => self%a, rho => self%p%rho(:, k), place => self%s%places(k))
-      x(1) = self%c(b)*a(i + 1) + self%sn(b)*a(i + 2) - rho(2)*a(i + 3)
-      x(2) = self%c(b)*a(i + 2) - self%sn(b)*a(i + 1) + rho(1)*a(i + 3)
-      x(3) = a(i + 3)
-      if (.not. self%flexible(b)) return
-      if (allocated(place%psi)) then
-        do n = 1, size(place%psi, 2)
-          x = x + place%psi(:, n)*a(i + 3 + n)
-        end do
-      else
-        do c = 1, 3
-          if (place%dof(c) > 0) x(c) = x(c) + a(i + 3 + place%dof(c))
-        end do
-      end if
-    end associate
+    frame = [self%c(b)*self%a(i + 1) + self%sn(b)*self%a(i + 2), self%c(b)*self%a(i + 2) - self%sn(b)*self%a(i + 1), &
+             self%a(i + 3)]
+    x = self%s%places(k)%shift(self%p%rho(:, k), frame, self%a(i + 4:i + 3 + self%s%bodies(b)%nf))
   end function place_acceleration
 end module joint_correction

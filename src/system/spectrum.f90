@@ -1,14 +1,13 @@
 !> The fast end of the mechanism's spectrum, by Lanczos iterations in the mass inner product with the structured solves of
-!> `dynamics`: joints released or held at the present configuration. The stiffness is the instantaneous one,
+!> `mass_solve`: joints released or held at the present configuration. The stiffness is the instantaneous one,
 !> E_R (1 + sum of alpha), of bodies and springs. Unknowns as in `linearisation`.
 module spectrum
   use kinds, only: wp
-  use banded, only: band_solve
-  use dynamics, only: apply_multipliers
   use lapack, only: dsyev
   use linearisation, only: linear_mechanism, elastic_matrices
+  use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
-  use place, only: turn
+  use spring_products, only: spring_stretch, spring_push
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
@@ -71,59 +70,51 @@ contains
   !> Instantaneous stiffness of the bodies in compressed rows.
   subroutine gather_rows(self)
     type(fast_spectrum), intent(inout) :: self
-    integer :: n, k, r, total
-    integer, allocatable :: fill(:)
+    integer, allocatable :: fill(:)            !! (n) next entry of each row
+    integer :: n, k, r
     n = self%lin%n
-    total = self%lin%stiffness%count
+    allocate (self%first(n + 1), source=0)
+    call count_rows(self%lin%stiffness, self%first)
     do r = 1, size(self%lin%runs)
-      total = total + self%lin%runs(r)%stiffness%count
-    end do
-    allocate (self%first(n + 1), self%col(total), self%value(total), fill(n))
-    self%first = 0
-    call count_rows(self%lin%stiffness)
-    do r = 1, size(self%lin%runs)
-      call count_rows(self%lin%runs(r)%stiffness)
+      call count_rows(self%lin%runs(r)%stiffness, self%first)
     end do
     self%first(1) = 1
     do k = 1, n
       self%first(k + 1) = self%first(k + 1) + self%first(k)
     end do
+    allocate (self%col(self%first(n + 1) - 1), self%value(self%first(n + 1) - 1))
     fill = self%first(1:n)
-    call put(1.0_wp, 0)
+    call put_rows(self%lin%stiffness, 1.0_wp, fill, self%col, self%value)
     do r = 1, size(self%lin%runs)
-      call put(sum(self%lin%runs(r)%alpha), r)
+      call put_rows(self%lin%runs(r)%stiffness, sum(self%lin%runs(r)%alpha), fill, self%col, self%value)
     end do
-  contains
-    !> Counts the entries of each row.
-    subroutine count_rows(a)
-      type(triplet_matrix), intent(in) :: a
-      integer :: i
-      do i = 1, a%count
-        self%first(a%rows(i) + 1) = self%first(a%rows(i) + 1) + 1
-      end do
-    end subroutine count_rows
-    !> Adds the entries of the static stiffness (run 0) or of one GHM run.
-    subroutine put(factor, run)
-      real(wp), intent(in) :: factor
-      integer, intent(in) :: run
-      integer :: i, j
-      if (run == 0) then
-        do i = 1, self%lin%stiffness%count
-          j = self%lin%stiffness%rows(i)
-          self%col(fill(j)) = self%lin%stiffness%cols(i)
-          self%value(fill(j)) = factor*self%lin%stiffness%values(i)
-          fill(j) = fill(j) + 1
-        end do
-      else
-        do i = 1, self%lin%runs(run)%stiffness%count
-          j = self%lin%runs(run)%stiffness%rows(i)
-          self%col(fill(j)) = self%lin%runs(run)%stiffness%cols(i)
-          self%value(fill(j)) = factor*self%lin%runs(run)%stiffness%values(i)
-          fill(j) = fill(j) + 1
-        end do
-      end if
-    end subroutine put
   end subroutine gather_rows
+
+  !> Adds the number of a matrix's entries in each row.
+  pure subroutine count_rows(a, first)
+    type(triplet_matrix), intent(in) :: a
+    integer, intent(inout) :: first(:)         !! (n+1) of row i in entry i+1
+    integer :: i
+    do i = 1, a%count
+      first(a%rows(i) + 1) = first(a%rows(i) + 1) + 1
+    end do
+  end subroutine count_rows
+
+  !> Puts a matrix's entries, times a factor, where the rows have room.
+  pure subroutine put_rows(a, factor, fill, col, value)
+    type(triplet_matrix), intent(in) :: a
+    real(wp), intent(in) :: factor             !! [-]
+    integer, intent(inout) :: fill(:)          !! (n) next entry of each row
+    integer, intent(inout) :: col(:)           !! (entries)
+    real(wp), intent(inout) :: value(:)        !! (entries)
+    integer :: i, j
+    do i = 1, a%count
+      j = a%rows(i)
+      col(fill(j)) = a%cols(i)
+      value(fill(j)) = factor*a%values(i)
+      fill(j) = fill(j) + 1
+    end do
+  end subroutine put_rows
 
   !> Largest eigenvalue of K x = lambda M x [rad2/s2] (or of C x = lambda M x [1/s]) by at most `most` Lanczos steps; joints
   !> held or released. m holds an evaluation at the present configuration.
@@ -269,178 +260,4 @@ contains
       end do
     end associate
   end subroutine multiply_run
-
-  !> Displacement of a place, global, and turn of its section, from the unknowns.
-  pure function place_shift(m, k, x) result(d)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: x(:)
-    real(wp) :: d(3), u(3)
-    integer :: b, i, c
-    d = 0.0_wp
-    b = m%s%places(k)%body
-    if (b == 0) return
-    i = m%s%qo(b)
-    u(1:2) = x(i + 1:i + 2) + x(i + 3)*turn(m%p%rho(:, k))
-    u(3) = x(i + 3)
-    associate (place => m%s%places(k))
-      if (allocated(place%psi)) then
-        do c = 1, size(place%psi, 2)
-          u = u + place%psi(:, c)*x(i + 3 + c)
-        end do
-      else
-        do c = 1, 3
-          if (place%dof(c) > 0) u(c) = u(c) + x(i + 3 + place%dof(c))
-        end do
-      end if
-    end associate
-    d = [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2), u(3)]
-  end function place_shift
-
-  !> Change of a spring's deformation.
-  pure function spring_stretch(m, k, x) result(s)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: x(:)
-    real(wp) :: s, d(3), e(2), now, rate
-    associate (sp => m%s%springs(k))
-      d = place_shift(m, sp%ia, x) - place_shift(m, sp%ib, x)
-      if (sp%torsional) then
-        s = d(3)
-      else
-        call sp%deformation(m%p, now, rate, e)
-        s = dot_product(e, d(1:2))
-      end if
-    end associate
-  end function spring_stretch
-
-  !> Adds the forces of a spring pulling with s.
-  pure subroutine spring_push(m, k, s, y)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: s
-    real(wp), intent(inout) :: y(:)
-    real(wp) :: e(2), now, rate
-    associate (sp => m%s%springs(k))
-      if (sp%torsional) then
-        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s], y)
-        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s], y)
-      else
-        call sp%deformation(m%p, now, rate, e)
-        call place_push(m, sp%ia, [s*e(1), s*e(2), 0.0_wp], y)
-        call place_push(m, sp%ib, [-s*e(1), -s*e(2), 0.0_wp], y)
-      end if
-    end associate
-  end subroutine spring_push
-
-  !> Adds a wrench (global force, moment) on a place as generalised forces.
-  pure subroutine place_push(m, k, f, y)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: f(3)
-    real(wp), intent(inout) :: y(:)
-    real(wp) :: w(3)
-    integer :: b, i, c
-    b = m%s%places(k)%body
-    if (b == 0) return
-    i = m%s%qo(b)
-    w = [m%c(b)*f(1) + m%sn(b)*f(2), m%c(b)*f(2) - m%sn(b)*f(1), f(3)]
-    y(i + 1:i + 2) = y(i + 1:i + 2) + w(1:2)
-    y(i + 3) = y(i + 3) + w(3) + m%p%rho(1, k)*w(2) - m%p%rho(2, k)*w(1)
-    associate (place => m%s%places(k))
-      if (allocated(place%psi)) then
-        do c = 1, size(place%psi, 2)
-          y(i + 3 + c) = y(i + 3 + c) + dot_product(place%psi(:, c), w)
-        end do
-      else
-        do c = 1, 3
-          if (place%dof(c) > 0) y(i + 3 + place%dof(c)) = y(i + 3 + place%dof(c)) + w(c)
-        end do
-      end if
-    end associate
-  end subroutine place_push
-
-  !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
-  subroutine solve_mass(m, held, r, u)
-    type(mechanism_model), intent(inout) :: m
-    logical, intent(in) :: held
-    real(wp), intent(in) :: r(:)
-    real(wp), intent(out) :: u(:)
-    real(wp) :: x(3)
-    integer :: b, i, n, k, e
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      n = m%s%bodies(b)%nf
-      associate (bo => m%s%bodies(b))
-        x = r(i + 1:i + 3)
-        if (bo%flexible) then
-          u(i + 4:i + 3 + n) = r(i + 4:i + 3 + n)
-          do k = 1, n
-            x(1:2) = x(1:2) - bo%pmat(k, :)*u(i + 3 + k)
-            x(3) = x(3) - bo%tx(k)*u(i + 3 + k)
-          end do
-          if (.not. bo%modal) call band_solve(bo%mff, u(i + 4:i + 3 + n))
-        end if
-        x(2) = x(2) - m%low(1, b)*x(1)
-        x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
-        x = x*m%dinv(:, b)
-        x(2) = x(2) - m%low(3, b)*x(3)
-        x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
-        u(i + 1:i + 3) = x
-        do k = 1, n
-          u(i + 3 + k) = u(i + 3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
-        end do
-      end associate
-    end do
-    if (.not. held .or. m%s%rows == 0) return
-    m%lambda = 0.0_wp
-    do b = 1, size(m%s%bodies)
-      do e = m%end_first(b), m%end_first(b + 1) - 1
-        m%lambda(m%end_row(e)) = m%lambda(m%end_row(e)) + row_shift(m, b, e, u)
-      end do
-    end do
-    call m%schur%solve(m%lambda)
-    call apply_body_axes(m, u)
-  end subroutine solve_mass
-
-  !> w . (place displacement in body axes) of one end.
-  pure function row_shift(m, b, e, u) result(s)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b, e
-    real(wp), intent(in) :: u(:)
-    real(wp) :: s, d(3)
-    integer :: i, k, c
-    i = m%s%qo(b)
-    k = m%end_place(e)
-    d(1:2) = u(i + 1:i + 2) + u(i + 3)*turn(m%p%rho(:, k))
-    d(3) = u(i + 3)
-    associate (place => m%s%places(k))
-      if (allocated(place%psi)) then
-        do c = 1, size(place%psi, 2)
-          d = d + place%psi(:, c)*u(i + 3 + c)
-        end do
-      else
-        do c = 1, 3
-          if (place%dof(c) > 0) d(c) = d(c) + u(i + 3 + place%dof(c))
-        end do
-      end if
-    end associate
-    s = dot_product(m%w(:, e), d)
-  end function row_shift
-
-  !> u = u - M^-1 Phi^T lambda in body axes.
-  subroutine apply_body_axes(m, u)
-    type(mechanism_model), intent(inout) :: m
-    real(wp), intent(inout) :: u(:)
-    integer :: b, i
-    real(wp) :: x(2)
-    call apply_multipliers(m, m%lambda, m%a)
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      x = m%a(i + 1:i + 2)
-      m%a(i + 1) = m%c(b)*x(1) + m%sn(b)*x(2)
-      m%a(i + 2) = m%c(b)*x(2) - m%sn(b)*x(1)
-    end do
-    u = u + m%a
-  end subroutine apply_body_axes
 end module spectrum

@@ -1,0 +1,93 @@
+!> Solves with the mass matrix by the factors of the last evaluation (`dynamics`), joints released or held. Unknowns as the
+!> coordinates, the frames' in body axes.
+module mass_solve
+  use kinds, only: wp
+  use banded, only: band_solve
+  use joint_response, only: apply_multipliers
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: solve_mass
+
+contains
+
+  !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
+  subroutine solve_mass(m, held, r, u)
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held                !! joints and drives held
+    real(wp), intent(in) :: r(:)               !! (n) forces
+    real(wp), intent(out) :: u(:)              !! (n)
+    integer :: b, e
+    call solve_bodies(m, r, u)
+    if (.not. held .or. m%s%rows == 0) return
+    m%lambda = 0.0_wp
+    do b = 1, size(m%s%bodies)
+      do e = m%end_first(b), m%end_first(b + 1) - 1
+        m%lambda(m%end_row(e)) = m%lambda(m%end_row(e)) + row_shift(m, b, e, u)
+      end do
+    end do
+    call m%schur%solve(m%lambda)
+    call apply_body_axes(m, u)
+  end subroutine solve_mass
+
+  !> u = M^-1 r, joints released: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
+  subroutine solve_bodies(m, r, u)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: r(:)               !! (n) forces
+    real(wp), intent(out) :: u(:)              !! (n)
+    real(wp) :: x(3)
+    integer :: b, i, n, k
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      n = m%s%bodies(b)%nf
+      associate (bo => m%s%bodies(b))
+        x = r(i + 1:i + 3)
+        if (bo%flexible) then
+          u(i + 4:i + 3 + n) = r(i + 4:i + 3 + n)
+          do k = 1, n
+            x(1:2) = x(1:2) - bo%pmat(k, :)*u(i + 3 + k)
+            x(3) = x(3) - bo%tx(k)*u(i + 3 + k)
+          end do
+          if (.not. bo%modal) call band_solve(bo%mff, u(i + 4:i + 3 + n))
+        end if
+        x(2) = x(2) - m%low(1, b)*x(1)
+        x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
+        x = x*m%dinv(:, b)
+        x(2) = x(2) - m%low(3, b)*x(3)
+        x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
+        u(i + 1:i + 3) = x
+        do k = 1, n
+          u(i + 3 + k) = u(i + 3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
+        end do
+      end associate
+    end do
+  end subroutine solve_bodies
+
+  !> w . (place displacement in body axes) of one end.
+  pure function row_shift(m, b, e, u) result(s)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b, e                !! body, end of a row on it
+    real(wp), intent(in) :: u(:)               !! (n)
+    real(wp) :: s
+    integer :: i, k
+    i = m%s%qo(b)
+    k = m%end_place(e)
+    s = dot_product(m%w(:, e), m%s%places(k)%shift(m%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
+  end function row_shift
+
+  !> u = u - M^-1 Phi^T lambda in body axes.
+  subroutine apply_body_axes(m, u)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(inout) :: u(:)
+    integer :: b, i
+    real(wp) :: x(2)
+    call apply_multipliers(m, m%lambda, m%a)
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      x = m%a(i + 1:i + 2)
+      m%a(i + 1) = m%c(b)*x(1) + m%sn(b)*x(2)
+      m%a(i + 2) = m%c(b)*x(2) - m%sn(b)*x(1)
+    end do
+    u = u + m%a
+  end subroutine apply_body_axes
+end module mass_solve

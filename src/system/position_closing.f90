@@ -1,0 +1,123 @@
+!> Closes the mechanism's positions (deck.md, "Assembly"): Newton steps of least motion of the frames, elastic coordinates held.
+module position_closing
+  use kinds, only: wp
+  use assembly_reports, only: assembly_report, add_warning, open_joints
+  use errors, only: failure, status_bad_input
+  use joint_response, only: apply_multipliers
+  use joint_system, only: constraint_values, condense_constraints
+  use mechanism, only: mechanism_model
+  use place_motion, only: set_frames, place_kinematics
+  implicit none (type, external)
+  private
+  public :: close_positions, closed_gap
+
+  integer, parameter :: most_newton = 200
+  real(wp), parameter :: closed = 1.0e-12_wp        !! |Phi| of a closed mechanism, relative to the scene's size [-]
+  real(wp), parameter :: far = 0.05_wp              !! motion of a frame that is worth a warning, relative to the size [-]
+
+contains
+
+  !> Newton steps that move frames only, least sum of (dx2 + dy2)/S2 + dtheta2.
+  subroutine close_positions(self, q, v, report, fail)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(inout) :: q(:)
+    real(wp), intent(in) :: v(:)
+    type(assembly_report), intent(inout) :: report
+    type(failure), intent(inout) :: fail
+    real(wp), allocatable :: trial(:)
+    real(wp) :: worst, before, length
+    integer :: pass, b, tries
+    if (self%s%rows > 0) then
+      self%frozen = .true.
+      call frame_positions(self, q, v, worst)
+      do pass = 1, most_newton
+        if (worst <= closed_gap(self)) exit
+        do b = 1, size(self%s%bodies)
+          self%low(:, b) = 0.0_wp
+          self%dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
+        end do
+        call condense_constraints(self)
+        call self%schur%factor()
+        self%lambda = self%rows%phi
+        call self%schur%solve(self%lambda)
+        call apply_multipliers(self, self%lambda, self%a)
+        trial = q
+        before = worst
+        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, self%a), tiny(1.0_wp)))
+        do tries = 1, 12
+          q = trial + length*self%a
+          call frame_positions(self, q, v, worst)
+          if (worst <= (1 - 0.01_wp*length)*before) exit
+          length = length/2
+        end do
+        if (tries > 12) then
+          if (worst > 1.0e3_wp*closed_gap(self)) exit
+          if (pass > 5) exit
+        end if
+      end do
+      report%newton = pass - 1
+      self%frozen = .false.
+      if (worst > closed_gap(self)) then
+        call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
+                        open_joints(self, self%rows%phi, closed_gap(self), 'm')// &
+                        '; expected positions near which every joint and drive holds at t = 0')
+        return
+      end if
+      call warn_of_motion(self, q, report)
+    end if
+    call frame_positions(self, q, v, worst)
+  end subroutine close_positions
+
+  !> |Phi| of a closed mechanism: 1e-12 of the size, but not below the rounding of positions far from the origin [m].
+  pure function closed_gap(self) result(gap)
+    type(mechanism_model), intent(in) :: self
+    real(wp) :: gap
+    gap = max(closed*self%s%size, 32*epsilon(1.0_wp)*maxval(abs(self%p%r)))
+  end function closed_gap
+
+  !> Largest change of a frame, relative to the size, or in radians.
+  pure function largest_motion(self, dq) result(motion)
+    type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: dq(:)
+    real(wp) :: motion
+    integer :: b, i
+    motion = 0.0_wp
+    do b = 1, size(self%s%bodies)
+      i = self%s%qo(b)
+      motion = max(motion, hypot(dq(i + 1), dq(i + 2))/self%s%size, abs(dq(i + 3)))
+    end do
+  end function largest_motion
+
+  !> Places and constraints at trial positions; the largest |Phi| [m].
+  subroutine frame_positions(self, q, v, worst)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(out) :: worst
+    call set_frames(self, q)
+    call place_kinematics(self, q, v)
+    call constraint_values(self, 0.0_wp)
+    worst = 0.0_wp
+    if (self%s%rows > 0) worst = maxval(abs(self%rows%phi))
+    if (.not. worst < huge(1.0_wp)) worst = huge(1.0_wp)
+  end subroutine frame_positions
+
+  !> Warns where a frame moved by more than 5 % of the size.
+  subroutine warn_of_motion(self, q, report)
+    type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: q(:)
+    type(assembly_report), intent(inout) :: report
+    real(wp) :: dx, da
+    character(16) :: text(2)
+    integer :: b, i
+    do b = 1, size(self%s%bodies)
+      i = self%s%qo(b)
+      dx = norm2(q(i + 1:i + 2) - self%s%q0(i + 1:i + 2))
+      da = abs(q(i + 3) - self%s%q0(i + 3))
+      if (dx <= far*self%s%size .and. da <= far) cycle
+      write (text(1), '(es9.2)') dx
+      write (text(2), '(es9.2)') da
+      call add_warning(report, 'assembly moved body "'//trim(self%s%bodies(b)%name)//'" by '//trim(adjustl(text(1)))// &
+                ' m and '//trim(adjustl(text(2)))//' rad: are its deck position and angle right?')
+    end do
+  end subroutine warn_of_motion
+end module position_closing

@@ -1,0 +1,106 @@
+!> Rank of the constraints once the mechanism is assembled: redundant joints, degrees of freedom. A rank that drops only in
+!> the position of the start does not make joints redundant.
+module redundancy
+  use kinds, only: wp
+  use assembly_reports, only: assembly_report
+  use dynamics, only: evaluate
+  use joint_geometry, only: condense_geometry
+  use joint_response, only: apply_multipliers
+  use joint_system, only: row_rates
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: count_freedoms
+
+  real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others [-]
+
+contains
+
+  !> Rank of the constraints, the joints of redundant sets, degrees of freedom; row weights for very uneven masses.
+  subroutine count_freedoms(self, q, v, report)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    type(assembly_report), intent(inout) :: report
+    logical, allocatable :: weak(:)
+    real(wp), allocatable :: none(:), diagonal(:), x(:)
+    integer :: k, i
+    allocate (report%dependent(size(self%s%constraints)), source=.false.)
+    report%freedoms = self%s%nq
+    if (self%s%rows == 0) return
+    allocate (none(self%s%nz), source=0.0_wp)
+    allocate (weak(self%s%rows), x(self%s%rows))
+    diagonal = self%schur%s(0, self%schur%position)
+    if (maxval(diagonal) > 1.0e6_wp*minval(diagonal)) then
+      where (diagonal > 0.0_wp) self%schur%scale = 1.0_wp/sqrt(diagonal)
+      call evaluate(self, 0.0_wp, q, v, none, none)
+    end if
+    call condense_geometry(self)
+    call self%schur%weak_rows(redundant, weak)
+    report%rank = count(.not. weak)
+    report%freedoms = self%s%nq - report%rank
+    if (.not. any(weak)) return
+    self%redundant = stays_redundant(self, q, v)
+    if (self%redundant) self%schur%shift = 1.0e-9_wp
+    call evaluate(self, 0.0_wp, q, v, none, none)
+    do k = 1, self%s%rows
+      if (.not. weak(k)) cycle
+      call null_vector(self, k, x)
+      do i = 1, size(self%s%constraints)
+        associate (c => self%s%constraints(i)%item)
+          if (any(abs(x(c%first:c%first + c%rows - 1)) > 1.0e-5_wp)) report%dependent(i) = .true.
+        end associate
+      end do
+    end do
+  end subroutine count_freedoms
+
+  !> Whether rows depend on others also a little away from the start: along the velocities, or, at rest, along a motion that
+  !> the constraints allow. Otherwise the start is only a singular position.
+  logical function stays_redundant(self, q, v) result(yes)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), allocatable :: motion(:), none(:)
+    logical, allocatable :: weak(:)
+    real(wp) :: reach
+    integer :: k
+    allocate (none(self%s%nz), source=0.0_wp)
+    allocate (weak(self%s%rows))
+    motion = v
+    if (.not. maxval(abs(v)) > 0.0_wp) then
+      motion = [(sin(1.7_wp*k) + 0.2_wp, k=1, size(q))]
+      call evaluate(self, 0.0_wp, q, motion, none, none)
+      call row_rates(self, self%lambda)
+      call self%schur%solve(self%lambda)
+      call apply_multipliers(self, self%lambda, self%a)
+      motion = motion + self%a
+    end if
+    call evaluate(self, 0.0_wp, q, motion, none, none)
+    reach = maxval(abs(self%p%v))
+    yes = .true.
+    if (.not. reach > 1.0e-9_wp*self%s%size) return
+    motion = q + 2.0e-3_wp*self%s%size/reach*motion
+    call evaluate(self, 0.0_wp, motion, v, none, none)
+    call condense_geometry(self)
+    call self%schur%weak_rows(redundant, weak)
+    yes = any(weak)
+  end function stays_redundant
+
+  !> The part of the unit vector of a dependent row that lies in the null space of S.
+  subroutine null_vector(self, k, x)
+    type(mechanism_model), intent(inout) :: self
+    integer, intent(in) :: k
+    real(wp), intent(out) :: x(:)
+    real(wp), allocatable :: s(:)
+    integer :: i, j, pk
+    allocate (s(size(x)))
+    pk = self%schur%position(k)
+    do i = 1, size(x)                     ! column of S for this row
+      j = self%schur%position(i)
+      s(i) = 0.0_wp
+      if (abs(j - pk) <= self%schur%kd) s(i) = self%schur%s(abs(j - pk), min(j, pk))
+      s(i) = s(i)/(self%schur%scale(i)*self%schur%scale(k))
+    end do
+    call self%schur%solve(s)
+    x = -s
+    x(k) = x(k) + 1.0_wp
+  end subroutine null_vector
+end module redundancy

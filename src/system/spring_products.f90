@@ -1,0 +1,77 @@
+!> Springs in linear algebra, about the present places: how small motions stretch a spring, and the generalised forces of a
+!> spring that pulls. Unknowns as the coordinates, the frames' in body axes.
+module spring_products
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: spring_stretch, spring_push
+
+contains
+
+  !> Change of a spring's deformation.
+  pure function spring_stretch(m, k, x) result(s)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: x(:)
+    real(wp) :: s, d(3), e(2), now, rate
+    associate (sp => m%s%springs(k))
+      d = place_shift(m, sp%ia, x) - place_shift(m, sp%ib, x)
+      if (sp%torsional) then
+        s = d(3)
+      else
+        call sp%deformation(m%p, now, rate, e)
+        s = dot_product(e, d(1:2))
+      end if
+    end associate
+  end function spring_stretch
+
+  !> Adds the forces of a spring pulling with s.
+  pure subroutine spring_push(m, k, s, y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    real(wp), intent(in) :: s
+    real(wp), intent(inout) :: y(:)
+    real(wp) :: e(2), now, rate
+    associate (sp => m%s%springs(k))
+      if (sp%torsional) then
+        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s], y)
+        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s], y)
+      else
+        call sp%deformation(m%p, now, rate, e)
+        call place_push(m, sp%ia, [s*e(1), s*e(2), 0.0_wp], y)
+        call place_push(m, sp%ib, [-s*e(1), -s*e(2), 0.0_wp], y)
+      end if
+    end associate
+  end subroutine spring_push
+
+  !> Displacement of a place, global, and turn of its section, from the unknowns.
+  pure function place_shift(m, k, x) result(d)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                   !! place
+    real(wp), intent(in) :: x(:)               !! (n)
+    real(wp) :: d(3), u(3)
+    integer :: b, i
+    d = 0.0_wp
+    b = m%s%places(k)%body
+    if (b == 0) return
+    i = m%s%qo(b)
+    u = m%s%places(k)%shift(m%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
+    d = [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2), u(3)]
+  end function place_shift
+
+  !> Adds a wrench (global force, moment) on a place as generalised forces.
+  pure subroutine place_push(m, k, f, y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                   !! place
+    real(wp), intent(in) :: f(3)               !! [N], [N m]
+    real(wp), intent(inout) :: y(:)            !! (n)
+    real(wp) :: w(3)
+    integer :: b, i
+    b = m%s%places(k)%body
+    if (b == 0) return
+    i = m%s%qo(b)
+    w = [m%c(b)*f(1) + m%sn(b)*f(2), m%c(b)*f(2) - m%sn(b)*f(1), f(3)]
+    call m%s%places(k)%push(m%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
+  end subroutine place_push
+end module spring_products

@@ -1,0 +1,163 @@
+!> Closes the mechanism's velocities (deck.md, "Assembly"): those that the deck states are kept, the others follow by the least
+!> mass-weighted change; stated ones that contradict the joints are corrected least.
+module velocity_closing
+  use kinds, only: wp
+  use assembly_reports, only: assembly_report, add_warning, open_joints
+  use dynamics, only: evaluate
+  use errors, only: failure, status_bad_input
+  use joint_response, only: apply_multipliers
+  use joint_system, only: condense_constraints, row_rates
+  use mechanism, only: mechanism_model
+  use place_motion, only: place_kinematics
+  implicit none (type, external)
+  private
+  public :: close_velocities
+
+  real(wp), parameter :: stiff_weight = 1.0e6_wp    !! weight of stated velocities when they must be corrected [-]
+
+contains
+
+  !> Velocities: stated ones kept, others follow; then stated ones corrected; elastic rates only where frames do not suffice.
+  subroutine close_velocities(self, q, v, report, fail)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(inout) :: v(:)
+    type(assembly_report), intent(inout) :: report
+    type(failure), intent(inout) :: fail
+    real(wp), allocatable :: none(:), start(:)
+    real(wp) :: worst, goal
+    integer :: attempt
+    allocate (none(self%s%nz), source=0.0_wp)
+    start = v
+    call evaluate(self, 0.0_wp, q, v, none, none)
+    if (self%s%rows == 0) return
+    call row_rates(self, self%lambda)
+    goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
+    do attempt = 1, 4
+      v = start
+      call evaluate(self, 0.0_wp, q, v, none, none)
+      self%frozen = attempt <= 2
+      call weigh_frames(self, masked=mod(attempt, 2) == 1)
+      call correct_velocities(self, q, v, goal, worst)
+      self%frozen = .false.
+      if (worst <= goal) exit
+    end do
+    call evaluate(self, 0.0_wp, q, v, none, none)
+    if (worst > goal) then
+      call row_rates(self, self%lambda)
+      call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
+                      open_joints(self, self%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
+                      'singular position; expected a drive that begins at rest, or another start')
+      return
+    end if
+    call warn_of_velocities(self, start, v, report)
+  end subroutine close_velocities
+
+  !> Velocity corrections with the present metric until the rows hold.
+  subroutine correct_velocities(self, q, v, goal, worst)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(inout) :: v(:)
+    real(wp), intent(in) :: goal               !! [m/s]
+    real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
+    integer :: pass
+    call condense_constraints(self)
+    call self%schur%factor()
+    do pass = 1, 6
+      call place_kinematics(self, q, v)
+      call row_rates(self, self%lambda)
+      worst = maxval(abs(self%lambda))
+      if (worst <= 0.01_wp*goal) exit
+      call self%schur%solve(self%lambda)
+      call apply_multipliers(self, self%lambda, self%a)
+      v = v + self%a
+    end do
+    call place_kinematics(self, q, v)
+    call row_rates(self, self%lambda)
+    worst = maxval(abs(self%lambda))
+  end subroutine correct_velocities
+
+  !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.
+  subroutine weigh_frames(self, masked)
+    type(mechanism_model), intent(inout) :: self
+    logical, intent(in) :: masked
+    real(wp) :: m(3, 3), p(2), weight
+    integer :: b, i, k
+    do b = 1, size(self%s%bodies)
+      i = self%s%qo(b)
+      associate (bo => self%s%bodies(b))
+        if (self%frozen) then
+          p = bo%i1
+          m = reshape([bo%mass, 0.0_wp, -p(2), 0.0_wp, bo%mass, p(1), -p(2), p(1), bo%i11], [3, 3])
+        else
+          m = unfactored(self%low(:, b), self%dinv(:, b))
+        end if
+      end associate
+      if (.not. masked) then
+        do k = 1, 3
+          weight = merge(sqrt(stiff_weight), 1.0_wp, self%s%stated(i + k))
+          m(k, :) = m(k, :)*weight
+          m(:, k) = m(:, k)*weight
+        end do
+        call factor_masked(m, [.false., .false., .false.], self%low(:, b), self%dinv(:, b))
+      else
+        call factor_masked(m, self%s%stated(i + 1:i + 3), self%low(:, b), self%dinv(:, b))
+      end if
+    end do
+  end subroutine weigh_frames
+
+  !> L D L^T of a 3 x 3 matrix; masked components do not move (1/D = 0).
+  pure subroutine factor_masked(m, fixed, low, dinv)
+    real(wp), intent(in) :: m(3, 3)
+    logical, intent(in) :: fixed(3)
+    real(wp), intent(out) :: low(3), dinv(3)
+    real(wp) :: a(3, 3)
+    integer :: k
+    a = m
+    do k = 1, 3
+      if (.not. fixed(k)) cycle
+      a(k, :) = 0.0_wp
+      a(:, k) = 0.0_wp
+      a(k, k) = 1.0_wp
+    end do
+    dinv(1) = 1.0_wp/a(1, 1)
+    low(1) = a(2, 1)*dinv(1)
+    low(2) = a(3, 1)*dinv(1)
+    dinv(2) = 1.0_wp/(a(2, 2) - low(1)*a(2, 1))
+    low(3) = (a(3, 2) - low(2)*a(2, 1))*dinv(2)
+    dinv(3) = 1.0_wp/(a(3, 3) - low(2)*a(3, 1) - low(3)**2/dinv(2))
+    where (fixed) dinv = 0.0_wp
+  end subroutine factor_masked
+
+  !> The matrix of an L D L^T factor.
+  pure function unfactored(low, dinv) result(m)
+    real(wp), intent(in) :: low(3), dinv(3)
+    real(wp) :: m(3, 3), l(3, 3), ld(3, 3)
+    l = reshape([1.0_wp, low(1), low(2), 0.0_wp, 1.0_wp, low(3), 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+    ld(:, 1) = l(:, 1)/dinv(1)
+    ld(:, 2) = l(:, 2)/dinv(2)
+    ld(:, 3) = l(:, 3)/dinv(3)
+    m = matmul(ld, transpose(l))
+  end function unfactored
+
+  !> Warns of stated velocities that had to change.
+  subroutine warn_of_velocities(self, start, v, report)
+    type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: start(:), v(:)
+    type(assembly_report), intent(inout) :: report
+    real(wp) :: change, scale
+    character(16) :: text
+    integer :: b, i
+    scale = max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), tiny(1.0_wp))
+    do b = 1, size(self%s%bodies)
+      i = self%s%qo(b)
+      change = 0.0_wp
+      if (self%s%stated(i + 1)) change = norm2(v(i + 1:i + 2) - start(i + 1:i + 2))
+      if (self%s%stated(i + 3)) change = max(change, self%s%size*abs(v(i + 3) - start(i + 3)))
+      if (change <= 1.0e-6_wp*scale) cycle
+      write (text, '(es9.2)') change
+      call add_warning(report, 'the stated velocity of body "'//trim(self%s%bodies(b)%name)//'" contradicts the joints and was '// &
+                'corrected by '//trim(adjustl(text))//' m/s')
+    end do
+  end subroutine warn_of_velocities
+end module velocity_closing
