@@ -9,7 +9,8 @@ program probe
   use errors, only: failure, fault_list
   use scene_run, only: run_state, prepare_run
   use dynamics, only: row_rates
-  use linearisation, only: linear_mechanism, linearise
+  use linear_matrices, only: linear_mechanism
+  use linearisation, only: linearise
   use triplets, only: triplet_matrix
   use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, int64, iostat_end
   implicit none (type, external)

@@ -11,7 +11,7 @@ module equilibrium
   use dynamics, only: place_kinematics, set_frames, row_rates
   use force_scale, only: largest_force
   use linear_state, only: evaluate_state, linear_system
-  use linearisation, only: linear_mechanism
+  use linear_matrices, only: linear_mechanism
   use scene_run, only: run_state, relax
   implicit none (type, external)
   private

@@ -4,7 +4,8 @@ module linear_state
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use joint_geometry, only: condense_geometry
-  use linearisation, only: linear_mechanism, linearise
+  use linear_matrices, only: linear_mechanism
+  use linearisation, only: linearise
   use scene_run, only: run_state
   implicit none (type, external)
   private

@@ -117,7 +117,7 @@ contains
     prefix = 'warning: '
     if (refused) prefix = ''
     write (line, '(a, es10.3, 3a, es10.3, 3a, es10.3, a)') 'step = ', h, ' s is above the safe bound of ', &
-      trim(method_names(k)), ', ', advice%safe%step(k), ' s, set by ', trim(advice%safe%what(k)), &
+      trim(method_names(k)), ', ', advice%safe%step(k), ' s, set by ', trim(advice%safe%cause(k)%what), &
       '; expected at most ', 0.98_wp*advice%safe%step(k), ' s, or generalized_alpha, or accept_unstable=.true.'
     write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//trim(line)
     if (refused) write (error_unit, '(a)') advice%text(:len(advice%text) - 1)

@@ -6,7 +6,7 @@ module static_analysis
   use equilibrium, only: find_equilibrium, equilibrium_report
   use errors, only: failure, status_failed, status_bad_input, status_no_output
   use linear_state, only: linear_system, evaluate_state
-  use linearisation, only: linear_mechanism
+  use linear_matrices, only: linear_mechanism
   use load, only: stage_static
   use natural_modes, only: natural_subspace, rounding_level
   use results, only: join_names, motion_names, motion_row

@@ -57,12 +57,15 @@ contains
                       'alone sets the step'//new_line('a')
         cycle
       end if
-      write (line, '(3a, es11.4, a, es11.4, a)') '  ', trim(method_names(k)), ': safe bound ', advice%safe%step(k), &
-        ' s (joints released), current bound ', advice%current%step(k), ' s (as assembled)'
-      if (advice%current%step(k) > 1.0e6_wp*advice%safe%step(k)) line = line(:index(line, ', current'))// &
-        ' no current bound (as assembled)'
+      write (line, '(3a, es11.4, a)') '  ', trim(method_names(k)), ': safe bound ', advice%safe%step(k), ' s (joints released)'
+      advice%text = advice%text//trim(line)
+      if (advice%current%step(k) > 1.0e6_wp*advice%safe%step(k)) then
+        line = ', no current bound (as assembled)'
+      else
+        write (line, '(a, es11.4, a)') ', current bound ', advice%current%step(k), ' s (as assembled)'
+      end if
       advice%text = advice%text//trim(line)//new_line('a')
-      write (line, '(3a, es11.4, a, f6.4)') '    limited by ', trim(advice%safe%what(k)), ', |eigenvalue| ', &
+      write (line, '(3a, es11.4, a, f6.4)') '    limited by ', trim(advice%safe%cause(k)%what), ', |eigenvalue| ', &
         abs(advice%safe%mu(k)), ' rad/s, damping ratio ', abs(real(advice%safe%mu(k), wp))/abs(advice%safe%mu(k))
       advice%text = advice%text//trim(line)//new_line('a')
     end do
@@ -77,11 +80,10 @@ contains
     type(stability_advice), intent(inout) :: advice
     type(deck) :: other
     character(24) :: number
-    integer :: b, r
-    b = advice%safe%body(1)
-    if (advice%safe%run(1) > 0) then
-      r = index(advice%safe%what(1), 'material "')
-      if (r > 0 .and. b > 0) then
+    integer :: b
+    b = advice%safe%cause(1)%body
+    if (advice%safe%cause(1)%run > 0) then
+      if (advice%safe%cause(1)%material > 0 .and. b > 0) then
         other = d
         other%bodies(b)%viscoelastic = .false.
         call try('    without GHM in body "'//trim(d%bodies(b)%name)//'"', other, advice)

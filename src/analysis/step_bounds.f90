@@ -2,10 +2,10 @@
 !> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
 module step_bounds
   use kinds, only: wp
+  use bound_causes, only: bound_cause, mode_cause, pole_cause
   use deck_records, only: deck
   use lapack, only: dgeev
   use mechanism, only: mechanism_model
-  use nodal_kernel, only: deformations
   use spectrum, only: fast_spectrum, fast_mode
   use stability_region, only: largest_step, method_names
   implicit none (type, external)
@@ -18,10 +18,7 @@ module step_bounds
   type :: step_bound
     real(wp) :: step(size(method_names)) = huge(1.0_wp)   !! [s]
     complex(wp) :: mu(size(method_names)) = 0.0_wp        !! the limiting eigenvalue [1/s]
-    character(120) :: what(size(method_names)) = ''       !! in words
-    integer :: body(size(method_names)) = 0               !! body that carries the limiting mode, 0: none
-    integer :: run(size(method_names)) = 0                !! GHM run whose pole limits, 0: a mode
-    logical :: axial(size(method_names)) = .false.        !! the limiting mode is mainly axial
+    type(bound_cause) :: cause(size(method_names))        !! what it belongs to
   end type step_bound
 
 contains
@@ -69,19 +66,20 @@ contains
     type(fast_mode), intent(in) :: f
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
-    character(120) :: what
     logical, allocatable :: is_mode(:)
+    type(bound_cause) :: cause
     real(wp) :: total
-    integer :: body, k
-    logical :: axial
+    integer :: body
     total = f%stiffness + sum(f%runs)
     call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
-    call describe(m, f, body, axial, what)
+    call mode_cause(m, f, cause)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
-    call take(pack(roots, is_mode), what, body, 0, axial, bound)
+    call take(pack(roots, is_mode), cause, bound)
     if (all(is_mode)) return
-    k = maxloc(f%runs, dim=1)
-    call take(pack(roots, .not. is_mode), pole_name(d, m, fast, k), body, k, .false., bound)
+    body = cause%body
+    cause = pole_cause(d, m, fast%lin%runs, maxloc(f%runs, dim=1))
+    cause%body = body
+    call take(pack(roots, .not. is_mode), cause, bound)
   end subroutine look_at
 
   !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
@@ -109,11 +107,9 @@ contains
   end function extra
 
   !> Keeps the smallest step of every method.
-  subroutine take(roots, what, body, run, axial, bound)
+  subroutine take(roots, cause, bound)
     complex(wp), intent(in) :: roots(:)        !! [1/s]
-    character(*), intent(in) :: what
-    integer, intent(in) :: body, run
-    logical, intent(in) :: axial
+    type(bound_cause), intent(in) :: cause     !! what they belong to
     type(step_bound), intent(inout) :: bound
     real(wp) :: h
     integer :: k, i
@@ -123,10 +119,7 @@ contains
         if (h >= bound%step(k)*(1 - 1.0e-9_wp)) cycle
         bound%step(k) = h
         bound%mu(k) = roots(i)
-        bound%what(k) = what
-        bound%body(k) = body
-        bound%run(k) = run
-        bound%axial(k) = axial
+        bound%cause(k) = cause
       end do
     end do
   end subroutine take
@@ -187,14 +180,14 @@ contains
       if (repeated(r)) cycle
       associate (t => fast%lin%runs(r))
         call term_roots(t%zeta, t%omega, roots)
-        call take(roots, pole_name(d, m, fast, r), t%body, r, .false., bound)
+        call take(roots, pole_cause(d, m, fast%lin%runs, r), bound)
         call fast%largest_of_run(m, held, r, lambda)
         if (.not. lambda > 0.0_wp) cycle
         share = 0.0_wp
         share(r) = lambda
         call modal_roots(fast, lambda, 0.0_wp, share, 0.0_wp, roots)
         call mark_mode(roots, sqrt(lambda*(1 + sum(t%alpha))), is_mode)
-        call take(pack(roots, .not. is_mode), pole_name(d, m, fast, r), t%body, r, .false., bound)
+        call take(pack(roots, .not. is_mode), pole_cause(d, m, fast%lin%runs, r), bound)
       end associate
     end do
   contains
@@ -232,74 +225,4 @@ contains
     call dgeev('N', 'N', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
     roots = cmplx(wr, wi, wp)
   end subroutine eigenvalues
-
-  !> Words for the poles of a run.
-  function pole_name(d, m, fast, r) result(text)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    type(fast_spectrum), intent(in) :: fast
-    integer, intent(in) :: r
-    character(120) :: text
-    integer :: term
-    character(12) :: number
-    associate (t => fast%lin%runs(r))
-      term = maxloc(t%omega*(t%zeta + sqrt(max(t%zeta**2 - 1, 0.0_wp))), dim=1)
-      write (number, '(i0)') term
-      if (t%spring > 0) then
-        text = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//trim(number)
-      else
-        text = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//trim(number)
-      end if
-    end associate
-  end function pole_name
-
-  !> Which body carries a mode, and whether its strain is axial or in bending.
-  subroutine describe(m, f, body, axial, what)
-    type(mechanism_model), intent(inout) :: m
-    type(fast_mode), intent(in) :: f
-    integer, intent(out) :: body
-    logical, intent(out) :: axial
-    character(120), intent(out) :: what
-    real(wp) :: share, best, ea, ei
-    logical :: stiffening
-    integer :: b, i, e
-    body = 0
-    best = 0.0_wp
-    axial = .false.
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b) + 3
-      associate (bo => m%s%bodies(b))
-        if (.not. bo%flexible) cycle
-        ea = 0.0_wp
-        ei = 0.0_wp
-        if (bo%modal) then
-          ei = sum(bo%omega2*f%x(i + 1:i + bo%nf)**2)
-        else
-          bo%qx(1:bo%nf) = f%x(i + 1:i + bo%nf)
-          stiffening = bo%stiffening
-          bo%stiffening = .false.             ! the linear strain of the mode
-          call deformations(bo, bo%qx, bo%d)
-          bo%stiffening = stiffening
-          do e = 1, bo%ne
-            if (bo%nd == 3) ea = ea + bo%elements(e)%ea_l*bo%d(1, e)**2
-            ei = ei + 4*bo%elements(e)%ei_l*(bo%d(bo%nd - 1, e)**2 + bo%d(bo%nd - 1, e)*bo%d(bo%nd, e) + bo%d(bo%nd, e)**2)
-          end do
-        end if
-        share = ea + ei
-        if (share <= best) cycle
-        best = share
-        body = b
-        axial = ea > ei
-      end associate
-    end do
-    if (body == 0 .or. best < 0.5_wp*(f%stiffness)) then
-      what = 'a mode of springs and rigid bodies'
-      if (body > 0) what = 'a mode of springs with body "'//trim(m%s%bodies(body)%name)//'"'
-      body = merge(body, 0, best >= 0.5_wp*f%stiffness)
-    else
-      what = merge('an axial mode  ', 'a bending mode ', axial)
-      what = trim(what)//' of body "'//trim(m%s%bodies(body)%name)//'"'
-    end if
-  end subroutine describe
-
 end module step_bounds

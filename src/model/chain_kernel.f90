@@ -50,14 +50,14 @@ contains
     integer, intent(in) :: ne, nd, nf
     integer, intent(in) :: edof(6, ne)
     real(wp), intent(in) :: factors(10, ne)
-    real(wp), intent(in) :: ds(nd, ne)      !! deformations with GHM differences
+    real(wp), intent(in) :: ds(nd, ne)      !! deformations with GHM differences [m, rad, rad]
     real(wp), intent(in) :: thetad          !! [rad/s]
     real(wp), intent(in) :: qx(0:nf), vx(0:nf)          !! coordinates and rates, entry 0 is zero
     real(wp), intent(inout) :: fx(0:nf), tx(0:nf)       !! entry 0 is thrown away
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2], q^T m q' [kg m2/s]
-    real(wp) :: q1(3), q2(3), v1(3), v2(3)  ! u, v, l r of both nodes and their rates
+    real(wp) :: q1(3), q2(3), v1(3), v2(3)  ! coordinates of both nodes and their rates
     real(wp) :: m(3), m2(3), f(3), f2(3), z(3), z2(3)   ! m q, other forces and Z q of both nodes
-    real(wp) :: l, il, wz, wzl, n, p1, p2, s, w2
+    real(wp) :: w2
     integer :: e
     w2 = thetad**2
     qmq = 0.0_wp
@@ -68,47 +68,75 @@ contains
     q2 = [qx(edof(1, 1)), qx(edof(2, 1)), qx(edof(3, 1))]
     v2 = [vx(edof(1, 1)), vx(edof(2, 1)), vx(edof(3, 1))]
     do e = 1, ne
-      l = factors(1, e)
-      q1 = q2                               ! rotations as they are so far
+      q1 = q2
       v1 = v2
       q2 = [qx(edof(4, e)), qx(edof(5, e)), qx(edof(6, e))]
       v2 = [vx(edof(4, e)), vx(edof(5, e)), vx(edof(6, e))]
-      associate (u1 => q1(1), w1 => q1(2), r1 => l*q1(3), u2 => q2(1), w22 => q2(2), r2 => l*q2(3))
-        m(1) = m2(1) + factors(3, e)*(2*u1 + u2)
-        m2(1) = factors(3, e)*(u1 + 2*u2)
-        m(2) = m2(2) + factors(4, e)*(156*w1 + 54*w22 + (22*r1 - 13*r2))
-        m2(2) = factors(4, e)*(54*w1 + 156*w22 + (13*r1 - 22*r2))
-        m(3) = m2(3) + factors(5, e)*(22*w1 + 13*w22 + (4*r1 - 3*r2))
-        m2(3) = -factors(5, e)*(13*w1 + 22*w22 + (3*r1 - 4*r2))
-        wz = factors(6, e)
-        wzl = factors(7, e)
-        z(1) = z2(1) + wz*(21*w1 + 9*w22 + (3*r1 - 2*r2))
-        z2(1) = wz*(9*w1 + 21*w22 + (2*r1 - 3*r2))
-        z(2) = z2(2) - wz*(21*u1 + 9*u2)
-        z2(2) = -wz*(9*u1 + 21*u2)
-        z(3) = z2(3) - wzl*(3*u1 + 2*u2)
-        z2(3) = wzl*(2*u1 + 3*u2)
-      end associate
-      n = 0.0_wp
-      if (nd == 3) n = factors(8, e)*ds(1, e)
-      p1 = factors(10, e)*(2*ds(nd - 1, e) + ds(nd, e))
-      p2 = factors(10, e)*(ds(nd - 1, e) + 2*ds(nd, e))
-      il = factors(2, e)
-      s = (p1 + p2)*il
-      wz = 2*thetad*wz
-      wzl = 2*thetad*wzl
-      associate (u1 => v1(1), w1 => v1(2), r1 => l*v1(3), u2 => v2(1), w22 => v2(2), r2 => l*v2(3))
-        f(1) = f2(1) + wz*(21*w1 + 9*w22 + (3*r1 - 2*r2)) + n
-        f2(1) = wz*(9*w1 + 21*w22 + (2*r1 - 3*r2)) - n
-        f(2) = f2(2) - wz*(21*u1 + 9*u2) - s
-        f2(2) = s - wz*(9*u1 + 21*u2)
-        f(3) = f2(3) - wzl*(3*u1 + 2*u2) - p1
-        f2(3) = wzl*(2*u1 + 3*u2) - p2
-      end associate
+      call mass_products(factors(:, e), q1, q2, m, m2)
+      call gyroscopic_products(1.0_wp, factors(:, e), q1, q2, z, z2)
+      call gyroscopic_products(2*thetad, factors(:, e), v1, v2, f, f2)
+      call add_elastic(nd, factors(:, e), ds(:, e), f, f2)
       call add_node(nf, edof(1, e), w2, q1, v1, m, f, z, fx, tx, qmq, qmv)
     end do
     call add_node(nf, edof(4, ne), w2, q2, v2, m2, f2, z2, fx, tx, qmq, qmv)
   end subroutine chain_forces
+
+  !> Adds to the sums of the element's first node, which the element before began, and begins those of its second: m x.
+  pure subroutine mass_products(factors, x1, x2, y1, y2)
+    real(wp), intent(in) :: factors(10)
+    real(wp), intent(in) :: x1(3), x2(3)    !! u [m], v [m], rotation [rad] of both nodes
+    real(wp), intent(out) :: y1(3)          !! [kg m], [kg m], [kg m2]
+    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second
+    real(wp) :: r1, r2
+    r1 = factors(1)*x1(3)
+    r2 = factors(1)*x2(3)
+    y1(1) = y2(1) + factors(3)*(2*x1(1) + x2(1))
+    y2(1) = factors(3)*(x1(1) + 2*x2(1))
+    y1(2) = y2(2) + factors(4)*(156*x1(2) + 54*x2(2) + (22*r1 - 13*r2))
+    y2(2) = factors(4)*(54*x1(2) + 156*x2(2) + (13*r1 - 22*r2))
+    y1(3) = y2(3) + factors(5)*(22*x1(2) + 13*x2(2) + (4*r1 - 3*r2))
+    y2(3) = -factors(5)*(13*x1(2) + 22*x2(2) + (3*r1 - 4*r2))
+  end subroutine mass_products
+
+  !> The same of c Z x (theory.md, section 2).
+  pure subroutine gyroscopic_products(c, factors, x1, x2, y1, y2)
+    real(wp), intent(in) :: c               !! [-], or twice the frame's rate [rad/s]
+    real(wp), intent(in) :: factors(10)
+    real(wp), intent(in) :: x1(3), x2(3)    !! of both nodes: coordinates or rates
+    real(wp), intent(out) :: y1(3)
+    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second
+    real(wp) :: r1, r2, wz, wzl
+    r1 = factors(1)*x1(3)
+    r2 = factors(1)*x2(3)
+    wz = c*factors(6)
+    wzl = c*factors(7)
+    y1(1) = y2(1) + wz*(21*x1(2) + 9*x2(2) + (3*r1 - 2*r2))
+    y2(1) = wz*(9*x1(2) + 21*x2(2) + (2*r1 - 3*r2))
+    y1(2) = y2(2) - wz*(21*x1(1) + 9*x2(1))
+    y2(2) = -wz*(9*x1(1) + 21*x2(1))
+    y1(3) = y2(3) - wzl*(3*x1(1) + 2*x2(1))
+    y2(3) = wzl*(2*x1(1) + 3*x2(1))
+  end subroutine gyroscopic_products
+
+  !> Adds the elastic forces -B^T D d of one element to those of its nodes (theory.md, section 4).
+  pure subroutine add_elastic(nd, factors, ds, y1, y2)
+    integer, intent(in) :: nd               !! 3, or 2 without axial deformation
+    real(wp), intent(in) :: factors(10)
+    real(wp), intent(in) :: ds(nd)          !! deformations with GHM differences [m, rad, rad]
+    real(wp), intent(inout) :: y1(3), y2(3) !! [N], [N], [N m]
+    real(wp) :: n, p1, p2, s                ! normal force [N], end moments [N m], transverse force [N]
+    n = 0.0_wp
+    if (nd == 3) n = factors(8)*ds(1)
+    p1 = factors(10)*(2*ds(nd - 1) + ds(nd))
+    p2 = factors(10)*(ds(nd - 1) + 2*ds(nd))
+    s = (p1 + p2)*factors(2)
+    y1(1) = y1(1) + n
+    y2(1) = y2(1) - n
+    y1(2) = y1(2) - s
+    y2(2) = y2(2) + s
+    y1(3) = y1(3) - p1
+    y2(3) = y2(3) - p2
+  end subroutine add_elastic
 
   !> Adds a node's sums to the body's vectors.
   pure subroutine add_node(nf, dof, w2, q, v, m, f, z, fx, tx, qmq, qmv)

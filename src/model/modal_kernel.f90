@@ -17,10 +17,24 @@ contains
     real(wp), intent(inout) :: zdd(*)       !! (b%nz) dissipative accelerations
     real(wp), intent(out) :: qmq, qmv       !! translational part [kg m2], [kg m2/s]
     real(wp), intent(out) :: power          !! dissipated [W]
-    integer :: n, r, k, i, j
-    real(wp) :: w2, two_zw, s
-    n = b%nf
+    integer :: r
     power = 0.0_wp
+    call inertia_forces(b, thetad, qmq, qmv)
+    if (b%rayleigh) call rayleigh_forces(b, power)
+    do r = 1, size(b%runs)
+      call ghm_forces(b, r, z, zd, zdd)
+    end do
+    power = power + modal_dissipation(b, zd)
+  end subroutine modal_forces
+
+  !> (theta'^2 m - Omega2) q + 2 theta' Z q' with the translational part m = 1 - J; q^T m q and q^T m q'.
+  pure subroutine inertia_forces(b, thetad, qmq, qmv)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: thetad          !! [rad/s]
+    real(wp), intent(out) :: qmq, qmv       !! [kg m2], [kg m2/s]
+    integer :: n, i, j
+    real(wp) :: s
+    n = b%nf
     qmq = dot_product(b%qx(1:n), b%qx(1:n))
     qmv = dot_product(b%qx(1:n), b%vx(1:n))
     do i = 1, n
@@ -32,48 +46,60 @@ contains
         b%tx(i) = b%tx(i) - b%zmodal(i, j)*b%qx(j)
       end do
     end do
-    if (b%rotary) then   ! the rotary inertia of lumps does not multiply theta'
-      do j = 1, n
-        do i = 1, n
-          s = b%jmodal(i, j)*b%qx(j)
-          b%fx(i) = b%fx(i) - thetad**2*s
-          qmq = qmq - b%qx(i)*s
-          qmv = qmv - b%vx(i)*s
-        end do
+    if (.not. b%rotary) return
+    do j = 1, n                             ! the rotary inertia of lumps does not multiply theta'
+      do i = 1, n
+        s = b%jmodal(i, j)*b%qx(j)
+        b%fx(i) = b%fx(i) - thetad**2*s
+        qmq = qmq - b%qx(i)*s
+        qmv = qmv - b%vx(i)*s
       end do
-    end if
-    if (b%rayleigh) then
-      do j = 1, n
-        do i = 1, n
-          s = b%cmodal(i, j)*b%vx(j)
-          b%fx(i) = b%fx(i) - s
-          power = power + b%vx(i)*s
-        end do
-      end do
-    end if
-    do r = 1, size(b%runs)
-      b%d(:, 1) = 0.0_wp
-      b%ds(:, 1) = 0.0_wp
-      associate (run => b%runs(r))
-        do k = 1, size(run%alpha)
-          w2 = run%omega(k)**2
-          two_zw = 2*run%zeta(k)*run%omega(k)
-          i = run%offset + (k - 1)*n
-          do j = 1, n
-            s = b%qx(j) - z(i + j)
-            zdd(i + j) = w2*s - two_zw*zd(i + j)
-            b%ds(j, 1) = b%ds(j, 1) + run%alpha(k)*s
-          end do
-        end do
-        do j = 1, n
-          do i = 1, n
-            b%fx(i) = b%fx(i) - run%stiffness(i, j)*b%ds(j, 1)
-          end do
-        end do
-      end associate
     end do
-    power = power + modal_dissipation(b, zd)
-  end subroutine modal_forces
+  end subroutine inertia_forces
+
+  !> -C_v q' and the power it dissipates.
+  pure subroutine rayleigh_forces(b, power)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(inout) :: power        !! [W]
+    real(wp) :: s
+    integer :: i, j
+    do j = 1, b%nf
+      do i = 1, b%nf
+        s = b%cmodal(i, j)*b%vx(j)
+        b%fx(i) = b%fx(i) - s
+        power = power + b%vx(i)*s
+      end do
+    end do
+  end subroutine rayleigh_forces
+
+  !> Dissipative accelerations of one material's terms and the force -K sum of alpha_k (q - z_k).
+  pure subroutine ghm_forces(b, r, z, zd, zdd)
+    type(body_model), intent(inout) :: b
+    integer, intent(in) :: r                !! run
+    real(wp), intent(in) :: z(*), zd(*)     !! (b%nz)
+    real(wp), intent(inout) :: zdd(*)       !! (b%nz)
+    real(wp) :: w2, two_zw, s
+    integer :: n, k, i, j
+    n = b%nf
+    b%ds(:, 1) = 0.0_wp
+    associate (run => b%runs(r))
+      do k = 1, size(run%alpha)
+        w2 = run%omega(k)**2
+        two_zw = 2*run%zeta(k)*run%omega(k)
+        i = run%offset + (k - 1)*n
+        do j = 1, n
+          s = b%qx(j) - z(i + j)
+          zdd(i + j) = w2*s - two_zw*zd(i + j)
+          b%ds(j, 1) = b%ds(j, 1) + run%alpha(k)*s
+        end do
+      end do
+      do j = 1, n
+        do i = 1, n
+          b%fx(i) = b%fx(i) - run%stiffness(i, j)*b%ds(j, 1)
+        end do
+      end do
+    end associate
+  end subroutine ghm_forces
 
   !> Power dissipated by GHM [W].
   pure function modal_dissipation(b, zd) result(power)

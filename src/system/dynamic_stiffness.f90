@@ -10,7 +10,7 @@ module dynamic_stiffness
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
   use complex_modulus, only: ghm_group, modulus_ratio, modulus_slope
-  use linearisation, only: linear_mechanism
+  use linear_matrices, only: linear_mechanism
   use mechanism, only: mechanism_model
   use sparse_pattern, only: symmetric_pattern
   use triplets, only: triplet_matrix

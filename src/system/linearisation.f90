@@ -11,14 +11,15 @@
 module linearisation
   use kinds, only: wp
   use constraint, only: place_stiffness
-  use linear_bodies, only: linear_mechanism, linear_run, count_runs, body_terms, elastic_matrices
+  use linear_bodies, only: body_terms
+  use linear_matrices, only: linear_mechanism, count_runs
   use load, only: load_force, load_about, axes_body, axes_section
   use mechanism, only: mechanism_model
   use place, only: turn
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linear_mechanism, linear_run, linearise, place_jacobian, elastic_matrices
+  public :: linearise, place_jacobian
 
 contains
 

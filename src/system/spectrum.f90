@@ -4,7 +4,8 @@
 module spectrum
   use kinds, only: wp
   use lapack, only: dsyev
-  use linearisation, only: linear_mechanism, elastic_matrices
+  use linear_matrices, only: linear_mechanism
+  use elastic_blocks, only: elastic_matrices
   use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
   use spring_products, only: spring_stretch, spring_push

@@ -1,0 +1,101 @@
+!> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a GHM pole.
+module bound_causes
+  use kinds, only: wp
+  use body, only: body_model
+  use deck_records, only: deck
+  use linear_matrices, only: linear_run
+  use mechanism, only: mechanism_model
+  use nodal_kernel, only: deformations
+  use spectrum, only: fast_mode
+  implicit none (type, external)
+  private
+  public :: mode_cause, pole_cause
+
+  !> What an eigenvalue belongs to.
+  type, public :: bound_cause
+    character(120) :: what = ''              !! in words
+    integer :: body = 0                      !! body that carries the mode or has the material, 0: none
+    integer :: run = 0                       !! GHM run whose pole it is, 0: a mode
+    integer :: material = 0                  !! material of that run, 0: none, or a spring's run
+  end type bound_cause
+
+contains
+
+  !> Which body carries a mode, and whether its strain is axial or in bending.
+  subroutine mode_cause(m, f, cause)
+    type(mechanism_model), intent(inout) :: m
+    type(fast_mode), intent(in) :: f
+    type(bound_cause), intent(out) :: cause
+    real(wp) :: best, ea, ei
+    logical :: axial
+    integer :: b, i
+    best = 0.0_wp
+    axial = .false.
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b) + 3
+      associate (bo => m%s%bodies(b))
+        if (.not. bo%flexible) cycle
+        call strain_energies(bo, f%x(i + 1:i + bo%nf), ea, ei)
+        if (ea + ei <= best) cycle
+        best = ea + ei
+        cause%body = b
+        axial = ea > ei
+      end associate
+    end do
+    if (cause%body == 0 .or. best < 0.5_wp*f%stiffness) then
+      cause%what = 'a mode of springs and rigid bodies'
+      if (cause%body > 0) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
+      cause%body = merge(cause%body, 0, best >= 0.5_wp*f%stiffness)
+    else
+      cause%what = merge('an axial mode  ', 'a bending mode ', axial)
+      cause%what = trim(cause%what)//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
+    end if
+  end subroutine mode_cause
+
+  !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
+  subroutine strain_energies(bo, x, ea, ei)
+    type(body_model), intent(inout) :: bo    !! its work space changes
+    real(wp), intent(in) :: x(:)             !! (nf) elastic part of a mass-normalised mode
+    real(wp), intent(out) :: ea, ei          !! [1/s2]
+    logical :: stiffening
+    integer :: e
+    ea = 0.0_wp
+    ei = 0.0_wp
+    if (bo%modal) then
+      ei = sum(bo%omega2*x**2)
+      return
+    end if
+    bo%qx(1:bo%nf) = x
+    stiffening = bo%stiffening
+    bo%stiffening = .false.                  ! the linear strain of the mode
+    call deformations(bo, bo%qx, bo%d)
+    bo%stiffening = stiffening
+    do e = 1, bo%ne
+      if (bo%nd == 3) ea = ea + bo%elements(e)%ea_l*bo%d(1, e)**2
+      ei = ei + 4*bo%elements(e)%ei_l*(bo%d(bo%nd - 1, e)**2 + bo%d(bo%nd - 1, e)*bo%d(bo%nd, e) + bo%d(bo%nd, e)**2)
+    end do
+  end subroutine strain_energies
+
+  !> The material or spring of a run's poles, with the number of its fastest term.
+  function pole_cause(d, m, runs, r) result(cause)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(linear_run), intent(in) :: runs(:)
+    integer, intent(in) :: r                 !! run
+    type(bound_cause) :: cause
+    integer :: term
+    character(12) :: number
+    associate (t => runs(r))
+      cause%body = t%body
+      cause%run = r
+      cause%material = t%material
+      term = maxloc(t%omega*(t%zeta + sqrt(max(t%zeta**2 - 1, 0.0_wp))), dim=1)
+      write (number, '(i0)') term
+      if (t%spring > 0) then
+        cause%what = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//trim(number)
+      else
+        cause%what = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//trim(number)
+      end if
+    end associate
+  end function pole_cause
+end module bound_causes

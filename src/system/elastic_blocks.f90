@@ -1,0 +1,179 @@
+!> The elastic coordinates' part of the linearisation, nodal or modal: inertia with what present velocities and accelerations
+!> add, stiffness, Rayleigh damping, and the stiffness that GHM terms multiply.
+module elastic_blocks
+  use kinds, only: wp
+  use beam_element, only: element_mass, element_gyroscopic, element_stiffness, deformation_matrix, element_rotation
+  use body, only: body_model
+  use linear_matrices, only: linear_mechanism, count_runs
+  use mechanism, only: mechanism_model
+  use small_matrices, only: outer
+  implicit none (type, external)
+  private
+  public :: elastic_matrices, elastic_products, modal_block, nodal_block
+
+contains
+
+  !> Elastic matrices of the bodies alone, at rest in their present deformation: stiffness, damping, GHM runs (those of
+  !> springs stay empty).
+  subroutine elastic_matrices(m, q, lin)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)             !! (nq) positions
+    type(linear_mechanism), intent(out) :: lin
+    integer :: b, k
+    lin%n = m%s%nq
+    lin%rows = m%s%rows
+    call count_runs(m, lin)
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b), t => m%s%qo(b) + 3)
+        if (.not. bo%flexible) cycle
+        if (bo%modal) then
+          call modal_block(bo, b, [(t + k, k=1, bo%nf)], 0.0_wp, 0.0_wp, lin)
+        else
+          call nodal_block(bo, b, t, 0.0_wp, 0.0_wp, q(t + 1:t + bo%nf), lin)
+        end if
+      end associate
+    end do
+  end subroutine elastic_matrices
+
+  !> m x (translational part) and Z x of a body.
+  subroutine elastic_products(bo, x, mx, zx)
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: x(:)
+    real(wp), allocatable, intent(out) :: mx(:), zx(:)
+    real(wp) :: a(6), xx(0:size(x)), am(0:size(x)), az(0:size(x))
+    integer :: e, k, i, j
+    allocate (mx(size(x)), zx(size(x)))
+    if (bo%modal) then
+      mx = x - matmul(bo%jmodal, x)
+      zx = matmul(bo%zmodal, x)
+      return
+    end if
+    xx(0) = 0.0_wp
+    xx(1:) = x
+    am = 0.0_wp
+    az = 0.0_wp
+    do e = 1, bo%ne
+      a = matmul(element_mass(bo%elements(e)), xx(bo%edof(:, e)))
+      do k = 1, 6
+        am(bo%edof(k, e)) = am(bo%edof(k, e)) + a(k)
+      end do
+      a = matmul(element_gyroscopic(bo%elements(e)), xx(bo%edof(:, e)))
+      do k = 1, 6
+        az(bo%edof(k, e)) = az(bo%edof(k, e)) + a(k)
+      end do
+    end do
+    do k = 1, size(bo%lumps)
+      i = bo%dof(1, bo%lumps(k)%node)
+      j = bo%dof(2, bo%lumps(k)%node)
+      am(i) = am(i) + bo%lumps(k)%mass*xx(i)
+      am(j) = am(j) + bo%lumps(k)%mass*xx(j)
+      az(i) = az(i) + bo%lumps(k)%mass*xx(j)
+      az(j) = az(j) - bo%lumps(k)%mass*xx(i)
+    end do
+    mx = am(1:)
+    zx = az(1:)
+  end subroutine elastic_products
+
+  !> Elastic block of a modal body.
+  subroutine modal_block(bo, b, f, thetad, thetadd, lin)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: b, f(:)
+    real(wp), intent(in) :: thetad, thetadd
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp) :: one(bo%nf, bo%nf), k(bo%nf, bo%nf)
+    integer :: i, r
+    one = 0.0_wp
+    k = 0.0_wp
+    do i = 1, bo%nf
+      one(i, i) = 1.0_wp
+      k(i, i) = bo%omega2(i)
+    end do
+    call lin%mass%add_block(f, f, one)
+    call lin%damping%add_block(f, f, bo%cmodal - 2*thetad*bo%zmodal)
+    call lin%stiffness%add_block(f, f, k - thetad**2*(one - bo%jmodal) - thetadd*bo%zmodal)
+    r = 0
+    do i = 1, size(lin%runs)
+      if (lin%runs(i)%body /= b) cycle
+      r = r + 1
+      call lin%runs(i)%stiffness%add_block(f, f, bo%runs(r)%stiffness)
+    end do
+  end subroutine modal_block
+
+  !> Elastic block of a nodal body, element by element.
+  subroutine nodal_block(bo, b, t, thetad, thetadd, qf, lin)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: b, t
+    real(wp), intent(in) :: thetad, thetadd, qf(:)
+    type(linear_mechanism), intent(inout) :: lin
+    real(wp) :: mass(6, 6), z(6, 6), k(6, 6), g(6, 6)
+    integer :: e, d(6), l, i, j, run, r
+    do e = 1, bo%ne
+      d = merge(t + bo%edof(:, e), 0, bo%edof(:, e) > 0)
+      mass = element_mass(bo%elements(e))
+      z = element_gyroscopic(bo%elements(e))
+      call tangent(bo, e, qf, k, g)
+      call lin%mass%add_block(d, d, mass)
+      call lin%damping%add_block(d, d, bo%elements(e)%ray_m*mass + bo%elements(e)%ray_k*element_stiffness(bo%elements(e)) &
+                                 - 2*thetad*z)
+      call lin%stiffness%add_block(d, d, k + g - thetad**2*mass - thetadd*z)
+      r = 0
+      do run = 1, size(lin%runs)
+        if (lin%runs(run)%body /= b) cycle
+        r = r + 1
+        if (e >= bo%runs(r)%first .and. e <= bo%runs(r)%last) call lin%runs(run)%stiffness%add_block(d, d, k)
+      end do
+    end do
+    do l = 1, size(bo%lumps)
+      d(1:3) = merge(t + bo%dof(:, bo%lumps(l)%node), 0, bo%dof(:, bo%lumps(l)%node) > 0)
+      i = d(1)
+      j = d(2)
+      associate (mu => bo%lumps(l)%mass)
+        call lin%mass%add(i, i, mu)
+        call lin%mass%add(j, j, mu)
+        call lin%mass%add(d(3), d(3), bo%lumps(l)%inertia)
+        call lin%damping%add(i, j, -2*thetad*mu)
+        call lin%damping%add(j, i, 2*thetad*mu)
+        call lin%stiffness%add(i, i, -thetad**2*mu)
+        call lin%stiffness%add(j, j, -thetad**2*mu)
+        call lin%stiffness%add(i, j, -thetadd*mu)
+        call lin%stiffness%add(j, i, thetadd*mu)
+      end associate
+    end do
+  end subroutine nodal_block
+
+  !> Tangent stiffness of an element: B^T D B at the present deformation (k) and the geometric part of stiffening (g).
+  subroutine tangent(bo, e, qf, k, g)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: e
+    real(wp), intent(in) :: qf(:)
+    real(wp), intent(out) :: k(6, 6), g(6, 6)
+    real(wp) :: bm(3, 6), psi(6), d(3, 3), a(6), p(3), n, l, x(0:size(qf)), db(3, 6), rot(6, 6)
+    if (.not. bo%stiffening) then
+      k = element_stiffness(bo%elements(e))
+      g = 0.0_wp
+      return
+    end if
+    x(0) = 0.0_wp
+    x(1:) = qf
+    l = bo%elements(e)%length
+    rot = element_rotation(bo%elements(e))
+    a = x(bo%edof(:, e))
+    bm = deformation_matrix(bo%elements(e))
+    psi = (rot(5, :) - rot(2, :))/l
+    p = [dot_product(psi, a), dot_product(bm(2, :), a), dot_product(bm(3, :), a)]
+    d = 0.0_wp
+    d(1, 1) = bo%elements(e)%ea_l
+    d(2, 2:3) = [4.0_wp, 2.0_wp]*bo%elements(e)%ei_l
+    d(3, 2:3) = [2.0_wp, 4.0_wp]*bo%elements(e)%ei_l
+    if (size(bo%runs) > 0) then
+      n = bo%elements(e)%ea_l*bo%ds(1, e)
+    else
+      n = bo%elements(e)%ea_l*bo%d(1, e)
+    end if
+    g = n*l*(outer(psi, psi) + (4*outer(bm(2, :), bm(2, :)) + 4*outer(bm(3, :), bm(3, :)) &
+                                - outer(bm(2, :), bm(3, :)) - outer(bm(3, :), bm(2, :)))/30)
+    bm(1, :) = bm(1, :) + l*(p(1)*psi + ((4*p(2) - p(3))*bm(2, :) + (4*p(3) - p(2))*bm(3, :))/30)
+    db = matmul(d, bm)
+    k = matmul(transpose(bm), db)
+  end subroutine tangent
+end module elastic_blocks
