@@ -2,6 +2,7 @@
 !> factorisation a frequency, into frequency_response.txt.
 module response_analysis
   use kinds, only: wp, pi
+  use column_names, only: joined, suffixed
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
   use line_joint, only: line_model
@@ -190,22 +191,20 @@ contains
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
     type(result_file), intent(inout) :: file
-    character(:), allocatable :: text
-    character(5), parameter :: parts(2) = ['.re  ', '.im  ']
-    integer :: k, j, bracket
+    character(96), allocatable :: names(:)
+    integer :: k
     call file%head('frequency response of the sensors about the present state', run%d%name, run%sys%m%s%title)
     call file%line('# input: '//input_name(run)//'; peak amplitude per unit of its history, phase ahead of it (-pi to pi)')
-    text = '# columns: f[Hz]'
+    allocate (names(4*run%list%columns))
     do k = 1, run%list%columns
       associate (name => run%list%names(k))
-        bracket = index(name, '[')
-        do j = 1, 2
-          text = text//' '//name(:bracket - 1)//trim(parts(j))//trim(name(bracket:))
-        end do
-        text = text//' '//name(:bracket - 1)//'.amplitude'//trim(name(bracket:))//' '//name(:bracket - 1)//'.phase[rad]'
+        names(4*k - 3) = suffixed(name, '.re')
+        names(4*k - 2) = suffixed(name, '.im')
+        names(4*k - 1) = suffixed(name, '.amplitude')
+        names(4*k) = name(:index(name, '[') - 1)//'.phase[rad]'
       end associate
     end do
-    call file%line(text)
+    call file%line('# columns: f[Hz]'//joined(names))
   end subroutine write_header
 
   !> Real and imaginary part, amplitude and phase of every column.

@@ -2,6 +2,7 @@
 !> are refused before anything is written.
 module static_analysis
   use kinds, only: wp
+  use column_names, only: joined, motion_names
   use dynamic_stiffness, only: stiffness_system
   use equilibrium, only: find_equilibrium, equilibrium_report
   use errors, only: failure, status_failed, status_bad_input, status_no_output
@@ -9,7 +10,7 @@ module static_analysis
   use linear_matrices, only: linear_mechanism
   use load, only: stage_static
   use natural_modes, only: natural_subspace, rounding_level
-  use results, only: join_names, motion_names, motion_row
+  use results, only: motion_row
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use summary, only: add_line, number
@@ -130,21 +131,14 @@ contains
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
     type(result_file), intent(inout) :: file
-    character(:), allocatable :: names, text
-    integer :: from, k
+    character(64), allocatable :: motion(:)
+    integer :: k
     call file%head('static equilibrium, one row a load step', run%d%name, run%sys%m%s%title)
     call file%line('# load: fraction of loads and weight; residual: largest over the largest force; then the sensors, then '// &
                    'body frames and nodes')
-    names = join_names(run%list)
-    text = '# columns: load[-] residual[-] newton_steps[-]'//names(index(names//' ', ' '):)
-    names = motion_names(run%sys%m)//' '
-    from = index(names, ' ') + 1
-    do while (from <= len(names))
-      k = index(names(from:), ' ')
-      text = text//' state.'//names(from:from + k - 2)
-      from = from + k
-    end do
-    call file%line(text)
+    motion = motion_names(run%sys%m)
+    call file%line('# columns: load[-] residual[-] newton_steps[-]'//joined(run%list%names(:run%list%columns))// &
+                   joined([('state.'//motion(k), k=1, size(motion))]))
   end subroutine write_header
 
   !> One row.

@@ -1,9 +1,10 @@
 !> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
 module mode_file
+  use column_names, only: joined, suffixed, motion_names
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
   use mechanism, only: mechanism_model
-  use results, only: motion_names, motion_row
+  use results, only: motion_row
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -75,18 +76,16 @@ contains
   !> Column names of the shape: those of motion.txt with .re and .im.
   function shape_names(m) result(text)
     type(mechanism_model), intent(in) :: m
-    character(:), allocatable :: text, names
-    integer :: k, from, bracket
-    names = motion_names(m)//' '
-    text = ''
-    from = index(names, ' ') + 1                    ! after the time
-    do while (from <= len(names))
-      k = index(names(from:), ' ')
-      bracket = from + index(names(from:), '[') - 1
-      text = text//' '//names(from:bracket - 1)//'.re'//names(bracket:from + k - 2) &
-             //' '//names(from:bracket - 1)//'.im'//names(bracket:from + k - 2)
-      from = from + k
+    character(:), allocatable :: text
+    character(64), allocatable :: motion(:), names(:)
+    integer :: k
+    motion = motion_names(m)
+    allocate (names(2*size(motion)))
+    do k = 1, size(motion)
+      names(2*k - 1) = suffixed(motion(k), '.re')
+      names(2*k) = suffixed(motion(k), '.im')
     end do
+    text = joined(names)
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.

@@ -1,5 +1,6 @@
 !> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (deck.md, "Results").
 module results
+  use column_names, only: joined, motion_names
   use kinds, only: wp, ip
   use archive, only: value_archive
   use body, only: body_model
@@ -10,7 +11,7 @@ module results
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: result_set, file_header, join_names, motion_names, motion_row
+  public :: result_set, file_header, motion_row
 
   !> Open result files and what their rows need.
   type :: result_set
@@ -61,14 +62,16 @@ contains
     logical, intent(in) :: with_motion
     call allocate_rows(self, m, list, with_motion)
     call self%history%open(folder//'/history.txt')
-    call file_header(self%history, 'sensors against time', deck_name, m%s%title, join_names(list))
+    call file_header(self%history, 'sensors against time', deck_name, m%s%title, &
+                     't[s]'//joined(list%names(:list%columns)))
     call self%energy%open(folder//'/energy.txt')
     call file_header(self%energy, 'energies, their residual and constraint violations against time', deck_name, &
                      m%s%title, 't[s] kinetic[J] potential[J] dissipated[J] work[J] residual[J] '// &
                      'position_violation[m] velocity_violation[m/s]')
     if (.not. with_motion) return
     call self%motion%open(folder//'/motion.txt')
-    call file_header(self%motion, 'body frames and node positions against time', deck_name, m%s%title, motion_names(m))
+    call file_header(self%motion, 'body frames and node positions against time', deck_name, m%s%title, &
+                     't[s]'//joined(motion_names(m)))
   end subroutine open_results
 
   !> Opens the files of an interrupted run where its checkpoint left them: exchange has restored how far they are.
@@ -97,35 +100,6 @@ contains
     allocate (self%values(list%columns))
     if (with_motion) allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
   end subroutine allocate_rows
-
-  !> Column names of the history.
-  function join_names(list) result(text)
-    type(sensor_list), intent(in) :: list
-    character(:), allocatable :: text
-    integer :: k
-    text = 't[s]'
-    do k = 1, list%columns
-      text = text//' '//trim(list%names(k))
-    end do
-  end function join_names
-
-  !> Column names of the motion.
-  function motion_names(m) result(text)
-    type(mechanism_model), intent(in) :: m
-    character(:), allocatable :: text
-    character(:), allocatable :: name
-    character(12) :: number
-    integer :: b, k
-    text = 't[s]'
-    do b = 1, size(m%s%bodies)
-      name = trim(m%s%bodies(b)%name)
-      text = text//' '//name//'.x[m] '//name//'.y[m] '//name//'.angle[rad]'
-      do k = 1, m%s%bodies(b)%nn
-        write (number, '(i0)') k
-        text = text//' '//name//'.'//trim(number)//'.x[m] '//name//'.'//trim(number)//'.y[m]'
-      end do
-    end do
-  end function motion_names
 
   !> Reads the sensors and the energies of a state. m holds the evaluation at it.
   subroutine read_row(self, t, m, list, q, v, z, zd, dissipated, work)
