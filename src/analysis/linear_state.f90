@@ -3,6 +3,7 @@
 module linear_state
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
+  use joint_correction, only: correct_accelerations
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
   use linearisation, only: linearise
@@ -15,12 +16,14 @@ module linear_state
 
 contains
 
-  !> Evaluates the equations at the present state, at rest in its dissipative coordinates or not, at t = 0.
+  !> Evaluates the equations at the present state, at rest in its dissipative coordinates or not, at t = 0. The reactions
+  !> become stiffness, so that they are corrected to rounding even where uneven masses cost them only a few digits.
   subroutine evaluate_state(run)
     type(run_state), intent(inout) :: run
     real(wp), allocatable :: dy(:)
     allocate (dy(size(run%y)))
     call run%sys%derivative(0.0_wp, run%y, .false., dy)
+    if (run%sys%m%s%rows > 0 .and. .not. run%sys%m%schur%singular) call correct_accelerations(run%sys%m)
   end subroutine evaluate_state
 
   !> The dynamic stiffness about the present state, and the linearisation where it is wanted.

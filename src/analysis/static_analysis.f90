@@ -44,6 +44,7 @@ contains
     run%sys%m%lambda = 0.0_wp
     run%sys%m%spring_force = 0.0_wp
     call linear_system(run, ds, evaluated=.true.)
+    call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)
     run%y = y
     run%sys%m%s%gravity = gravity
@@ -60,6 +61,21 @@ contains
     if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
       'drives, springs or elastic bodies that hold every body')
   end subroutine refuse_free_bodies
+
+  !> Gives every body the same mass, its distribution kept: whether a motion is free does not depend on masses, and very
+  !> uneven ones would hide it in rounding.
+  subroutine even_masses(run, ds)
+    type(run_state), intent(in) :: run
+    type(stiffness_system), intent(inout) :: ds
+    integer :: b, e, first, last
+    do b = 1, size(run%sys%m%s%bodies)
+      first = run%sys%m%s%qo(b) + 1
+      last = first + 2 + run%sys%m%s%bodies(b)%nf
+      do e = ds%first(first), ds%first(last + 1) - 1
+        ds%m(e) = ds%m(e)/run%sys%m%s%bodies(b)%mass
+      end do
+    end do
+  end subroutine even_masses
 
   !> Marks the bodies whose frames take part in a motion.
   subroutine mark(run, x, free)

@@ -12,6 +12,8 @@ module modal_reduction
   public :: reduce_to_modes, stiffness_triplets, lowest_modes, mass_product
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
+  integer, parameter :: polish_passes = 2
+  real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
 contains
 
@@ -158,7 +160,41 @@ contains
         call orthogonalise(b, rigid, x(:, j))
       end do
     end if
+    call polish(b, count(w <= far_below*lambda(b%nf)), rigid, x, w, bad)
   end subroutine dense_modes
+
+  !> Repeats inverse iteration on the lowest modes of a dense solution, whose errors are those of the highest frequency:
+  !> with a heavy lump on a light beam they are a large part of the lowest. Frequencies are Rayleigh quotients.
+  subroutine polish(b, low, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: low                           !! how many modes
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), intent(inout) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    type(band_factor) :: factor
+    real(wp), allocatable :: f(:, :)
+    real(wp) :: shift
+    integer :: i, j, pass
+    bad = .false.
+    if (low == 0) return
+    call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
+    if (bad) return
+    allocate (f(size(x, 1), low))
+    do pass = 1, polish_passes
+      do j = 1, low
+        f(:, j) = mass_product(b, x(:, j))
+        x(:, j) = f(:, j)
+        call band_solve(factor, x(:, j))
+        do i = 1, size(rigid, 2)
+          x(:, j) = x(:, j) - dot_product(rigid(:, i), mass_product(b, x(:, j)))*rigid(:, i)
+        end do
+      end do
+      call orthogonalise_pair(b, x(:, 1:low), f)
+    end do
+    do j = 1, low
+      w(j) = dot_product(x(:, j), f(:, j)) - shift
+    end do
+  end subroutine polish
 
   !> K and m_ff as dense matrices.
   subroutine dense_pair(b, k, m)

@@ -5,7 +5,7 @@
 module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use lapack, only: dgeev
+  use gyroscopic_modes, only: add_gyroscopic
   use mode_list, only: mode_set, padded, residual_of, known_slope, undamped_mode, vibration_mode, further_mode, real_pole
   use natural_modes, only: natural_subspace, rounding_level
   use pole_newton, only: newton_pole, grow_damping
@@ -39,7 +39,7 @@ contains
         call add_symmetric(ds, omega2(j), x(:, j), j, modes)
       end do
     else
-      call gyroscopic_modes(ds, omega2, x, wanted, modes, ok)
+      call add_gyroscopic(ds, x, wanted, modes, ok)
     end if
     if (ok .and. ds%damped) call damped_poles(ds, modes)
     if (ok .and. modes%lost > 0) call missing_poles(ds, x, modes)
@@ -57,83 +57,6 @@ contains
     if (abs(omega2) <= rounding_level(ds, x)) lambda = 0.0_wp
     call modes%add(undamped_mode, j, lambda, residual_of(ds, lambda, v, 0.0_wp), v)
   end subroutine add_symmetric
-
-  !> Undamped modes with gyroscopic terms or an unsymmetric K: the quadratic eigenproblem on the subspace, each pole then
-  !> brought to the full system's.
-  subroutine gyroscopic_modes(ds, omega2, x, wanted, modes, ok)
-    type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: omega2(:), x(:, :)
-    integer, intent(in) :: wanted
-    type(mode_set), intent(inout) :: modes
-    logical, intent(out) :: ok
-    real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:), left(:, :)
-    complex(wp), allocatable :: v(:)
-    complex(wp) :: lambda
-    integer, allocatable :: order(:)
-    integer :: p, j, i, info, found
-    logical :: good
-    p = size(omega2)
-    allocate (a(2*p, 2*p), wr(2*p), wi(2*p), vr(2*p, 2*p), work(16*p), left(1, 1), source=0.0_wp)
-    do j = 1, p
-      a(j, p + j) = 1.0_wp
-      v = ds%times(cmplx(ds%k, 0.0_wp, wp), padded(ds, cmplx(x(:, j), 0.0_wp, wp)))
-      a(p + 1:, j) = -matmul(real(v(1:ds%n), wp), x)
-      v = ds%times(cmplx(ds%gyro, 0.0_wp, wp), padded(ds, cmplx(x(:, j), 0.0_wp, wp)))
-      a(p + 1:, p + j) = -matmul(real(v(1:ds%n), wp), x)
-    end do
-    call dgeev('N', 'V', 2*p, a, 2*p, wr, wi, left, 1, vr, 2*p, work, size(work), info)
-    ok = info == 0
-    if (.not. ok) return
-    call by_modulus(wr, wi, order)
-    found = 0
-    do i = 1, size(order)
-      j = order(i)
-      if (found == wanted) exit
-      if (wi(j) < 0.0_wp) cycle
-      lambda = cmplx(wr(j), wi(j), wp)
-      if (wi(j) > 0.0_wp) then
-        v = matmul(x, cmplx(vr(1:p, j), vr(1:p, j + 1), wp))
-      else
-        v = matmul(x, cmplx(vr(1:p, j), 0.0_wp, wp))
-      end if
-      if (abs(lambda)**2 <= 1.0e-10_wp*maxval(abs(omega2))/p**4) then   ! a rigid motion: found once for its double zero
-        if (mod(count(abs(modes%lambda) <= 0.0_wp) + count_small(wr, wi, order(1:i), abs(lambda)), 2) == 0) cycle
-        found = found + 1
-        call modes%add(undamped_mode, found, (0.0_wp, 0.0_wp), 0.0_wp, v)
-        cycle
-      end if
-      if (abs(wi(j)) <= 1.0e-9_wp*abs(lambda) .and. wr(j) < 0.0_wp) cycle   ! the stable twin of a diverging motion
-      call newton_pole(ds, lambda, v, modes, 0.0_wp, good)
-      if (.not. good .or. lambda%im < 0.0_wp) cycle
-      if (abs(lambda%re) <= 1.0e-10_wp*abs(lambda)) lambda%re = 0.0_wp
-      found = found + 1
-      call modes%add(undamped_mode, found, lambda, residual_of(ds, lambda, v, 0.0_wp), v)
-    end do
-  end subroutine gyroscopic_modes
-
-  !> How many of the listed eigenvalues are at most that large.
-  pure integer function count_small(wr, wi, list, size_of) result(n)
-    real(wp), intent(in) :: wr(:), wi(:), size_of
-    integer, intent(in) :: list(:)
-    n = count(hypot(wr(list), wi(list)) <= size_of)
-  end function count_small
-
-  !> Order of ascending modulus.
-  pure subroutine by_modulus(wr, wi, order)
-    real(wp), intent(in) :: wr(:), wi(:)
-    integer, allocatable, intent(out) :: order(:)
-    integer :: i, j, k
-    allocate (order(size(wr)))
-    do i = 1, size(wr)
-      order(i) = i
-      do j = i, 2, -1
-        if (hypot(wr(order(j)), wi(order(j))) >= hypot(wr(order(j - 1)), wi(order(j - 1)))) exit
-        k = order(j)
-        order(j) = order(j - 1)
-        order(j - 1) = k
-      end do
-    end do
-  end subroutine by_modulus
 
   !> The poles of every undamped mode found so far.
   subroutine damped_poles(ds, modes)

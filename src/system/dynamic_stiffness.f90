@@ -34,6 +34,7 @@ module dynamic_stiffness
     complex(wp), allocatable :: slope(:)       !! (entries) its derivative
     type(bordered_system) :: solver
     logical :: symmetric = .false.             !! no gyroscopic terms, K symmetric
+    logical :: conservative = .false.          !! K symmetric
     logical :: damped = .false.                !! C has a symmetric part, or there are GHM terms
     integer :: factorisations = 0
     complex(wp), private :: s = (0.0_wp, 0.0_wp)        !! present s [1/s]
@@ -191,7 +192,8 @@ contains
     real(wp) :: largest
     self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
     largest = maxval([0.0_wp, abs(self%k)])
-    self%symmetric = all(abs(self%k - self%k(self%mirror)) <= rounding*largest) .and. all(abs(self%gyro) <= 0.0_wp)
+    self%conservative = all(abs(self%k - self%k(self%mirror)) <= rounding*largest)
+    self%symmetric = self%conservative .and. all(abs(self%gyro) <= 0.0_wp)
     self%damped = size(self%groups) > 0
     if (any(abs(self%c) > 0.0_wp)) self%damped = self%damped .or. &
                                                  any(abs(self%c - self%gyro) > rounding*maxval(abs(self%c)))

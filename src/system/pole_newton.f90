@@ -90,7 +90,12 @@ contains
       before = abs(step)
     end do
     x = u(1:size(x))/norm2(abs(u(1:size(x))))
-    if (ok .and. ds%symmetric) call rayleigh(ds, padded(ds, x), damping, lambda)
+    if (.not. ok) return
+    if (ds%symmetric) then
+      call rayleigh(ds, padded(ds, x), damping, lambda)
+    else if (ds%conservative .and. damping <= 0.0_wp) then
+      call rayleigh_gyroscopic(ds, padded(ds, x), lambda)
+    end if
   end subroutine newton
 
   !> The root of x^T T(lambda) x near lambda: of second order in the error of x where T is symmetric, and free of the
@@ -123,4 +128,25 @@ contains
       if (abs(step) <= epsilon(1.0_wp)*abs(lambda)) return
     end do
   end subroutine rayleigh
+
+  !> The root i omega of x^H T(i omega) x near lambda, an undamped pole: T is Hermitian there, so that the root is again of
+  !> second order in the error of x.
+  subroutine rayleigh_gyroscopic(ds, x, lambda)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: x(:)                    !! (n+rows), multipliers zero
+    complex(wp), intent(inout) :: lambda
+    real(wp) :: m, g, k, omega, step
+    integer :: pass
+    if (abs(lambda%re) > 1.0e-6_wp*abs(lambda)) return
+    m = real(dot_product(x, ds%times(cmplx(ds%m, 0.0_wp, wp), x)), wp)
+    g = aimag(dot_product(x, ds%times(cmplx(ds%gyro, 0.0_wp, wp), x)))
+    k = real(dot_product(x, ds%stiffness_product(x, 0)), wp)
+    omega = lambda%im
+    do pass = 1, 4                                     ! -omega^2 m - omega g + k = 0
+      step = (k - omega*(g + omega*m))/(g + 2*omega*m)
+      if (.not. abs(step) <= 1.0e-4_wp*abs(omega)) return
+      omega = omega + step
+    end do
+    lambda = cmplx(0.0_wp, omega, wp)
+  end subroutine rayleigh_gyroscopic
 end module pole_newton
