@@ -3,14 +3,18 @@
 module linear_state
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use joint_correction, only: correct_accelerations
+  use errors, only: failure, status_failed
+  use joint_correction, only: correct_accelerations, balanced
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
   use linearisation, only: linearise
   use scene_run, only: run_state
   implicit none (type, external)
   private
-  public :: linear_system, evaluate_state
+  public :: linear_system, evaluate_state, refuse_uneven
+
+  character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
+                                                  'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
 
@@ -23,8 +27,18 @@ contains
     real(wp), allocatable :: dy(:)
     allocate (dy(size(run%y)))
     call run%sys%derivative(0.0_wp, run%y, .false., dy)
-    if (run%sys%m%s%rows > 0 .and. .not. run%sys%m%schur%singular) call correct_accelerations(run%sys%m)
+    if (run%sys%m%s%rows == 0 .or. run%sys%m%schur%singular) return
+    if (.not. balanced(run%sys%m)) call correct_accelerations(run%sys%m)
   end subroutine evaluate_state
+
+  !> Refuses a state whose reactions, which become stiffness, are lost in rounding.
+  subroutine refuse_uneven(run, analysis, fail)
+    type(run_state), intent(in) :: run
+    character(*), intent(in) :: analysis            !! name
+    type(failure), intent(inout) :: fail
+    if (run%sys%m%schur%lost) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
+                                              ', and the reactions cannot be computed')
+  end subroutine refuse_uneven
 
   !> The dynamic stiffness about the present state, and the linearisation where it is wanted.
   subroutine linear_system(run, ds, linear, evaluated)

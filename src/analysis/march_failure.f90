@@ -3,16 +3,19 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth
   use errors, only: failure, status_failed
+  use linear_state, only: too_uneven
   use mechanism, only: mechanism_model
   use projection, only: open_constraints
   use step_control, only: error_norm
-  use time_stepper, only: stepper, trouble_manifold, trouble_accuracy, trouble_iteration
+  use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
 
   character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
+
+  integer, parameter :: trouble_masses = -1    !! no stepper's own
 
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
                                             'the reach of the mechanism'
@@ -29,7 +32,9 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
     real(wp) :: gap
-    select case (march%trouble)
+    select case (merge(trouble_masses, march%trouble, m%schur%was_lost .and. march%trouble /= trouble_size))
+    case (trouble_masses)
+      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m)
     case (trouble_manifold)
       call open_constraints(m, names, gap)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
@@ -48,7 +53,7 @@ contains
       else
         text = text//advice('try a smaller step', 'try a larger tolerance', adaptive)
       end if
-    case default   ! trouble_size
+    case default      ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
       text = text//advice(too_large, 'no step is small enough: check the loads', adaptive)
     end select

@@ -4,7 +4,7 @@ module modal_analysis
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
-  use linear_state, only: linear_system
+  use linear_state, only: linear_system, refuse_uneven
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
   use scene_run, only: run_state
@@ -27,6 +27,8 @@ contains
     type(mode_set) :: modes
     logical :: ok, failed
     call linear_system(run, ds)
+    call refuse_uneven(run, 'modal analysis', fail)
+    if (fail%happened()) return
     call warn_of_motion(run, text)
     call find_modes(ds, run%d%modal%modes, modes, ok)
     if (.not. ok) then

@@ -7,7 +7,7 @@ module response_analysis
   use errors, only: failure, status_failed, status_no_output
   use line_joint, only: line_model
   use linear_sensors, only: read_linear_sensors
-  use linear_state, only: linear_system
+  use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: place_jacobian
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
@@ -33,6 +33,8 @@ contains
     integer :: k, nq
     real(wp) :: f
     call linear_system(run, ds)
+    call refuse_uneven(run, 'frequency response', fail)
+    if (fail%happened()) return
     nq = run%sys%m%s%nq
     allocate (values(run%list%columns), now(run%list%columns))
     associate (r => run%d%response, y => run%y)

@@ -6,7 +6,7 @@ module static_analysis
   use dynamic_stiffness, only: stiffness_system
   use equilibrium, only: find_equilibrium, equilibrium_report
   use errors, only: failure, status_failed, status_bad_input, status_no_output
-  use linear_state, only: linear_system, evaluate_state
+  use linear_state, only: linear_system, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
   use load, only: stage_static
   use natural_modes, only: natural_subspace, rounding_level
@@ -114,6 +114,8 @@ contains
       call find_equilibrium(run, run%d%static%tolerance, report)
       steps = steps + report%steps
       if (.not. report%converged) then
+        call refuse_uneven(run, 'static analysis', fail)
+        if (fail%happened()) exit
         call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//number(k)//' of '// &
           number(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
           'more load steps')

@@ -12,7 +12,7 @@ module modal_reduction
   public :: reduce_to_modes, stiffness_triplets, lowest_modes, mass_product
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
-  integer, parameter :: polish_passes = 2
+  integer, parameter :: polish_passes = 2, most_gram_schmidt = 6
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
 contains
@@ -163,7 +163,7 @@ contains
     call polish(b, count(w <= far_below*lambda(b%nf)), rigid, x, w, bad)
   end subroutine dense_modes
 
-  !> Repeats inverse iteration on the lowest modes of a dense solution, whose errors are those of the highest frequency:
+  !> Repeats inverse iteration on the lowest modes of a dense solution, whose errors are those of its highest frequency:
   !> with a heavy lump on a light beam they are a large part of the lowest. Frequencies are Rayleigh quotients.
   subroutine polish(b, low, rigid, x, w, bad)
     type(body_model), intent(in) :: b
@@ -283,6 +283,7 @@ contains
     do j = 1, modes
       call orthogonalise(b, rigid, x(:, j))
     end do
+    call polish(b, count(w <= far_below*w(modes)), rigid, x, w, bad)
   end subroutine subspace_modes
 
   !> Makes the columns of y = K^-1 f mass-orthonormal, f with them: inverse iteration leaves them nearly parallel on fine
@@ -295,18 +296,19 @@ contains
     real(wp) :: c
     integer :: i, j, pass
     do j = 1, size(y, 2)
-      do pass = 1, 2
+      do pass = 1, most_gram_schmidt
         my = mass_product(b, y(:, j))
+        c = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(c)))
+        y(:, j) = c*y(:, j)
+        f(:, j) = c*f(:, j)
+        if (pass > 2 .and. c < 2.0_wp) exit              ! the last pass took away rounding only
+        my = c*my
         do i = 1, j - 1
           c = dot_product(y(:, i), my)
           y(:, j) = y(:, j) - c*y(:, i)
           f(:, j) = f(:, j) - c*f(:, i)
         end do
       end do
-      my = mass_product(b, y(:, j))
-      c = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(c)))
-      y(:, j) = c*y(:, j)
-      f(:, j) = c*f(:, j)
     end do
   end subroutine orthogonalise_pair
 

@@ -10,14 +10,16 @@ module joint_correction
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: correct_accelerations
+  public :: correct_accelerations, balanced
 
   integer, parameter :: most_passes = 6              !! corrections
   real(wp), parameter :: falling = 0.5_wp            !! a residual above this share of the one before no longer falls [-]
+  real(wp), parameter :: kept = 1.0e-9_wp            !! residual that must be left at most, of the accelerations' size [-]
 
 contains
 
-  !> Corrects lambda and a of the last evaluation until the residual of the joints no longer falls.
+  !> Corrects lambda and a of the last evaluation until the residual of the joints no longer falls. Where it stays large the
+  !> masses are too uneven for the factor.
   subroutine correct_accelerations(self)
     type(mechanism_model), intent(inout) :: self
     real(wp) :: worst, before
@@ -33,7 +35,27 @@ contains
       self%a = self%a + self%change
       self%lambda = self%lambda + self%lambda_change
     end do
+    if (worst > kept*largest_acceleration(self) .and. .not. self%schur%singular) call self%schur%lose()
   end subroutine correct_accelerations
+
+  !> Whether the accelerations meet the joints' equations to rounding already.
+  logical function balanced(self) result(yes)
+    type(mechanism_model), intent(inout) :: self
+    call joint_residual(self, self%lambda_change)
+    yes = .not. maxval(abs(self%lambda_change)) > 8*epsilon(1.0_wp)*largest_acceleration(self)
+  end function balanced
+
+  !> Size of the accelerations that meet in the joints.
+  pure real(wp) function largest_acceleration(self) result(a)
+    type(mechanism_model), intent(in) :: self
+    integer :: b, e
+    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%extra)), norm2(self%s%gravity), maxval(abs(self%free)))
+    do b = 1, size(self%c)
+      do e = self%end_first(b), self%end_first(b + 1) - 1
+        a = max(a, maxval(abs(place_acceleration(self, b, self%end_place(e)))))
+      end do
+    end do
+  end function largest_acceleration
 
   !> Second derivatives of all rows at the present accelerations, with Baumgarte's terms where they are asked for.
   subroutine joint_residual(self, r)

@@ -12,7 +12,7 @@ module multipliers
   public :: multiplier_system
 
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot from which rows count as independent [-]
-  real(wp), parameter :: least_pivot = 1.0e-14_wp !! relative pivot that still stands above rounding [-]
+  real(wp), parameter :: least_pivot = 2.0e-15_wp !! relative pivot that still stands above rounding [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
@@ -29,6 +29,8 @@ module multipliers
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
     logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
     logical :: uneven = .false.                !! very uneven masses: multipliers are exact only after corrections
+    logical :: lost = .false.                  !! masses so uneven that double precision no longer holds S
+    logical :: was_lost = .false.              !! at some evaluation of the run
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
     real(wp), allocatable :: r(:), best(:)     !! (n) work
     logical, allocatable :: held(:)            !! (n) reordered rows that depend on earlier ones by geometry
@@ -38,6 +40,7 @@ module multipliers
     procedure :: factor
     procedure :: factor_strong
     procedure :: factor_weak
+    procedure :: lose
     procedure :: solve
     procedure :: share
     procedure :: weak_rows
@@ -94,6 +97,7 @@ contains
     logical, intent(out) :: good
     self%singular = .false.
     self%uneven = .false.
+    self%lost = .false.
     good = .true.
     if (self%n == 0) return
     call take_matrix(size(self%s), size(self%f), self%s, self%f)
@@ -110,6 +114,7 @@ contains
     call take_held(self)
     call eliminate(self%n, self%kd, self%f, self%s, merge(weak_pivot, least_pivot, self%singular), good)
     self%uneven = self%singular .neqv. good
+    if (.not. (self%singular .or. good)) call self%lose()
     if (.not. self%uneven) then
       call factor_shifted(self)
     else if (self%singular) then
@@ -117,6 +122,13 @@ contains
       call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
     end if
   end subroutine factor_weak
+
+  !> Notes that rounding has taken the heavy bodies' part from S.
+  subroutine lose(self)
+    class(multiplier_system), intent(inout) :: self
+    self%lost = .true.
+    self%was_lost = .true.
+  end subroutine lose
 
   !> f = S with the diagonal entries of dependent rows doubled.
   subroutine take_held(self)

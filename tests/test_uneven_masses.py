@@ -1,0 +1,147 @@
+"""Modes of mechanisms whose masses differ by up to 1e9, against closed forms in exact arithmetic; what is beyond is told."""
+
+from decimal import Decimal, getcontext
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from histories import read
+
+getcontext().prec = 60
+RATIOS = [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9]
+PRECISION = 2e-14  # of a frequency: what rounding leaves
+
+BEAM = """&material name='m' density=2700.0 young=7.0e10 /
+&section name='s' area=3.0e-4 inertia=2.5e-9 /
+&body name='b' kind='beam' length=0.8 elements={elements} material='m' section='s' reference='clamped' {more} /
+"""
+
+
+def two_frequencies(mass, stiffness):
+    """Return the frequencies [Hz], ascending, of K x = w M x for exact symmetric 2 x 2 matrices ((a, b), (b, c))."""
+    (ma, mb, mc), (ka, kb, kc) = mass, stiffness
+    a, b, c = ma * mc - mb * mb, ma * kc + mc * ka - 2 * mb * kb, ka * kc - kb * kb
+
+    def decimal(x):
+        return Decimal(x.numerator) / Decimal(x.denominator)
+
+    large = (decimal(b) + decimal(b * b - 4 * a * c).sqrt()) / (2 * decimal(a))
+    return [float((decimal(c) / decimal(a) / large).sqrt()) / (2 * np.pi), float(large.sqrt()) / (2 * np.pi)]
+
+
+def link(name, mass, on, spin=0.0, x=0.0, y=0.0, angle=0.0):
+    """Return a uniform unit link hung on a place; its state is one of a steady turn about the origin."""
+    return f"""&body name='{name}' kind='rigid' mass={mass:.17e} inertia={mass / 12:.17e} com=0.5,0.0 position={x},{y} angle={angle}
+  angular_velocity={spin} velocity=0.0,{spin * x} /
+&joint name='{name}' type='revolute' body_a='{name}' {on} /
+"""
+
+
+def frequencies(run_deck, deck, **options):
+    """Return the frequencies of the undamped modes [Hz]."""
+    table = read(run_deck(deck, **options).folder, "modes")
+    return table["frequency"][table["kind"] == 0]
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_two_hanging_links(run_deck, ratio):
+    down = -np.pi / 2
+    deck = "&scene gravity=0.0,-9.81 /\n" + link("one", 1.0, "", angle=down)
+    deck += link("two", ratio, "body_b='one' point_b=1.0,0.0", y=-1.0, angle=down) + "&modal modes=2 /\n"
+    m, g = Fraction(float(f"{ratio:.17e}")), Fraction(9.81)
+    inertia = [Fraction(float(f"{x / 12:.17e}")) for x in (1.0, ratio)]
+    mass = (inertia[0] + Fraction(1, 4) + m, m / 2, inertia[1] + m / 4)
+    exact = two_frequencies(mass, ((Fraction(1, 2) + m) * g, Fraction(0), m * g / 2))
+    np.testing.assert_allclose(frequencies(run_deck, deck), exact, rtol=PRECISION)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("spin", [1e-2, 10.0])
+def test_two_links_on_a_turning_hub(run_deck, ratio, spin):
+    deck = f"&scene /\n&body name='hub' kind='rigid' mass=1.0 inertia=1.0 angular_velocity={spin} /\n"
+    deck += "&joint name='axle' type='revolute' body_a='hub' /\n"
+    deck += f"&history name='w' kind='polynomial' coefficients={spin} /\n"
+    deck += "&drive name='motor' type='rotation' body_a='hub' history='w' rate=.true. /\n"
+    deck += link("one", 1.0, "body_b='hub' point_b=0.5,0.0", spin, x=0.5)
+    deck += link("two", ratio, "body_b='one' point_b=1.0,0.0", spin, x=1.5) + "&modal modes=2 /\n"
+    m, w = Fraction(float(f"{ratio:.17e}")), Fraction(spin) ** 2
+    inertia = [Fraction(float(f"{x / 12:.17e}")) for x in (1.0, ratio)]
+    mass = (inertia[0] + Fraction(1, 4) + m, m / 2, inertia[1] + m / 4)
+    # centrifugal potential -w/2 sum of m r^2; r^2 holds 2 c_i c_j cos(angle_i - angle_j), the hub's angle being 0
+    stiffness = (w * (Fraction(1, 4) + m / 2 + m / 2), -w * m / 2, w * (m / 4 + m / 2))
+    np.testing.assert_allclose(frequencies(run_deck, deck), two_frequencies(mass, stiffness), rtol=1e-12)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("spring", [1.0, 1e-9, 1e9])
+def test_two_masses_on_springs(run_deck, ratio, spring):
+    deck = "&scene /\n"
+    for k, mass in enumerate((1.0, ratio)):
+        deck += f"&body name='b{k}' kind='rigid' mass={mass:.17e} inertia=1.0 position={k + 1},0.0 /\n"
+        deck += f"&joint name='j{k}' type='prismatic' body_a='b{k}' /\n"
+    deck += "&spring name='s0' type='linear' body_a='b0' stiffness=100.0 /\n"
+    deck += f"&spring name='s1' type='linear' body_a='b1' body_b='b0' stiffness={100.0 * spring:.17e} /\n&modal modes=2 /\n"
+    m, k = Fraction(float(f"{ratio:.17e}")), Fraction(float(f"{100.0 * spring:.17e}"))
+    exact = two_frequencies((Fraction(1), Fraction(0), m), (100 + k, -k, k))
+    np.testing.assert_allclose(frequencies(run_deck, deck), exact, rtol=PRECISION)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("more", ["", "modes=4"])
+def test_one_element_with_a_lump(run_deck, ratio, more):
+    """One clamped element: its bending has two coordinates, so the frequencies follow in exact arithmetic."""
+    lump = ratio * 2700.0 * 3.0e-4 * 0.8
+    elements = BEAM.format(elements=1, more=more.replace("4", "3"))
+    deck = elements + f"&lump body='b' node=-1 mass={lump:.17e} /\n&joint name='w' type='weld' body_a='b' node_a=1 /\n"
+    found = frequencies(run_deck, deck + "&modal modes=3 /\n")
+    w = Fraction(2700.0) * Fraction(3.0e-4) * Fraction(0.8)
+    long, bend, m = Fraction(0.8), Fraction(7.0e10) * Fraction(2.5e-9), Fraction(float(f"{lump:.17e}"))
+    mass = (w * 156 / 420 + m, -w * 22 * long / 420, w * 4 * long * long / 420)
+    bending = two_frequencies(mass, (12 * bend / long**3, -6 * bend / long**2, 4 * bend / long))
+    axial = np.sqrt(7.0e10 * 3.0e-4 / 0.8 / float(w / 3 + m)) / (2 * np.pi)
+    np.testing.assert_allclose(found, sorted([*bending, axial]), rtol=PRECISION)
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e9])
+@pytest.mark.parametrize("elements", [8, 40])
+def test_modes_kept_of_a_lumped_beam_are_those_of_its_nodes(run_deck, ratio, elements):
+    tail = f"&lump body='b' node=-1 mass={ratio * 0.648:.17e} /\n"
+    tail += "&joint name='w' type='weld' body_a='b' node_a=1 /\n&modal modes=3 /\n"
+    nodal = frequencies(run_deck, BEAM.format(elements=elements, more="") + tail, name="nodal")
+    modal = frequencies(run_deck, BEAM.format(elements=elements, more="modes=5") + tail, name="modal")
+    np.testing.assert_allclose(modal, nodal, rtol=1e-11 if elements < 20 else 1e-9)  # its own matrices are rounded, too
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("spin", [1e-3, 30.0])
+def test_a_structure_that_turns_freely_in_space(run_deck, ratio, spin):
+    """In axes that turn with it a free structure has one rigid motion, and drifts past at the frequency of the turn."""
+    deck = f"&body name='p' kind='rigid' mass={0.648 * ratio} inertia={0.01 * ratio} angular_velocity={spin} /\n"
+    deck += BEAM.format(elements=4, more=f"angular_velocity={spin}")
+    found = frequencies(run_deck, deck + "&joint name='w' type='weld' body_a='b' node_a=1 body_b='p' /\n&modal modes=4 /\n")
+    assert found[0] == 0.0
+    np.testing.assert_allclose(found[1:3], spin / (2 * np.pi), rtol=1e-6)  # a double root with one vector: half the digits
+    assert found[3] > 10.0
+
+
+@pytest.mark.parametrize("analysis", ["&modal modes=2 /", "&transient t_end=1.0 method='rk4' step=1e-3 /"])
+def test_masses_beyond_double_precision_are_told(run_deck, analysis):
+    text = "&scene gravity=1.0,0.0 /\n"
+    for k, mass in enumerate((1.0, 1e9, 1e18)):
+        text += link(f"l{k}", mass, f"body_b='l{k - 1}' point_b=1.0,0.0" if k else "", x=k)
+    run = run_deck(text + analysis + "\n", expect=1)
+    assert "too uneven for double precision" in run.stderr
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1.0, 1e9])
+def test_bodies_left_free_are_named_whatever_their_masses(run_deck, ratio):
+    text = "&scene gravity=0.0,-9.81 /\n"
+    for k, mass in enumerate((1.0, ratio)):
+        own = BEAM.format(elements=100, more=f"position={0.8 * k},0.0").replace("density=2700.0", f"density={2700.0 * mass}")
+        for name in ("m", "s", "b"):
+            own = own.replace(f"'{name}'", f"'{name}{k}'")
+        text += own
+    text += "&joint name='one' type='revolute' body_a='b0' node_a=1 /\n"
+    text += "&joint name='two' type='revolute' body_a='b1' node_a=1 body_b='b0' node_b=-1 /\n&static /\n"
+    run = run_deck(text, expect=2)
+    assert 'left free to move: "b0" "b1"' in run.stderr
