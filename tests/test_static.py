@@ -190,3 +190,66 @@ def test_large_rotations_of_soft_beams_do_not_need_small_load_steps(run_deck):
         assert table["newton_steps"].max() <= (20 if steps == 1 else 12)
         found.append([table[name][-1] for name in ("low.x", "low.y", "high.x", "high.y")])
     np.testing.assert_allclose(found[:2], [found[2]] * 2, rtol=0.0, atol=1e-9)
+
+
+TURNING = """&scene title='relative equilibrium' /
+&body name='table' kind='rigid' mass=1.0 inertia=0.1 angular_velocity=10.0 /
+&joint name='axle' type='revolute' body_a='table' /
+&history name='h' kind='polynomial' coefficients=10.0 /
+&drive name='motor' type='rotation' body_a='table' history='h' rate=.true. /
+"""
+BOB = """&body name='bob' kind='rigid' mass=2.0 inertia=0.05 position=0.5,0.0 angular_velocity=10.0 velocity=0.0,5.0 /
+&joint name='guide' type='prismatic' body_a='bob' body_b='table' point_b=0.5,0.0 /
+&spring name='k' type='linear' body_a='bob' body_b='table' stiffness=1000.0 damping=50.0 free_length=0.5 /
+"""
+ARM = """&body name='arm' kind='rigid' mass=2.0 inertia=0.05 {frame} angular_velocity=10.0 /
+&joint name='pin' type='revolute' body_a='arm' point_a={pin} body_b='table' point_b=0.5,0.0 /
+&spring name='k' type='torsional' body_a='arm' body_b='table' stiffness=1000.0 damping=20.0 free_angle=0.0 /
+"""
+
+
+def arm_angle():
+    """Angle of an arm (2 kg, 0.2 m across the table's radius of 0.5 m, 10 rad/s) against the table: k phi = m w2 r x c."""
+    angle = 0.0
+    for _ in range(60):
+        c = 0.2 * np.array([-np.sin(angle), np.cos(angle)])  # from the pin, table's axes
+        angle = 2.0 * 100.0 * (-c[1]) * 0.5 / 1000.0
+    return angle
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        (BOB, 2.0 * 100.0 * 0.5 / (1000.0 - 2.0 * 100.0)),
+        (ARM.format(frame="com=0.0,0.2 position=0.5,0.0", pin="0.0,0.0"), arm_angle()),
+        (ARM.format(frame="position=0.5,0.2", pin="0.0,-0.2"), arm_angle()),
+    ],
+    ids=["bob on a radius", "arm, frame in the pin", "arm, frame in the mass centre"],
+)
+def test_bodies_that_springs_hold_turn_with_the_table(run_deck, held, expected):
+    """Centrifugal forces stretch the springs, wherever the held body's frame has its origin; the transient stays there."""
+    sensor = "&sensor name='k' quantity='spring' spring='k' /\n"
+    transient = "&static /\n&transient t_end=0.5 method='rk4' step=1.0e-4 output_step=0.01 /\n"
+    run = run_deck(TURNING + held + sensor + transient)
+    assert read(run.folder, "static")["k.d"][-1] == pytest.approx(expected, rel=1e-7)
+    np.testing.assert_allclose(run.history["k.d"], expected, rtol=1e-7)
+
+
+def test_rates_that_a_drive_asks_of_a_beam_go_to_its_section_alone(run_deck):
+    """A drive moves the tip of a clamped beam: the tip's coordinate has its rate, no other has; only C q' bends the beam."""
+    deck = cantilever(
+        "&history name='h' kind='polynomial' coefficients=0.0,0.5 /\n"
+        "&drive name='d' type='position' body_a='b' node_a=-1 history='h'\n"
+        f"  direction=1.5707963267948966 point_b={LENGTH},0.0 /\n",
+        elements=3,
+        ghm="rayleigh_mass=2.0 rayleigh_stiffness=1.0e-6",
+    )
+    names = []
+    for index in range(1, 10):
+        deck += f"&sensor name='q{index}' quantity='coordinate' body='b' index={index} /\n"
+        names.append(f"q{index}.qd")
+    run = run_deck(deck + "&transient t_end=1.0e-6 method='rk4' step=1.0e-7 output_step=1.0e-7 /\n")
+    rates = np.array([run.history[name][0] for name in names])
+    assert read(run.folder, "static")["residual"].max() <= 1e-10
+    assert rates[7] == pytest.approx(0.5, rel=1e-12)
+    np.testing.assert_allclose(np.delete(rates, 7), 0.0, atol=1e-7)

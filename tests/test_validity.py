@@ -112,6 +112,27 @@ def test_motion_that_the_mesh_cannot_carry(run_deck, elements, more, share, warn
         assert float(found[1]) > carried
 
 
+@pytest.mark.parametrize("length", [0.1, 0.3, 1.0, 8.0])
+def test_what_a_mesh_carries_scales_with_its_elements(run_deck, length):
+    """One element pinned at its ends rings 1.11 times faster than half a wave on it; two, clamped, 0.576 times as fast."""
+    scale = math.sqrt(EI / (DENSITY * AREA)) / length**2
+    pinned, clamped = math.sqrt(120.0) / math.pi**2, 22.736 / (2 * math.pi) ** 2
+    for elements, first, last, ratio in ((1, "revolute", "slider", pinned), (2, "weld", "weld", clamped)):
+        share = ratio * (elements * math.pi) ** 2 * scale
+        reference = "pinned" if elements == 1 else "clamped"
+        deck = HEAD.replace("title='v'", "title='v' gravity=0.0,-1.0e-3") + body("b", "axial=.false.", elements).replace(
+            f"length={LENGTH}", f"length={length} reference='{reference}'"
+        )
+        deck += f"&joint name='p' type='{first}' body_a='b' node_a=1 /\n"
+        deck += f"&joint name='q' type='{last}' body_a='b' node_a=-1 point_b={length},0.0 /\n"
+        period = 2 * math.pi / share
+        lines = told(run_deck(deck + transient(10 * period, period / 200, period / 20), name=f"e{elements}"))
+        assert len(lines) == (1 if ratio > 1 else 0), lines
+        if lines:
+            found = re.search(r"moves elastically at (\S+) rad/s", lines[0])
+            assert float(found[1]) == pytest.approx(share, rel=0.02)
+
+
 def test_one_mode_that_rings_is_carried(run_deck):
     """A body kept with one mode rings at that mode's frequency: no warning, whatever part of a period the run ends in."""
     deck = HEAD + body("b", "reference='clamped' modes=1")

@@ -1,6 +1,7 @@
 !> Equilibrium of the elastic coordinates and of bodies at rest, under given loads, by Newton's method with the structured
-!> tangent. The frames keep the velocities that drives give them and the accelerations that follow from those, so that
-!> centrifugal forces act; the elastic coordinates have neither. GHM is relaxed.
+!> tangent. The frames keep their velocities as seen from themselves, as far as drives and joints let them, and have the
+!> accelerations that follow, so that centrifugal forces act and bodies held by springs on a turning one find the place at
+!> which they turn with it; the elastic coordinates have neither. GHM is relaxed.
 !>
 !> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p. The tangent
 !> is that of the equilibrium: with a_p, and with the reactions that Newton's last step found for it. Those of the state out of
@@ -12,6 +13,7 @@ module equilibrium
   use force_scale, only: largest_force
   use linear_state, only: evaluate_state, linear_system
   use linear_matrices, only: linear_mechanism
+  use place, only: turn
   use scene_run, only: run_state, relax
   implicit none (type, external)
   private
@@ -22,7 +24,9 @@ module equilibrium
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
-  real(wp), parameter :: elastic_weight = 1.0e20_wp  !! keeps elastic coordinates out of the prescribed motion [-]
+  real(wp), parameter :: elastic_weight(2) = [1.0e20_wp, 1.0e6_wp]   !! keeps elastic coordinates out of the prescribed motion;
+                                                     !! where frames alone cannot follow, they move least [-]
+  real(wp), parameter :: followed = 1.0e-9_wp        !! what may be left of a prescribed rate, of the largest [-]
 
   !> What Newton's method did.
   type :: equilibrium_report
@@ -87,14 +91,21 @@ contains
     end do
   end function largest_motion
 
-  !> Adds a step of the linearisation's unknowns (frames in their own axes) to the positions.
+  !> Adds a step of the linearisation's unknowns (frames in their own axes) to the positions. A frame that turns takes the
+  !> velocity that its motion has where it comes to: what turns about a point goes on turning about it.
   subroutine move(run, dx)
     type(run_state), intent(inout) :: run
     real(wp), intent(in) :: dx(:)                    !! (nq)
-    integer :: nq
+    real(wp) :: d(size(dx))
+    integer :: nq, b, i
     nq = size(dx)
     call set_frames(run%sys%m, run%y(1:nq))
-    run%y(1:nq) = run%y(1:nq) + to_global(run, dx)
+    d = to_global(run, dx)
+    run%y(1:nq) = run%y(1:nq) + d
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b)
+      run%y(nq + i + 1:nq + i + 2) = run%y(nq + i + 1:nq + i + 2) + run%y(nq + i + 3)*turn(d(i + 1:i + 2))
+    end do
   end subroutine move
 
   !> Residual, tangent and their measures at the present positions; velocities and dissipative coordinates follow.
@@ -142,67 +153,94 @@ contains
           .or. any(abs(run%sys%m%rows%extra) > 0.0_wp)
   end function moves
 
-  !> Velocities that satisfy the drives and joints again, and the accelerations that follow from them, elastic coordinates
-  !> at rest where that suffices.
+  !> Velocities that satisfy the drives and joints again, and the accelerations of bodies that keep them in their own axes
+  !> (theta' H R', theta'' = 0), with the least change that drives and joints ask for; elastic coordinates at rest where that
+  !> suffices.
   subroutine prescribe(run, ds, steady)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes
     real(wp), allocatable :: rate(:)
-    integer :: nq, k, i
+    integer :: nq, k, i, b
     nq = size(steady)
     allocate (rate(run%sys%m%s%rows), source=0.0_wp)
-    call weigh(run, ds)
     call row_rates(run%sys%m, rate)
     if (any(abs(rate) > 0.0_wp)) then
       run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run, follow(run, ds, -rate))
       call evaluate_state(run)
     end if
+    steady = 0.0_wp
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b)
+      steady(i + 1:i + 2) = run%y(nq + i + 3)*turn(run%y(nq + i + 1:nq + i + 2))
+    end do
+    rate = joint_rates(ds, to_body(run, steady), run%sys%m%s%rows)
     do k = 1, size(run%sys%m%s%constraints)
       associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
         do i = c%first, c%first + c%rows - 1
-          rate(i) = m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
-                    + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib))
+          rate(i) = rate(i) + (m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
+                               + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib)))
         end do
       end associate
     end do
-    steady = to_global(run, follow(run, ds, -rate))
+    steady = steady + to_global(run, follow(run, ds, -rate))
   end subroutine prescribe
 
-  !> A metric of the frames' motion in place of the stiffness, factored.
-  subroutine weigh(run, ds)
-    type(run_state), intent(in) :: run
-    type(stiffness_system), intent(inout) :: ds
-    integer :: b, k, i
-    ds%values = ds%joint
-    do b = 1, size(run%sys%m%s%bodies)
-      i = run%sys%m%s%qo(b)
-      do k = i + 1, i + 3 + run%sys%m%s%bodies(b)%nf
-        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic_weight, k <= i + 3)
-      end do
-      ds%values(ds%entry(i + 3, i + 3)) = run%sys%m%s%size**2
-    end do
-    call ds%factor()
-  end subroutine weigh
+  !> J x: what a motion does to the independent rows.
+  pure function joint_rates(ds, x, rows) result(rate)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: x(:)                     !! (nq) body axes
+    integer, intent(in) :: rows                      !! all rows
+    real(wp) :: rate(rows)                           !! 0 for dependent ones
+    complex(wp) :: y(ds%n + ds%rows)
+    y = 0.0_wp
+    y(1:ds%n) = x
+    y = ds%times(cmplx(ds%joint, 0.0_wp, wp), y)
+    rate = 0.0_wp
+    rate(ds%active) = real(y(ds%n + 1:), wp)
+  end function joint_rates
 
-  !> The least motion with the given rates of the rows, body axes.
+  !> The least motion with the given rates of the rows, body axes: of the frames alone where that suffices.
   function follow(run, ds, rate) result(x)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(in) :: rate(:)                  !! (rows) [m/s] or [m/s2]
     real(wp), allocatable :: x(:)
     complex(wp), allocatable :: y(:)
-    integer :: b, i
-    allocate (y(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
-    y(ds%n + 1:) = rate(ds%active)
-    call ds%solve(y)
+    real(wp) :: left(size(rate))
+    integer :: b, i, attempt
+    do attempt = 1, 2
+      y = [((0.0_wp, 0.0_wp), i=1, ds%n), cmplx(rate(ds%active), 0.0_wp, wp)]
+      call weigh(run, elastic_weight(attempt), ds)
+      call ds%solver%solve(y)                        ! ds%solve would correct by the residual of the stiffness
+      left = joint_rates(ds, real(y(1:ds%n), wp), size(rate)) - rate
+      if (all(abs(left(ds%active)) <= followed*maxval(abs(rate)))) exit
+    end do
     x = real(y(1:ds%n), wp)
+    if (attempt > 1) return
     do b = 1, size(run%sys%m%s%bodies)               ! what is left of elastic motion by the weight alone
       i = run%sys%m%s%qo(b) + 3
       where (abs(x(i + 1:i + run%sys%m%s%bodies(b)%nf)) <= 1.0e-12_wp*maxval(abs(x))) &
         x(i + 1:i + run%sys%m%s%bodies(b)%nf) = 0.0_wp
     end do
   end function follow
+
+  !> A metric of the motion in place of the stiffness, factored.
+  subroutine weigh(run, elastic, ds)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: elastic                  !! of elastic coordinates; frames weigh 1 [-]
+    type(stiffness_system), intent(inout) :: ds
+    integer :: b, k, i
+    ds%values = ds%joint
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b)
+      do k = i + 1, i + 3 + run%sys%m%s%bodies(b)%nf
+        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic, k <= i + 3)
+      end do
+      ds%values(ds%entry(i + 3, i + 3)) = run%sys%m%s%size**2
+    end do
+    call ds%factor()
+  end subroutine weigh
 
   !> Frames' components from body axes into global ones.
   pure function to_global(run, x) result(y)

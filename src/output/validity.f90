@@ -103,7 +103,7 @@ contains
         end if
         carried = highest_carried(bo)
         ! a start from rest looks faster than it is, and below rounding nothing moves
-        if (f(4) > 0.0_wp .and. f(1) > 1.0e-13_wp*bo%length .and. m%t*carried >= 2*pi) then
+        if (f(4) > 0.0_wp .and. max(f(1)/bo%length, f(2)) > 1.0e-13_wp .and. m%t*carried >= 2*pi) then
           if (sqrt(f(5)/f(4)) > carried) call say(bo, 'moves elastically at', sqrt(f(5)/f(4)), 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
