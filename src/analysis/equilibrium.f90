@@ -205,29 +205,33 @@ contains
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(in) :: rate(:)                  !! (rows) [m/s] or [m/s2]
-    real(wp), allocatable :: x(:)
+    real(wp), allocatable :: x(:), unit(:)
     complex(wp), allocatable :: y(:)
-    real(wp) :: left(size(rate))
+    real(wp) :: left(size(rate)), most
     integer :: b, i, attempt
+    unit = motion_units(run)
     do attempt = 1, 2
       y = [((0.0_wp, 0.0_wp), i=1, ds%n), cmplx(rate(ds%active), 0.0_wp, wp)]
-      call weigh(run, elastic_weight(attempt), ds)
+      call weigh(run, unit, elastic_weight(attempt), ds)
       call ds%solver%solve(y)                        ! ds%solve would correct by the residual of the stiffness
       left = joint_rates(ds, real(y(1:ds%n), wp), size(rate)) - rate
       if (all(abs(left(ds%active)) <= followed*maxval(abs(rate)))) exit
     end do
     x = real(y(1:ds%n), wp)
     if (attempt > 1) return
+    most = maxval(abs(unit*x))
     do b = 1, size(run%sys%m%s%bodies)               ! what is left of elastic motion by the weight alone
       i = run%sys%m%s%qo(b) + 3
-      where (abs(x(i + 1:i + run%sys%m%s%bodies(b)%nf)) <= 1.0e-12_wp*maxval(abs(x))) &
-        x(i + 1:i + run%sys%m%s%bodies(b)%nf) = 0.0_wp
+      associate (n => run%sys%m%s%bodies(b)%nf)
+        where (unit(i + 1:i + n)*abs(x(i + 1:i + n)) <= 1.0e-12_wp*most) x(i + 1:i + n) = 0.0_wp
+      end associate
     end do
   end function follow
 
-  !> A metric of the motion in place of the stiffness, factored.
-  subroutine weigh(run, elastic, ds)
+  !> A metric of the motion in place of the stiffness, factored: squares of lengths, whatever the units.
+  subroutine weigh(run, unit, elastic, ds)
     type(run_state), intent(in) :: run
+    real(wp), intent(in) :: unit(:)                  !! (nq) what makes lengths of the unknowns
     real(wp), intent(in) :: elastic                  !! of elastic coordinates; frames weigh 1 [-]
     type(stiffness_system), intent(inout) :: ds
     integer :: b, k, i
@@ -235,12 +239,30 @@ contains
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b)
       do k = i + 1, i + 3 + run%sys%m%s%bodies(b)%nf
-        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic, k <= i + 3)
+        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic, k <= i + 3)*unit(k)**2
       end do
-      ds%values(ds%entry(i + 3, i + 3)) = run%sys%m%s%size**2
     end do
     call ds%factor()
   end subroutine weigh
+
+  !> What makes lengths of all unknowns: 1, the size for angles and rotations, mass**(-1/2) for modes.
+  function motion_units(run) result(unit)
+    type(run_state), intent(in) :: run
+    real(wp), allocatable :: unit(:)                 !! (nq) [-], [m] or [kg**(-1/2)]
+    integer :: b, i
+    allocate (unit(run%sys%m%s%nq), source=1.0_wp)
+    do b = 1, size(run%sys%m%s%bodies)
+      i = run%sys%m%s%qo(b) + 3
+      unit(i) = run%sys%m%s%size
+      associate (bo => run%sys%m%s%bodies(b))
+        if (bo%modal) then
+          unit(i + 1:i + bo%nf) = 1.0_wp/sqrt(bo%mass)
+        else if (allocated(bo%dof)) then
+          call rotations(bo%dof, i, run%sys%m%s%size, unit)
+        end if
+      end associate
+    end do
+  end function motion_units
 
   !> Frames' components from body axes into global ones.
   pure function to_global(run, x) result(y)
@@ -303,11 +325,11 @@ contains
     if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%m%rows%phi))/size_s
   end subroutine measure
 
-  !> Marks nodal rotations, whose residuals are moments.
+  !> Marks nodal rotations.
   pure subroutine rotations(dof, offset, value, weight)
     integer, intent(in) :: dof(:, :)                 !! (3, nodes)
     integer, intent(in) :: offset
-    real(wp), intent(in) :: value                    !! [1/m]
+    real(wp), intent(in) :: value                    !! [m] or [1/m]
     real(wp), intent(inout) :: weight(:)
     integer :: k
     do k = 1, size(dof, 2)

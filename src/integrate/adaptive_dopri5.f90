@@ -241,16 +241,17 @@ contains
       h = min(interval, rest, self%max_step)
       d0 = self%norm%measure(self%y, self%y, h, self%tolerance)
       d1 = self%norm%measure(k1, self%y, h, self%tolerance)
-      if (d1 > 1.0e-5_wp .and. d0 > 1.0e-5_wp) h = min(h, 0.01_wp*d0/d1)
+      if (d1*h > 0.01_wp*d0 .and. d0 > 1.0e-5_wp) h = 0.01_wp*d0/d1
       self%trial = self%y + h*k1
       self%h = h*1.0e-3_wp
       if (.not. sane(self%trial)) return
       call system%derivative(self%t + h, self%trial, .true., self%k7)
       if (.not. sane(self%k7)) return
       self%error = self%k7 - k1
-      d2 = self%norm%measure(self%error, self%y, h, self%tolerance)/h
+      d2 = self%norm%measure(self%error, self%y, h, self%tolerance)
       self%h = min(100*h, rest, self%max_step)
-      if (max(d1, d2) > 1.0e-15_wp) self%h = min(self%h, (0.01_wp/max(d1, d2))**0.2_wp)
+      d1 = h*max(d1, d2)                      ! changes in a step of h, in tolerances: the reference's rule with h as unit of time
+      if (d1 > tiny(d1)) self%h = min(self%h, h*(0.01_wp/d1)**0.2_wp)
     end associate
   end subroutine choose_step
 

@@ -11,6 +11,7 @@ module reduced_poles
   public :: reduced_system_poles
 
   integer, parameter :: largest = 800                  !! unknowns of first order beyond which nothing is tried
+  real(wp), parameter :: at_rest = 1.0e-12_wp          !! of the largest pole: the double zero of a rigid motion [-]
 
 contains
 
@@ -36,7 +37,7 @@ contains
     if (info /= 0) return
     do j = 1, n
       lambda = cmplx(wr(j), wi(j), wp)
-      if (wi(j) < 0.0_wp .or. unseen(ds, lambda)) cycle
+      if (wi(j) < 0.0_wp .or. abs(lambda) <= at_rest*maxval(hypot(wr, wi)) .or. unseen(ds, lambda)) cycle
       lambdas = [lambdas, lambda]
       if (wi(j) > 0.0_wp) then
         shapes = reshape([shapes, matmul(basis, cmplx(vr(1:p, j), vr(1:p, j + 1), wp))], [size(basis, 1), size(lambdas)])
@@ -85,12 +86,12 @@ contains
     end function projected
   end subroutine first_order
 
-  !> Whether a pole is one of a GHM term alone, in which the mechanism stands still, or that of a rigid motion.
+  !> Whether a pole is one of a GHM term alone, in which the mechanism stands still.
   pure logical function unseen(ds, lambda) result(yes)
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: lambda
     integer :: r
-    yes = abs(lambda) <= 1.0e-6_wp
+    yes = .false.
     do r = 1, size(ds%groups)
       associate (g => ds%groups(r))
         yes = yes .or. any(abs(lambda**2 + 2*g%zeta*g%omega*lambda + g%omega**2) <= 1.0e-9_wp*g%omega**2)

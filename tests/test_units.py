@@ -1,0 +1,119 @@
+"""Units do not matter: a scene in other units of mass, length and time gives the same numbers in those units.
+
+The units are powers of two, so that every number of the deck changes without rounding. Where no absolute size hides in the
+solver, fixed explicit steps then give the same histories to the last bit.
+"""
+
+import numpy as np
+import pytest
+from histories import read
+from scipy.optimize import brentq
+
+SCALES = {"time": (0, 0, 20), "length": (0, -10, 0), "mass": (-10, 0, 0), "all": (20, 30, -10)}  # powers of 2 of kg, m, s
+
+
+class Units:
+    """Writes quantities in units of mass, length and time."""
+
+    def __init__(self, mass, length, time):
+        self.powers = np.array([mass, length, time], dtype=float)
+
+    def __call__(self, value, mass=0, length=0, time=0):
+        """Return a value given in SI, whose dimensions follow, as a deck's word."""
+        return repr(float(value) * 2.0 ** float(self.powers @ [mass, length, time]))
+
+
+def slider_crank(u):
+    """Return a slider-crank: rigid crank at a steady rate, viscoelastic rod of three elements, a spring on the slider."""
+    return f"""&scene gravity=0.0,{u(-9.81, length=1, time=-2)} /
+&material name='m' density={u(1600.0, mass=1, length=-3)} young={u(2.1e9, mass=1, length=-1, time=-2)}
+  ghm_alpha=0.4 ghm_zeta=1.2 ghm_omega={u(700.0, time=-1)} rayleigh_mass={u(0.8, time=-1)} rayleigh_stiffness={u(1e-7, time=1)} /
+&section name='s' shape='rectangle' width={u(0.02, length=1)} height={u(0.01, length=1)} /
+&body name='crank' kind='rigid' mass={u(0.4, mass=1)} inertia={u(1e-3, mass=1, length=2)} com={u(0.05, length=1)},0.0
+  angle=0.5 angular_velocity={u(30.0, time=-1)} /
+&body name='rod' kind='beam' length={u(0.3, length=1)} elements=3 material='m' section='s' angle=-0.1602877
+  position={u(0.08775825618903728, length=1)},{u(0.0479425538604203, length=1)} /
+&lump body='rod' node=-1 mass={u(0.2, mass=1)} inertia={u(1e-4, mass=1, length=2)} /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='rod' node_a=1 body_b='crank' point_b={u(0.1, length=1)},0.0 /
+&joint name='c' type='slider' body_a='rod' node_a=-1 direction=0.0 /
+&history name='w' kind='polynomial' coefficients={u(30.0, time=-1)} /
+&drive name='motor' type='rotation' body_a='crank' history='w' rate=.true. /
+&spring name='s' type='linear' body_a='rod' node_a=-1 point_b={u(1.0, length=1)},0.0 stiffness={u(200.0, mass=1, time=-2)} /
+&sensor name='tip' quantity='position' body='rod' node=-1 /
+&sensor name='mid' quantity='deflection' body='rod' node=2 /
+&sensor name='pin' quantity='reaction' joint='b' /
+"""
+
+
+DIMENSIONS = {  # of the columns: mass, length, time
+    "t": (0, 0, 1),
+    "tip.x": (0, 1, 0),
+    "mid.u": (0, 1, 0),
+    "mid.v": (0, 1, 0),
+    "mid.r": (0, 0, 0),
+    "pin.fx": (1, 1, -2),
+    "pin.fy": (1, 1, -2),
+}
+
+
+def histories(run_deck, powers, words):
+    """Return the columns of a run in SI, from a deck in the given units."""
+    u = Units(*powers)
+    steps = f"&transient t_end={u(0.02, time=1)} output_step={u(4e-4, time=1)} {words(u)} /\n"
+    found = run_deck(slider_crank(u) + steps, name="u" + "_".join(str(p) for p in powers)).history
+    return {name: found[name] / 2.0 ** float(u.powers @ d) for name, d in DIMENSIONS.items()}
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_fixed_explicit_steps_are_the_same_to_the_last_bit(run_deck, scale):
+    def words(u):
+        return f"method='rk4' step={u(1e-5, time=1)}"
+
+    plain = histories(run_deck, (0, 0, 0), words)
+    for name, column in histories(run_deck, SCALES[scale], words).items():
+        np.testing.assert_array_equal(column, plain[name], err_msg=name)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize(("method", "limit"), [("dopri5", 1e-11), ("generalized_alpha", 1e-8)])
+def test_other_steps_are_the_same_to_rounding(run_deck, scale, method, limit):
+    """Steps of dopri5 follow a frequency from Lanczos' iteration, pivots of the implicit method mix forces and lengths."""
+
+    def words(u):
+        return f"method='{method}' " + ("tolerance=1e-5" if method == "dopri5" else f"step={u(2e-5, time=1)}")
+
+    plain = histories(run_deck, (0, 0, 0), words)
+    for name, column in histories(run_deck, SCALES[scale], words).items():
+        assert np.abs(column - plain[name]).max() <= limit * np.abs(plain[name]).max(), name
+
+
+def flap(u, stiffness, spin):
+    """Return a link on a torsional spring, hinged to the rim of a hub that turns steadily; the spring is slack at 0.8 rad."""
+    w = u(spin, time=-1)
+    return f"""&body name='hub' kind='rigid' mass={u(1.0, mass=1)} inertia={u(1.0, mass=1, length=2)} angular_velocity={w} /
+&joint name='axle' type='revolute' body_a='hub' /
+&history name='w' kind='polynomial' coefficients={w} /
+&drive name='motor' type='rotation' body_a='hub' history='w' rate=.true. /
+&body name='link' kind='rigid' mass={u(2.0, mass=1)} inertia={u(1 / 6, mass=1, length=2)} com={u(0.5, length=1)},0.0
+  position={u(0.5, length=1)},0.0 angular_velocity={w} velocity=0.0,{u(0.5 * spin, length=1, time=-1)} /
+&joint name='hinge' type='revolute' body_a='link' body_b='hub' point_b={u(0.5, length=1)},0.0 /
+&spring name='flat' type='torsional' body_a='link' body_b='hub' stiffness={u(stiffness, mass=1, length=2, time=-2)} free_angle=0.8 /
+&static /
+&modal modes=1 /
+"""
+
+
+@pytest.mark.parametrize("scale", ["none", *SCALES])
+@pytest.mark.parametrize(("stiffness", "spin"), [(10.0, 3.0), (1e4, 30.0), (1.0, 30.0)])
+def test_steady_turn_of_a_sprung_link(run_deck, scale, stiffness, spin):
+    """Centrifugal moment m r c w^2 sin(angle) against the spring's, and the frequency about that state."""
+    u = Units(*SCALES.get(scale, (0, 0, 0)))
+    run = run_deck(flap(u, stiffness, spin))
+    pull = 2.0 * 0.5 * 0.5 * spin**2
+    exact = brentq(lambda a: stiffness * (0.8 - a) - pull * np.sin(a), 0.0, 1.0, xtol=1e-15)
+    angle = read(run.folder, "static")["state.link.angle"][-1]
+    assert angle == pytest.approx(exact, rel=1e-10)
+    frequency = np.sqrt((stiffness + pull * np.cos(exact)) / (2.0 / 3.0)) / (2.0 * np.pi)
+    modes = read(run.folder, "modes")
+    assert modes["frequency"][0] == pytest.approx(float(u(frequency, time=-1)), rel=1e-10)
