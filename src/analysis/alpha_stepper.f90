@@ -6,10 +6,11 @@ module alpha_stepper
   use archive, only: value_archive
   use dynamics, only: evaluate
   use generalized_alpha, only: chung_hulbert, next_step, step_memory
-  use implicit_error, only: error_vector, own_error, nearly_dependent, remember_error
+  use implicit_error, only: error_vector, own_error, compare_estimates, doubtful, back_to_equations, nearly_dependent, &
+                            remember_error
   use implicit_model, only: implicit_solver, set_up_implicit
   use implicit_start, only: start_method, change_step, reported_state, same_step, full_state
-  use implicit_step, only: try_step, accept_step, full_rates, exchange_solver
+  use implicit_step, only: try_step, accept_step, undo_end, full_rates, exchange_solver
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use ode_system, only: ode, sane
@@ -255,32 +256,26 @@ contains
     if (.not. self%h > 0.0_wp) call choose_step(self, m, to - from)
     call step_end(self%t, min(self%h, self%max_step), self%stops, next, h, self%tried, at_stop)
     call ready(self, m, h)
-    call try_step(self%solver, m, self%tried, ok)
-    error = 8.0_wp
-    if (ok) then
-      call error_vector(self%solver, m, self%tried, self%error, self%trial)
-      error = self%norm%measure(self%error, self%trial, h, aim*self%tolerance)
-      if (error > 1.0_wp .and. nearly_dependent(m)) then
-        call own_error(self%solver, m, self%error)
-        error = min(error, self%norm%measure(self%error, self%trial, h, aim*self%tolerance))
-      end if
-      if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
-    end if
-    if (.not. ok .or. error > 1.0_wp) then
-      self%rejected = self%rejected + 1
-      if (.not. ok) self%failures = self%failures + 1
-      self%h = next_step(self%memory, h, error)
-      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
-      call give_up(self, m)
-      if (ok) self%trouble = trouble_accuracy
-      outcome = lost
-      return
-    end if
     if (self%tried >= to) then
       self%dense_start = self%t
       self%dense_step = h
       call full_state(self%solver, self%dense(:, 1))
       call full_rates(self%solver, self%dense(:, 2))
+    end if
+    call try_step(self%solver, m, self%tried, ok)
+    error = 8.0_wp
+    if (ok) call measure_step(self, m, h, error)
+    if (.not. ok .or. error > 1.0_wp) then
+      call undo_end(self%solver)
+      self%rejected = self%rejected + 1
+      if (.not. ok) self%failures = self%failures + 1
+      self%h = next_step(self%memory, h, error)
+      call back_to_equations(self%solver, m, self%t)
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
+      call give_up(self, m)
+      if (ok) self%trouble = trouble_accuracy
+      outcome = lost
+      return
     end if
     call remember_error(self%solver)
     call self%norm%watch(self%trial)
@@ -294,8 +289,32 @@ contains
     else
       self%h = next_step(self%memory, h, error)
     end if
+    if (doubtful(self%solver) .or. abs(self%h - h) > 0.0_wp) call back_to_equations(self%solver, m, self%t)
     if (.not. self%started) self%h = 0.0_wp
   end subroutine controlled_step
+
+  !> The estimated error of the trial step over what is allowed.
+  subroutine measure_step(self, m, h, error)
+    class(implicit_stepper), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(out) :: error            !! 1: just allowed [-]
+    real(wp) :: own
+    logical :: tight
+    tight = self%solver%tight
+    call error_vector(self%solver, m, self%tried, self%error, self%trial)
+    error = self%norm%measure(self%error, self%trial, h, aim*self%tolerance)
+    if (tight) then
+      call own_error(self%solver, m, self%error)
+      own = self%norm%measure(self%error, self%trial, h, aim*self%tolerance)
+      if (nearly_dependent(m)) then
+        if (error > 1.0_wp) error = min(error, own)
+        own = 0.0_wp
+      end if
+      call compare_estimates(self%solver, error, own)
+    end if
+    if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
+  end subroutine measure_step
 
   !> First step: the accelerations alone move nothing by more than a small part of its scale.
   subroutine choose_step(self, m, interval)

@@ -85,14 +85,18 @@ module implicit_model
     real(wp) :: dissipated = 0.0_wp, work = 0.0_wp        !! [J]
     real(wp) :: power = 0.0_wp, input = 0.0_wp            !! [W]
     real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
-    real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq + nz) of the equations at the ends of the step
-    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before, for the error estimate
+    logical :: tight = .true.                !! errors are estimated from accelerations of the equations, not the method's own
+    integer :: agreed = 0                    !! steps since both estimates last differed
+    real(wp) :: firm = 1.0_wp                !! rows%weakest where the method's own took over [-]
+    real(wp), allocatable :: acceleration(:), acceleration1(:)   !! (nq + nz) these at the ends of the step
+    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before
     real(wp), allocatable :: before_own(:)   !! (nq) the same of the method's own accelerations
     real(wp), allocatable :: change(:)       !! (nq) work of the start and of the error estimate
     real(wp), allocatable :: old(:, :)       !! (nz, 4) z, z', z'', az at the start of a step that is being judged
     real(wp) :: h_before = 0.0_wp            !! and its size [s], 0: none
     integer :: exact_left = 0                !! steps that still use the exact block
     ! the trial step
+    logical :: ended = .false.               !! its dissipative coordinates have replaced those of its start
     real(wp), allocatable :: q1(:), v1(:), vd1(:), lambda1(:), dq(:)   !! [m, rad], their rates, [N] and a correction
     real(wp), allocatable :: pre(:), zk(:)   !! (nz) what the past adds to az, z
     real(wp), allocatable :: spring_z(:), spring_zd(:)    !! (nz) of springs at the trial state
@@ -106,7 +110,11 @@ module implicit_model
     real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian
     logical :: stale = .false.               !! restored: factors are to be made again
     logical :: exact = .false.               !! this step uses the exact block
-    real(wp) :: start_error = 0.0_wp         !! first correction of the last step, scaled [-]
+    ! what the last steps told of Newton's method
+    real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
+    real(wp) :: measured = 0.0_wp            !! first correction of that step, scaled [-]
+    logical :: measured_exact = .false.      !! whether that step used the exact block
+    integer :: trusted = 0                   !! steps since then
     ! counts
     integer(ip) :: iterations = 0
     integer(ip) :: constant_factors = 0      !! of constant elastic blocks

@@ -48,6 +48,9 @@ contains
     self%input = m%input_power
     self%h_before = 0.0_wp
     self%exact_left = 0
+    self%contraction = 1.0_wp
+    self%tight = .true.
+    self%agreed = 0
     call set_step(self, m, h)
     call smooth_start(self, m, t, bad)
     if (m%s%rows > 0 .and. .not. bad) call add_offsets(self, m, t, h)
@@ -165,6 +168,7 @@ contains
     logical :: bad
     if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
     self%stale = .false.
+    if (abs(h - self%now%h) > 0.0_wp) self%contraction = 1.0_wp
     self%now = step_coefficients(self%method, h)
     call set_terms(self, m)
     call constant_blocks(self, m, bad)

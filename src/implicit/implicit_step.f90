@@ -15,7 +15,7 @@ module implicit_step
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: try_step, accept_step, full_rates, exchange_solver
+  public :: try_step, accept_step, end_step, undo_end, full_rates, exchange_solver
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which exact elastic blocks pay [-]
@@ -24,6 +24,10 @@ module implicit_step
   real(wp), parameter :: loose = 1.0e-9_wp         !! and at most this, of the groups' sizes [-]
   real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
   real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
+  real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
+  real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections that positions do not show, of the scene's size [-]
+  real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows near which nothing is taken on trust [-]
+  integer, parameter :: trust = 10                 !! steps between measurements of the contraction
 
 contains
 
@@ -78,13 +82,13 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
-    real(wp) :: size_now, before, rate, goal, whole, blur
+    real(wp) :: size_now, before, rate, goal, whole, before_whole, blur
     integer :: k
-    logical :: bad, fresh
+    logical :: bad
     ok = .false.
     slowly = .false.
-    fresh = .false.
     before = huge(1.0_wp)
+    before_whole = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
     blur = noise*(1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size)      ! without places the largest is -huge
@@ -93,7 +97,6 @@ contains
       if (k == 1 .or. slowly) then
         call trial_tangent(self, m, t1, bad)
         if (bad) return
-        fresh = .true.
       else
         call trial_elastic(self, m)
       end if
@@ -102,23 +105,64 @@ contains
       call correct(self, size_now, whole)
       if (.not. whole <= 1.0e3_wp) return                       ! also where it is not a number
       if (k == 1) then
-        self%start_error = size_now
         goal = max(rounding, min(loose, relative_goal*size_now))
+        ok = foreseen(self, size_now, whole)
       else
         rate = size_now/before
         slowly = slowly .or. (rate > slow .and. whole > blur)
+        if (k == 2) call note_contraction(self, before, max(rate, whole/before_whole))
       end if
-      ok = size_now <= rounding
+      ok = ok .or. size_now <= rounding
       if (k > 1 .and. rate < 1.0_wp) ok = ok .or. size_now*rate <= goal*(1 - rate)
       if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
       if (k > 3) ok = ok .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(max(self%rows%weakest, self%rows%shift)))
       if (ok) exit
       if (k > 2 .and. rate > 2.0_wp .and. size_now > loose) return
       before = size_now
+      before_whole = whole
     end do
     if (.not. ok) slowly = .true.
     if (ok .and. k <= 4) slowly = .false.
   end subroutine newton
+
+  !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
+  !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
+  !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of `implicit_error`: what the
+  !> change of the accelerations' change moves.
+  function foreseen(self, norm, whole) result(yes)
+    type(implicit_solver), intent(inout) :: self
+    real(wp), intent(in) :: norm, whole       !! first correction, scaled two ways [-]
+    logical :: yes
+    real(wp) :: rate, d, ratio, change, change_whole
+    integer :: i
+    yes = .false.
+    self%trusted = self%trusted + 1
+    if (self%trusted > trust .or. self%measured_exact .neqv. self%exact) return
+    if (self%rows%weakest < weak .or. .not. self%h_before > 0.0_wp) return
+    rate = self%contraction*max(1.0_wp, norm/self%measured)
+    yes = rate*whole <= unseen
+    if (yes .or. rate > 0.1_wp*small) return
+    ratio = self%now%h/self%h_before
+    change = 0.0_wp
+    change_whole = 0.0_wp
+    do i = 1, size(self%q1)
+      d = abs(self%vd1(i) - self%vd(i) - ratio*self%before_own(i))/self%now%c1
+      change = max(change, d*self%unit(i))
+      change_whole = max(change_whole, d*self%whole(i))
+    end do
+    yes = rate*norm <= small*change .and. rate*whole <= small*change_whole
+  end function foreseen
+
+  !> Remembers the contraction from the first to the second correction.
+  pure subroutine note_contraction(self, first, rate)
+    type(implicit_solver), intent(inout) :: self
+    real(wp), intent(in) :: first             !! first correction, scaled [-]
+    real(wp), intent(in) :: rate              !! [-]
+    self%contraction = rate
+    self%measured = first
+    self%measured_exact = self%exact
+    self%trusted = 0
+  end subroutine note_contraction
 
   !> Adds the correction; its largest component relative to its group, and relative to the scene's size or one radian.
   subroutine correct(self, norm, whole)
@@ -147,6 +191,31 @@ contains
     end do
   end subroutine correct
 
+  !> Places and dissipative coordinates at the end of the trial step; those of its start are kept.
+  subroutine end_step(self, m)
+    type(implicit_solver), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    call set_frames(m, self%q1)
+    call place_kinematics(m, self%q1, self%v1)
+    call keep_terms(self)
+    call end_terms(self, m)
+    self%ended = .true.
+  end subroutine end_step
+
+  !> Takes the dissipative coordinates back to the start of a step that is not (or not yet) accepted.
+  subroutine undo_end(self)
+    type(implicit_solver), intent(inout) :: self
+    integer :: i
+    if (.not. self%ended) return
+    do i = 1, size(self%z)
+      self%z(i) = self%old(i, 1)
+      self%zd(i) = self%old(i, 2)
+      self%zdd(i) = self%old(i, 3)
+      self%az(i) = self%old(i, 4)
+    end do
+    self%ended = .false.
+  end subroutine undo_end
+
   !> The trial step becomes the state; dissipated energy and work by the trapezoidal rule.
   subroutine accept_step(self, m, t1)
     type(implicit_solver), intent(inout) :: self
@@ -154,11 +223,9 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     real(wp) :: power, input
     integer :: k, i
-    call set_frames(m, self%q1)
-    call place_kinematics(m, self%q1, self%v1)
+    if (.not. self%ended) call end_step(self, m)
+    self%ended = .false.
     self%removed = self%removed + removed_energy(self, m)
-    call keep_terms(self)
-    call end_terms(self, m)
     self%removed = self%removed + removed_from_terms(self, m)
     power = dissipated_in_bodies(self, m)
     m%dissipated_power = 0.0_wp
@@ -174,7 +241,9 @@ contains
     self%work = self%work + 0.5_wp*self%now%h*(self%input + input)
     self%power = power
     self%input = input
+    self%h_before = self%now%h
     do i = 1, size(self%q)
+      self%before_own(i) = self%vd1(i) - self%vd(i)
       self%a(i) = self%now%ad1*self%vd1(i) + self%now%ad*self%vd(i) + self%now%aa*self%a(i)
       self%q(i) = self%q1(i)
       self%v(i) = self%v1(i)
@@ -216,7 +285,14 @@ contains
     call a%exchange(self%before_own)
     call a%exchange(self%acceleration)
     call a%exchange(self%h_before)
+    call a%exchange(self%tight)
+    call a%exchange(self%agreed)
+    call a%exchange(self%firm)
     call a%exchange(self%exact_left)
+    call a%exchange(self%contraction)
+    call a%exchange(self%measured)
+    call a%exchange(self%measured_exact)
+    call a%exchange(self%trusted)
     call a%exchange(self%scale)
     call a%exchange(self%unit)
     call a%exchange(self%iterations)

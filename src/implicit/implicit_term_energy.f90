@@ -11,7 +11,7 @@ module implicit_term_energy
 
 contains
 
-  !> Notes z, z' and z'' of the step's start, before the step's end replaces them.
+  !> Notes z, z', z'' and az of the step's start, before the step's end replaces them.
   subroutine keep_terms(self)
     type(implicit_solver), intent(inout) :: self
     integer :: i
@@ -19,6 +19,7 @@ contains
       self%old(i, 1) = self%z(i)
       self%old(i, 2) = self%zd(i)
       self%old(i, 3) = self%zdd(i)
+      self%old(i, 4) = self%az(i)
     end do
   end subroutine keep_terms
 
