@@ -32,8 +32,9 @@ from deck_text import DeckError, DeckText, read
 from tradeoff_errors import gap, sizes_of
 from tradeoff_picture import draw
 from tradeoff_report import Result, head, table, verdict
-from tradeoff_search import CALL, EFFECT, Point, Study, cheapest, greedy
+from tradeoff_search import EFFECT, cheapest, greedy
 from tradeoff_settings import FAMILIES, METHODS, Setting, grid_of, length_of, sensors, with_setting
+from tradeoff_study import CALL, Point, Study
 from tradeoff_truth import Base, as_written, deck_truth, effect_settings, parts, refined_truth, stiffened
 
 FULL = "full model"

@@ -9,7 +9,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from tradeoff_report import Result, pareto
-from tradeoff_search import Point, Study
+from tradeoff_study import Point, Study
 
 MARKS = {"rk4": "o", "dopri5": "s", "generalized_alpha": "^", "generalized_alpha adaptive": "v"}
 SHOWN = 12  # curves of smaller models at most

@@ -6,8 +6,9 @@ import math
 import textwrap
 from dataclasses import dataclass, field
 
+from tradeoff_curves import Curve
 from tradeoff_errors import Gap, gap, plain_truth
-from tradeoff_search import Curve, Point, Study
+from tradeoff_study import Point, Study
 
 WIDTH = 120
 
@@ -146,7 +147,7 @@ def table(study: Study, result: Result) -> str:
         *textwrap.wrap(verdict(study, result), WIDTH),
         "",
         f"truth ({result.kind}): {truth.words}",
-        f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (the finest levels, Richardson)",
+        f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (finest levels and meshes, the other explicit method)",
         *(f"  {note}" for note in result.notes),
         f"sensors: {', '.join(sorted(study.asked))}; tolerance {study.tolerance:g} of each column's range",
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",

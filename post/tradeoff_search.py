@@ -1,176 +1,20 @@
-"""The search: work-precision curves of a model, its cheapest adequate setting, and what can be taken out of it greedily."""
+"""The search: the cheapest adequate setting of a model, and what can be taken out of the model greedily."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
 import deck_models
-from deck_runs import Outcome, OutOfTimeError, Runner
+from deck_runs import OutOfTimeError
 from deck_text import DeckText
-from tradeoff_errors import Gap, Truth, between, gap, richardson
-from tradeoff_settings import FAMILIES, ORDERS, Grid, Setting, for_search
+from tradeoff_errors import Gap, gap
+from tradeoff_settings import Setting
+from tradeoff_study import Point, Step, Study
 
-LEVELS = 14  # of a curve at most
-CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
 EFFECT = 0.1  # a removal's effect is measured with a time error below this share of the tolerance
 DOUBT = 10.0  # an effect below this many tolerances is measured again with another method before the removal is given up
-CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
 DEAR = 3.0  # a method is given up where a run that is not adequate costs so many times what another method asks
-HALF = 0.5  # share of the study's time after which curves are not refined any more
-SHORT = 2.0  # [s] shorter runs are ranked by their counts: side by side, on a machine with other work, clocks err
 GAIN = 0.97  # a removal is worth it where the cost falls below this share
-
-
-@dataclass(frozen=True)
-class Point:
-    """A model with a setting: what it costs and how far it is off."""
-
-    model: str
-    setting: Setting | None
-    deck: DeckText
-    outcome: Outcome
-    gap: Gap
-
-    @property
-    def cost(self) -> float:
-        """Seconds of the analyses."""
-        return self.outcome.seconds if self.outcome.ok else float("inf")
-
-
-@dataclass
-class Step:
-    """One removal that was tried: from which round, what it changes, and the cheapest adequate setting found with it."""
-
-    round: int
-    label: str
-    effect: Gap
-    best: Point | None = None
-    taken: bool = False
-    note: str = ""
-
-
-@dataclass
-class Study:
-    """What all searches share, and what they found.
-
-    Attributes:
-        runner: makes the runs
-        grid: times of the comparison
-        asked: names of the sensors
-        tolerance: largest error that is accepted, relative to the range
-        families: curves that are tried
-        sizes: what motions of the scene's size are, by unit
-        points: everything that was measured against the truth
-        steps: every removal that was tried
-        rates: seconds for an evaluation of one unknown, by family, from the full model's longest run
-    """
-
-    runner: Runner
-    grid: Grid
-    asked: set[str]
-    tolerance: float
-    families: list[str]
-    sizes: dict[str, float]
-    truth: Truth | None = None
-    points: list[Point] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
-    rates: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def room(self) -> float:
-        """What an error may be so that it meets the tolerance whatever the truth's own error is."""
-        return max(self.tolerance - self.truth.uncertainty, 0.0)
-
-    def price(self, point: Point) -> float:
-        """Return what a point is ranked by: its seconds.
-
-        Where they are few, its counts times the seconds that such counts take in longer runs of the same method.
-        """
-        outcome = point.outcome
-        if not outcome.ok or outcome.seconds >= SHORT or point.setting.family not in self.rates:
-            return point.cost
-        return outcome.evaluations * (outcome.unknowns + CALL) * self.rates[point.setting.family]
-
-    def text(self, deck: DeckText, setting: Setting | None) -> str:
-        """Return the text that is run."""
-        return for_search(deck, setting, self.grid, self.asked)
-
-    def measure(self, model: str, deck: DeckText, settings: list[Setting], stage: str) -> list[Point]:
-        """Run a model with some settings and keep the points."""
-        outcomes = self.runner.all([self.text(deck, s) for s in settings], stage)
-        found = [Point(model, s, deck, o, gap(o, self.truth)) for s, o in zip(settings, outcomes)]
-        known = {(p.model, p.setting) for p in self.points}
-        self.points += [p for p in found if p.outcome.ok and (p.model, p.setting) not in known]
-        return found
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Runs of one model with one family, coarse to fine, and the error left in the finest."""
-
-    family: str
-    settings: list[Setting]
-    outcomes: list[Outcome]
-    left: float
-
-    @property
-    def cost(self) -> float:
-        """Seconds of the finest run."""
-        return self.outcomes[-1].seconds if self.outcomes else float("inf")
-
-
-def curve(study: Study, deck: DeckText, family: str, target: float, dearest: float, stage: str) -> Curve:
-    """Refine a family by factors of two of the step (of ten of the tolerance).
-
-    It ends where its own differences promise an error below the target, or a run would take longer than `dearest` seconds.
-    """
-    settings: list[Setting] = []
-    outcomes: list[Outcome] = []
-    left, setting = float("inf"), Setting(family, 0)
-    while setting.exists() and len(outcomes) < LEVELS and left > target:
-        batch = [s for s in (setting, setting.doubled()) if s.exists()]
-        done = study.runner.all([study.text(deck, s) for s in batch], f"{stage}, {family}")
-        setting = batch[-1].doubled()
-        for s, outcome in zip(batch, done):
-            if outcome.status == -1:
-                return Curve(family, settings, outcomes, left)
-            if outcome.ok:
-                settings.append(s)
-                outcomes.append(outcome)
-        new = _left(study, family, outcomes)
-        if new > 0.7 * left and left < 1.0e-6 and len(outcomes) > 4:
-            break
-        left = new
-        if study.runner.late(HALF) or (outcomes and 4.0 * outcomes[-1].seconds > dearest):
-            break
-    return Curve(family, settings, outcomes, left)
-
-
-def _left(study: Study, family: str, outcomes: list[Outcome]) -> float:
-    """Return the error that the finest run of a curve has by the differences of its last three."""
-    if len(outcomes) < 3:
-        return float("inf")
-    coarse, fine = (between(a, b, study.sizes) for a, b in zip(outcomes[-3:], outcomes[-2:]))
-    if FAMILIES[family][1] == "tolerance":
-        return fine
-    return richardson(coarse, fine, 2.0, ORDERS[family])
-
-
-def curves(study: Study, deck: DeckText, stage: str, target: float | None = None, dearest: float | None = None) -> list[Curve]:
-    """Return the curves of a model, the most accurate first.
-
-    The first family that reaches the target spares the others the finest levels.
-    """
-    target = CERTAIN * study.tolerance if target is None else target
-    dearest = dearest or study.runner.longest
-    found: list[Curve] = []
-    for family in study.families:
-        sharp = any(c.left <= target for c in found)
-        limit = min([dearest, *(max(4.0 * c.cost, 1.0) for c in found if c.left <= target)])
-        made = curve(study, deck, family, 0.3 * study.tolerance if sharp else target, limit, stage)
-        found.append(made)
-    return sorted((c for c in found if c.outcomes), key=lambda c: c.left)
 
 
 def adequate(study: Study, model: str, deck: DeckText, start: Setting, dearest: float, stage: str) -> Point | None:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import deck_models
 from deck_runs import Outcome, RunsError
 from deck_text import DeckText
+from tradeoff_curves import CERTAIN, Curve, curves, doubt
 from tradeoff_errors import Gap, between, gap, plain_truth, richardson, truth_of
-from tradeoff_search import CERTAIN, Curve, Study, curves
 from tradeoff_settings import Setting
+from tradeoff_study import Study
 
 MESHES = 4  # doublings of the mesh at most
-DEARER = 8.0  # an explicit run of a mesh twice as fine: twice the work, a quarter of the step
+DEARER = 3.0  # a run of a mesh twice as fine, before any has shown: half the step, and some more work
 SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
+RIGHT = 0.7  # share of what an error may be that a model may use up, so that the search starts from it
 
 
 @dataclass(frozen=True)
@@ -21,9 +23,9 @@ class Base:
     """The truth with the model that it comes from.
 
     Attributes:
-        deck: the model in full: the deck itself, or its refinement
+        deck: the model that the search starts from: the deck's own, or one of its refinements
         curves: its runs, the most accurate family first
-        doublings: of the deck's mesh
+        doublings: of the deck's mesh, in the truth
         notes: lines for the report
     """
 
@@ -33,13 +35,13 @@ class Base:
     notes: list[str]
 
 
-def _best(study: Study, deck: DeckText, stage: str) -> list[Curve]:
+def _best(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, spare: bool = False) -> list[Curve]:
     """Return the curves of a model; RunsError where no family gave an estimate of its own error."""
-    found = curves(study, deck, stage)
+    found = curves(study, deck, stage, lone=lone, spare=spare)
     if not found or found[0].left == float("inf"):
-        first = study.runner.one(study.text(deck, Setting(study.families[0], 0)))
+        first = study.runner.one(study.text(deck, Setting(study.families[-1], 0)))
         told = f"; the solver says: {first.message}" if first.message else ""
-        raise RunsError(f"no method converged on this model within {study.runner.longest:g} s a run{told}")
+        raise RunsError(f"{stage}: no method converged within {study.runner.longest:g} s a run or half of --time{told}")
     return found
 
 
@@ -52,7 +54,7 @@ def deck_truth(study: Study, deck: DeckText) -> Base:
     """Set the study's truth: the deck's own model, converged in time."""
     found = _best(study, deck, "reference")
     finest = found[0].outcomes[-1]
-    study.truth = truth_of(finest, study.sizes, found[0].left, f"the deck's model, {_words(study, found[0])}")
+    study.truth = truth_of(finest, study.sizes, doubt(study, found), f"the deck's model, {_words(study, found[0])}")
     notes = [
         f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.sizes):.1e} away"
         for c in found[1:]
@@ -61,33 +63,71 @@ def deck_truth(study: Study, deck: DeckText) -> Base:
 
 
 def refined_truth(study: Study, deck: DeckText) -> Base:
-    """Set the study's truth: nodal coordinates, axial deformation, a mesh refined until it has settled, converged in time."""
-    fine: list[Outcome] = []
+    """Set the study's truth: nodal coordinates, axial deformation, a mesh refined until it has settled, converged in time.
+
+    Raises:
+        RunsError: there are no two meshes whose difference would tell how far off the finer one is.
+    """
+    meshes, notes, left = _meshes(study, deck)
+    finest = meshes[-1]
+    words = f"mesh x {2 ** (len(meshes) - 1)}, all kinematics modelled, {_words(study, finest.curves[0])}"
+    outcome = finest.curves[0].outcomes[-1]
+    study.truth = truth_of(outcome, study.sizes, left + doubt(study, finest.curves), words)
+    return _start(study, deck, meshes, notes)
+
+
+def _meshes(study: Study, deck: DeckText) -> tuple[list[Base], list[str], float]:
+    """Return the refined models with their curves, coarse to fine, lines for the report, and the mesh's share of the error."""
+    meshes: list[Base] = []
     left, notes, before = float("inf"), [], float("inf")
     for doublings in range(MESHES + 1):
-        model = deck_models.refined(deck, doublings, study.asked)
-        try:
-            found = _best(study, model, f"reference, mesh x {2**doublings}")
-        except RunsError:
-            if len(fine) < 2:
-                raise
-            notes.append(f"mesh x {2**doublings}: no converged run within {study.runner.longest:g} s, the mesh before counts")
+        if meshes and _growth(meshes) * meshes[-1].curves[0].cost > study.runner.longest:
+            notes.append(f"mesh x {2**doublings} would take more than {study.runner.longest:g} s a run")
             break
-        fine.append(found[0].outcomes[-1])
-        kept = (model, found, doublings)
-        if len(fine) > 1:
-            off = between(fine[-2], fine[-1], study.sizes)
+        model = deck_models.refined(deck, doublings, study.asked)
+        lone = meshes[-1].curves[0] if meshes else None
+        try:
+            found = _best(study, model, f"reference, mesh x {2**doublings}", lone, spare=True)
+        except RunsError:
+            if not meshes:
+                raise
+            notes.append(f"mesh x {2**doublings}: no converged run within {study.runner.longest:g} s or the study's time")
+            break
+        meshes.append(Base(model, found, doublings, []))
+        if len(meshes) > 1:
+            off = between(*(mesh.curves[0].outcomes[-1] for mesh in meshes[-2:]), study.sizes)
             left, before = richardson(before, off, 2.0, 4.0), off
             notes.append(f"mesh x {2**doublings}: {off:.1e} from the one before")
-            if left <= SETTLED * study.tolerance and (len(fine) > 2 or off <= SETTLED * study.tolerance):
+            if left <= SETTLED * study.tolerance and (len(meshes) > 2 or off <= SETTLED * study.tolerance):
                 break
-        if DEARER * found[0].cost > study.runner.longest and len(fine) > 1:
-            notes.append(f"a finer mesh would take more than {study.runner.longest:g} s a run")
-            break
-    model, found, doublings = kept
-    words = f"mesh x {2**doublings}, all kinematics modelled, {_words(study, found[0])}"
-    study.truth = truth_of(fine[-1], study.sizes, left + found[0].left, words)
-    return Base(model, found, doublings, notes)
+    if len(meshes) < 2:
+        raise RunsError(f"no second mesh to compare with: {notes[-1]}; more --time or --longest-run, or fewer sensors, would help")
+    return meshes, notes, left
+
+
+def _growth(meshes: list[Base]) -> float:
+    """Return how much dearer the next mesh is, as the last two were, else as explicit steps are."""
+    costs = [mesh.curves[0].cost for mesh in meshes[-2:]]
+    return costs[1] / costs[0] if len(costs) == 2 else DEARER
+
+
+def _start(study: Study, deck: DeckText, meshes: list[Base], notes: list[str]) -> Base:
+    """Return the coarsest model that is right by itself, from which the search begins: the deck's own, or one of the meshes."""
+    names = ["the deck's own model", *(f"the model of mesh x {2**mesh.doublings}" for mesh in meshes)]
+    doublings = meshes[-1].doublings
+    for name, model in zip(names[:-1], [deck, *(mesh.deck for mesh in meshes)]):
+        stage = f"search's start, {name}"
+        found = curves(study, model, stage, spare=True)
+        if not found or found[0].left == float("inf"):
+            notes.append(f"{name}: no converged run in time")
+            continue
+        off = gap(found[0].outcomes[-1], study.truth)
+        if off.largest + found[0].left <= RIGHT * study.room:
+            notes.append(f"the search starts from {name}, whose own error is {off.largest:.1e} ({off.column})")
+            return Base(model, curves(study, model, stage), doublings, notes)
+        notes.append(f"{name} has an error of {off.largest:.1e} of its own ({off.column})")
+    notes.append(f"the search starts from {names[-1]}")
+    return Base(meshes[-1].deck, meshes[-1].curves, doublings, notes)
 
 
 def effect_settings(study: Study, base: Base, share: float) -> list[Setting]:
@@ -112,9 +152,10 @@ def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings
         run: what it gave
         doublings: of the deck's mesh in the truth
     """
-    own = curves(study, model, "parts of the error", target=CERTAIN * study.tolerance)
+    target = CERTAIN * study.tolerance
+    own = curves(study, model, "parts of the error", target)
     meshed = _on_mesh(study, deck, model, doublings)
-    fine = curves(study, meshed, "parts of the error, fine mesh", target=CERTAIN * study.tolerance)
+    fine = curves(study, meshed, "parts of the error, fine mesh", target, own[0])
     time = gap(run, plain_truth(own[0].outcomes[-1], study.truth))
     mesh = gap(own[0].outcomes[-1], plain_truth(fine[0].outcomes[-1], study.truth))
     return time, mesh, gap(fine[0].outcomes[-1], study.truth)
@@ -151,6 +192,8 @@ def stiffened(study: Study, deck: DeckText, setting: Setting) -> str:
 def as_written(study: Study, deck: DeckText) -> Outcome:
     """Return what the deck as it is gives, timed alone; RunsError where it does not run."""
     outcome = study.runner.timed(deck.text)
+    if outcome.status == -1:
+        raise RunsError(f"the deck as written takes longer than {study.runner.longest:g} s (--longest-run, --time)")
     if not outcome.ok:
         raise RunsError(f"the deck as written does not run: {outcome.message}")
     return outcome
