@@ -1,5 +1,7 @@
 """Static equilibrium: closed forms, turning arms, closed mechanisms, large deflections, and what follows from them."""
 
+import re
+
 import numpy as np
 import pytest
 from histories import read
@@ -108,6 +110,23 @@ def test_pluck_and_release(run_deck):
     assert run.history["tip.v"].min() < 0.0, "released: it swings through"
     held = run_deck(cantilever(pluck.replace("stage='static'", ""), elements=2) + transient, name="held")
     assert np.max(np.abs(held.history["tip.v"] - deflection)) < 1e-9 * deflection
+
+
+GHM = "ghm_alpha=0.4,0.3 ghm_zeta=1.3,0.6 ghm_omega=300.0,2000.0"
+
+
+@pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-8", "'generalized_alpha' tolerance=1e-8", "'rk4' step=2.0e-6"])
+@pytest.mark.parametrize("ghm", ["", GHM])
+def test_a_run_from_equilibrium_rests_without_effort(method, ghm, run_deck):
+    """Accelerations are rounding alone: adaptive steps do not follow it, and nothing is said about the mesh."""
+    load = "&force name='f' type='force' body='b' node=-1 fx=40.0 fy=3.0 /\n"
+    transient = f"&transient t_end=0.02 method={method} output_step=1.0e-3 /\n"
+    run = run_deck(cantilever(load, elements=4, ghm=ghm) + transient)
+    assert run.stderr == ""
+    deflection = run.history["tip.v"]
+    assert np.max(np.abs(deflection - deflection[0])) < 1e-12 * np.abs(deflection[0])
+    steps = int(re.search(r"^  steps: (\d+)", run.summary, re.MULTILINE)[1])
+    assert "tolerance" not in method or steps < 4000
 
 
 def test_transient_loads_do_not_act_in_the_static_stage(static_of):

@@ -24,7 +24,7 @@ contains
     allocate (norm%group(s%ny), source=0)
     allocate (norm%floor(n), source=least*s%size)
     allocate (norm%rate(n), norm%slope(n), source=.false.)
-    allocate (norm%largest(n), norm%scale(n), norm%steepest(n), source=0.0_wp)
+    allocate (norm%largest(n), norm%scale(n), norm%steepest(n), norm%noise(n), source=0.0_wp)
     norm%rate(2:n:2) = .true.
     do b = 1, size(s%bodies)                   ! accelerations of frames and elastic coordinates
       norm%slope([number(b, translation), number(b, angle), number(b, deflection), number(b, rotation)] + 1) = .true.

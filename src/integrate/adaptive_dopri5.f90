@@ -9,7 +9,7 @@
 !> T/h steps they make omega T/3 estimates. Errors of derivatives are a difference quotient along the error itself,
 !> f(y + s e) - f(y) over s.
 module adaptive_dopri5
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode, sane
   use runge_kutta, only: dormand_prince, explicit_stepper
@@ -33,6 +33,8 @@ module adaptive_dopri5
   real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: below it there is nothing to follow [-]
   real(wp), parameter :: shift = 1.0e-7_wp         !! of the scales: size of the difference quotient's step [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
+  real(wp), parameter :: last_digits = 16*epsilon(1.0_wp)   !! relative change of a state that is rounding [-]
+  integer(ip), parameter :: look_again = 100       !! steps after which the rounding of derivatives is measured again
 
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
@@ -74,9 +76,24 @@ contains
     self%trial = y
     self%h = self%first_step
     call self%norm%watch(y)
+    call measure_noise(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
     call self%norm%watch_slopes(self%stages%k(:, 1))
   end subroutine begin
+
+  !> What rounding of the state makes of its derivative; the system is left evaluated beside the state.
+  subroutine measure_noise(self, system)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    integer :: k
+    do k = 1, size(self%y)
+      self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
+    end do
+    call system%derivative(self%t, self%y, .false., self%k7)
+    call system%derivative(self%t, self%moved, .false., self%slope)
+    self%slope = self%slope - self%k7
+    call self%norm%watch_noise(self%slope)
+  end subroutine measure_noise
 
   !> Marches towards an output time (see `time_stepper`).
   subroutine advance(self, system, from, to, most, y, outcome)
@@ -154,6 +171,7 @@ contains
     call self%norm%watch_slopes(self%k7)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
+    if (mod(self%steps, look_again) == 0) call measure_noise(self, system)
     if (.not. at_stop) return
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
@@ -264,6 +282,7 @@ contains
     call self%control%exchange(a)
     call a%exchange(self%norm%largest)
     call a%exchange(self%norm%steepest)
+    call a%exchange(self%norm%noise)
     call a%exchange(self%stages%k(:, 1))
     call a%exchange(self%dense)
     call a%exchange(self%dense_start)

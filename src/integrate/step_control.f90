@@ -20,10 +20,12 @@ module step_control
     real(wp), allocatable :: scale(:)         !! (groups) work
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
     real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far
+    real(wp), allocatable :: noise(:)         !! (groups) how much of it is rounding: nothing finer can be asked for
     real(wp) :: fastest = 0.0_wp              !! largest natural frequency of the system, 0: nothing vibrates [rad/s]
   contains
     procedure :: watch
     procedure :: watch_slopes
+    procedure :: watch_noise
     procedure :: measure
     procedure :: measure_slopes
   end type error_norm
@@ -63,9 +65,21 @@ contains
     end do
   end subroutine watch_slopes
 
+  !> Updates the rounding of derivatives: what a change of the state in its last digits makes of them. In an equilibrium, where
+  !> large forces cancel, it is all there is.
+  pure subroutine watch_noise(self, change)
+    class(error_norm), intent(inout) :: self
+    real(wp), intent(in) :: change(:)         !! (n) of the derivatives
+    integer :: k
+    do k = 1, size(change)
+      if (self%group(k) == 0 .or. .not. abs(change(k)) < huge(1.0_wp)) cycle
+      if (self%slope(self%group(k))) self%noise(self%group(k)) = max(self%noise(self%group(k)), abs(change(k)))
+    end do
+  end subroutine watch_noise
+
   !> Largest error of a derivative over the largest that its group has had, in tolerances. Not asked of derivatives below a
-  !> millionth of the largest of the system, and below what rounding leaves of them: eps v h, times the square of the fastest
-  !> frequency.
+  !> millionth of the largest of the system, and below what rounding leaves of them: the largest noise of any group, which
+  !> joints hand on, and eps v h times the square of the fastest frequency.
   function measure_slopes(self, e, dy, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step
@@ -79,7 +93,8 @@ contains
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(dy(k)))
     end do
     self%scale = max(self%scale, least*maxval(self%scale/self%floor, self%slope)*self%floor)
-    self%scale = tolerance*self%scale + rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
+    self%scale = tolerance*self%scale + maxval(self%noise/self%floor, self%slope)*self%floor &
+                 + rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) == 0) cycle

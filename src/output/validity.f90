@@ -14,6 +14,7 @@ module validity
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
+  real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a motion that is one, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
   !> Largest figures of every body so far: deflection [m], section rotation [rad], spin [rad/s], and the sums of squared
@@ -86,7 +87,7 @@ contains
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
-    real(wp) :: first, carried
+    real(wp) :: first, carried, bent
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -102,8 +103,10 @@ contains
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
         carried = highest_carried(bo)
-        ! a start from rest looks faster than it is, and below rounding nothing moves
-        if (f(4) > 0.0_wp .and. max(f(1)/bo%length, f(2)) > 1.0e-13_wp .and. m%t*carried >= 2*pi) then
+        ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
+        bent = max(f(1), f(2)*bo%length)
+        if (f(4) > least_vibration*sqrt(f(5))*bent*merge(sqrt(bo%mass), 1.0_wp, bo%modal) &
+            .and. bent > 1.0e-13_wp*bo%length .and. m%t*carried >= 2*pi) then
           if (sqrt(f(5)/f(4)) > carried) call say(bo, 'moves elastically at', sqrt(f(5)/f(4)), 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
