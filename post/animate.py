@@ -8,7 +8,6 @@ lines, pins and rigid bodies' outlines are drawn too. Between the nodes of a bea
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -155,23 +154,24 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw as the command line asks; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    try:
-        if args.frames < 2 or args.pictures < 1 or args.seconds <= 0.0:
-            raise HistoryError("at least 2 frames, 1 picture and a positive number of seconds are needed")
-        motion = read(args.run, "motion")
-        scene = from_motion(motion, args.exaggerate)
-        if args.deck:
-            add_deck(scene, args.deck)
-        note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""
-        paths = write(scene, args.output or motion.path.parent / "motion", args.frames, args.seconds, args.pictures, note)
-    except HistoryError as fault:
-        print(f"animate: {fault}", file=sys.stderr)
-        return 2
+def animate(args: argparse.Namespace) -> int:
+    """Draw as the command line asks and say which files were written; raises HistoryError."""
+    if args.frames < 2 or args.pictures < 1 or args.seconds <= 0.0:
+        raise HistoryError("at least 2 frames, 1 picture and a positive number of seconds are needed")
+    motion = read(args.run, "motion")
+    scene = from_motion(motion, args.exaggerate)
+    if args.deck:
+        add_deck(scene, args.deck)
+    note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""
+    paths = write(scene, args.output or motion.path.parent / "motion", args.frames, args.seconds, args.pictures, note)
     print("wrote " + " and ".join(map(str, paths)))
     return 0
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    return command.attempt("animate", lambda: animate(args))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import command
@@ -77,25 +76,26 @@ def picture(runs: dict[str, History], columns: dict[str, str]) -> list[Path]:
     return save(figure, RESULTS / "joints" / "attenuation")
 
 
+def tabulate(biela: Path) -> int:
+    """Run the four cases, print the table, draw the picture; raises HistoryError."""
+    run(biela, [deck_name(case) for case in CASES])
+    runs = {case: read(RESULTS / deck_name(case)) for case in CASES}
+    if any(not np.array_equal(h.time, runs["none"].time) for h in runs.values()):
+        raise HistoryError("the four decks do not have the same output times")
+    print("Slider-crank with a bush between crank and rod")
+    print("RMS: of the ringing after the swing; in brackets: ratio to no damping\n")
+    print("\n".join(table(runs, QUANTITIES) + energies(list(CASES))) + "\n")
+    drawn = picture(runs, QUANTITIES)
+    print(f"Picture in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
+    return 0
+
+
 def main(words: list[str] | None = None) -> int:
     """Run the four cases; status 0, or 1 with one line on standard error."""
     parser = argparse.ArgumentParser(prog="attenuation.py", description=__doc__.split("\n")[0])
     parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
     args = parser.parse_args(words)
-    try:
-        run(args.biela, [deck_name(case) for case in CASES])
-        runs = {case: read(RESULTS / deck_name(case)) for case in CASES}
-        if any(not np.array_equal(h.time, runs["none"].time) for h in runs.values()):
-            raise HistoryError("the four decks do not have the same output times")
-        print("Slider-crank with a bush between crank and rod")
-        print("RMS: of the ringing after the swing; in brackets: ratio to no damping\n")
-        print("\n".join(table(runs, QUANTITIES) + energies(list(CASES))) + "\n")
-        drawn = picture(runs, QUANTITIES)
-        print(f"Picture in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
-    except HistoryError as fault:
-        print(f"attenuation: {fault}", file=sys.stderr)
-        return 1
-    return 0
+    return command.attempt("attenuation", lambda: tabulate(args.biela), failed=1)
 
 
 if __name__ == "__main__":

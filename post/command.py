@@ -6,7 +6,24 @@ import os
 import sys
 from typing import Callable, NoReturn
 
+from histories import HistoryError
+
 CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
+
+
+def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
+    """Return the status of a tool's work; a fault of its files becomes one line on standard error.
+
+    Args:
+        tool: name of the tool, which begins the line
+        work: what the tool does; returns its exit status
+        failed: status after a fault
+    """
+    try:
+        return work()
+    except HistoryError as fault:
+        print(f"{tool}: {fault}", file=sys.stderr)
+        return failed
 
 
 def run(main: Callable[[], int]) -> NoReturn:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -172,15 +171,10 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Compare as the command line asks and return the exit status."""
-    args = arguments().parse_args(words)
-    try:
-        run, reference = read(args.run, args.file), read(args.reference, args.file)
-        found = differences(run, reference, args.tolerance, args.columns, dict(args.column))
-    except HistoryError as fault:
-        print(f"compare: {fault}", file=sys.stderr)
-        return 2
+def compare(args: argparse.Namespace) -> int:
+    """Compare as the command line asks and return the exit status; raises HistoryError."""
+    run, reference = read(args.run, args.file), read(args.reference, args.file)
+    found = differences(run, reference, args.tolerance, args.columns, dict(args.column))
     print(table(found))
     failed = [d for d in found if not d.passed]
     verdict = f"{len(failed)} too far apart" if failed else "all within tolerance"
@@ -188,6 +182,12 @@ def main(words: list[str] | None = None) -> int:
     rest = f" ({more} further rows of the run not compared)" if more else ""
     print(f"{len(found)} columns, {reference.time.size} rows{rest}: {verdict}")
     return 1 if failed else 0
+
+
+def main(words: list[str] | None = None) -> int:
+    """Compare; status 0, 1 where columns differ, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    return command.attempt("compare", lambda: compare(args))
 
 
 if __name__ == "__main__":

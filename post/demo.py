@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,25 +109,26 @@ def mesh() -> list[str]:
     ]
 
 
+def demonstrate(biela: Path) -> int:
+    """Run the demonstration and print its figures; raises HistoryError."""
+    run(biela, [name for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [FINE])
+    print("Slider-crank of Vaz, Rade & Lima: rod of two elements, 10 ms, RK4 with a step of 4 µs\n")
+    drawn = []
+    for pair in PAIRS:
+        print("\n".join(attenuation(pair)) + "\n")
+        drawn += pictures(pair)
+    print("\n".join(mesh()) + "\n")
+    drawn += motion(PAIRS[1].elastic)
+    print(f"Pictures in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
+    return 0
+
+
 def main(words: list[str] | None = None) -> int:
     """Run the demonstration; status 0, or 1 with one line on standard error."""
     parser = argparse.ArgumentParser(prog="demo.py", description=__doc__.split("\n")[0])
     parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
     args = parser.parse_args(words)
-    try:
-        run(args.biela, [name for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [FINE])
-        print("Slider-crank of Vaz, Rade & Lima: rod of two elements, 10 ms, RK4 with a step of 4 µs\n")
-        drawn = []
-        for pair in PAIRS:
-            print("\n".join(attenuation(pair)) + "\n")
-            drawn += pictures(pair)
-        print("\n".join(mesh()) + "\n")
-        drawn += motion(PAIRS[1].elastic)
-        print(f"Pictures in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
-    except HistoryError as fault:
-        print(f"demo: {fault}", file=sys.stderr)
-        return 1
-    return 0
+    return command.attempt("demo", lambda: demonstrate(args.biela), failed=1)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ too). STEM_poles: the poles in the complex plane, undamped and damped. STEM_resp
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -216,31 +215,32 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw as the command line asks; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
+def draw_all(args: argparse.Namespace) -> int:
+    """Draw what the run has and say which files were written; raises HistoryError."""
     if args.run.name in RESULT_FILES.values() and args.run.is_file():
         args.run = args.run.parent
     stem = args.output or args.run / "modal"
     paths = []
-    try:
-        there = [kind for kind in ("modes", "frequency_response") if (args.run / RESULT_FILES[kind]).is_file()]
-        if not there:
-            raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
-        if "modes" in there:
-            table = read(args.run, "modes")
-            figure = draw_shapes(table, chosen_rows(table, args.modes), args.deck, args.title)
-            paths += save(figure, stem.with_name(stem.name + "_modes"))
-            paths += save(draw_poles(table, args.title), stem.with_name(stem.name + "_poles"))
-        if "frequency_response" in there:
-            table = read(args.run, "frequency_response")
-            figure = draw_response(table, sensors(table, args.columns), args.title)
-            paths += save(figure, stem.with_name(stem.name + "_response"))
-    except HistoryError as fault:
-        print(f"modes: {fault}", file=sys.stderr)
-        return 2
+    there = [kind for kind in ("modes", "frequency_response") if (args.run / RESULT_FILES[kind]).is_file()]
+    if not there:
+        raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
+    if "modes" in there:
+        table = read(args.run, "modes")
+        figure = draw_shapes(table, chosen_rows(table, args.modes), args.deck, args.title)
+        paths += save(figure, stem.with_name(stem.name + "_modes"))
+        paths += save(draw_poles(table, args.title), stem.with_name(stem.name + "_poles"))
+    if "frequency_response" in there:
+        table = read(args.run, "frequency_response")
+        figure = draw_response(table, sensors(table, args.columns), args.title)
+        paths += save(figure, stem.with_name(stem.name + "_response"))
     print("wrote " + ", ".join(map(str, paths)))
     return 0
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    return command.attempt("modes", lambda: draw_all(args))
 
 
 if __name__ == "__main__":

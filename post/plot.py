@@ -8,7 +8,6 @@ lie over each other in one picture: the first blue, the second red (elastic, vis
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -186,23 +185,24 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw as the command line asks; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    try:
-        runs = [read(source, args.file) for source in args.runs]
-        if args.labels and len(args.labels) != len(runs):
-            raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
-        chosen = runs[0].match(args.columns) if args.columns else usual_columns(runs[0])
-        names = [name for name in chosen if name != args.against]
-        labels = args.labels or names_of([run.path for run in runs])
-        figure = draw(runs, labels, names, args.against, args.title)
-        paths = save(figure, args.output or runs[0].path.parent / "plot")
-    except HistoryError as fault:
-        print(f"plot: {fault}", file=sys.stderr)
-        return 2
+def plot(args: argparse.Namespace) -> int:
+    """Draw as the command line asks and say which files were written; raises HistoryError."""
+    runs = [read(source, args.file) for source in args.runs]
+    if args.labels and len(args.labels) != len(runs):
+        raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
+    chosen = runs[0].match(args.columns) if args.columns else usual_columns(runs[0])
+    names = [name for name in chosen if name != args.against]
+    labels = args.labels or names_of([run.path for run in runs])
+    figure = draw(runs, labels, names, args.against, args.title)
+    paths = save(figure, args.output or runs[0].path.parent / "plot")
     print("wrote " + " and ".join(map(str, paths)))
     return 0
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    return command.attempt("plot", lambda: plot(args))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ module equilibrium
   use dynamic_stiffness, only: stiffness_system
   use dynamics, only: place_kinematics, set_frames, row_rates
   use force_scale, only: largest_force
+  use frame_axes, only: to_global, to_body
   use linear_state, only: evaluate_state, linear_system
   use linear_matrices, only: linear_mechanism
   use place, only: turn
@@ -100,7 +101,7 @@ contains
     integer :: nq, b, i
     nq = size(dx)
     call set_frames(run%sys%m, run%y(1:nq))
-    d = to_global(run, dx)
+    d = to_global(run%sys%m, dx)
     run%y(1:nq) = run%y(1:nq) + d
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b)
@@ -138,7 +139,7 @@ contains
     if (allocated(r)) deallocate (r)
     allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
     allocate (force(nq), source=0.0_wp)
-    call lin%mass%times(1.0_wp, to_body(run, run%sys%m%a - steady), force)
+    call lin%mass%times(1.0_wp, to_body(run%sys%m, run%sys%m%a - steady), force)
     r(1:nq) = force
     r(nq + 1:) = -run%sys%m%rows%phi(ds%active)
     call measure(run, ds, force, report)
@@ -166,7 +167,7 @@ contains
     allocate (rate(run%sys%m%s%rows), source=0.0_wp)
     call row_rates(run%sys%m, rate)
     if (any(abs(rate) > 0.0_wp)) then
-      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run, follow(run, ds, -rate))
+      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run%sys%m, follow(run, ds, -rate))
       call evaluate_state(run)
     end if
     steady = 0.0_wp
@@ -174,7 +175,7 @@ contains
       i = run%sys%m%s%qo(b)
       steady(i + 1:i + 2) = run%y(nq + i + 3)*turn(run%y(nq + i + 1:nq + i + 2))
     end do
-    rate = joint_rates(ds, to_body(run, steady), run%sys%m%s%rows)
+    rate = joint_rates(ds, to_body(run%sys%m, steady), run%sys%m%s%rows)
     do k = 1, size(run%sys%m%s%constraints)
       associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
         do i = c%first, c%first + c%rows - 1
@@ -183,7 +184,7 @@ contains
         end do
       end associate
     end do
-    steady = steady + to_global(run, follow(run, ds, -rate))
+    steady = steady + to_global(run%sys%m, follow(run, ds, -rate))
   end subroutine prescribe
 
   !> J x: what a motion does to the independent rows.
@@ -263,36 +264,6 @@ contains
       end associate
     end do
   end function motion_units
-
-  !> Frames' components from body axes into global ones.
-  pure function to_global(run, x) result(y)
-    type(run_state), intent(in) :: run
-    real(wp), intent(in) :: x(:)
-    real(wp) :: y(size(x))
-    integer :: b, i
-    y = x
-    associate (m => run%sys%m)
-      do b = 1, size(m%s%bodies)
-        i = m%s%qo(b)
-        y(i + 1:i + 2) = [m%c(b)*x(i + 1) - m%sn(b)*x(i + 2), m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)]
-      end do
-    end associate
-  end function to_global
-
-  !> And back.
-  pure function to_body(run, x) result(y)
-    type(run_state), intent(in) :: run
-    real(wp), intent(in) :: x(:)
-    real(wp) :: y(size(x))
-    integer :: b, i
-    y = x
-    associate (m => run%sys%m)
-      do b = 1, size(m%s%bodies)
-        i = m%s%qo(b)
-        y(i + 1:i + 2) = [m%c(b)*x(i + 1) + m%sn(b)*x(i + 2), m%c(b)*x(i + 2) - m%sn(b)*x(i + 1)]
-      end do
-    end associate
-  end function to_body
 
   !> Residual (moments over the size) and gap, relative to the largest force and to the size.
   subroutine measure(run, ds, force, report)

@@ -3,13 +3,14 @@
 module body_setup
   use kinds, only: wp
   use banded, only: factor_symmetric, band_solve_two
-  use beam_element, only: beam_geometry, shape_integral, shape_moment, element_mass
+  use beam_element, only: beam_geometry, shape_integral, shape_moment
   use body, only: body_model, lump, ghm_run
+  use body_matrices, only: mass_triplets
   use chain_kernel, only: element_factors
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
-  public :: finish_elastic, allocate_work, mass_triplets, add_lower, body_length, sort_runs
+  public :: finish_elastic, allocate_work, body_length, sort_runs
 
 contains
 
@@ -153,53 +154,6 @@ contains
     end do
     cc(dof(3)) = cc(dof(3)) + l%inertia
   end subroutine add_elastic_lump
-
-  !> Lower triangle of m_ff as triplets (consistent mass and lumps with their rotary inertia).
-  pure subroutine mass_triplets(b, rows, cols, values)
-    type(body_model), intent(in) :: b
-    integer, allocatable, intent(out) :: rows(:), cols(:)
-    real(wp), allocatable, intent(out) :: values(:)     !! [kg, kg m, kg m2]
-    real(wp) :: m(6, 6)
-    integer :: e, i, n, k
-    n = 21*b%ne + 3*size(b%lumps)
-    allocate (rows(n), cols(n), values(n))
-    n = 0
-    do e = 1, b%ne
-      m = element_mass(b%elements(e))
-      call add_lower(b%edof(:, e), m, rows, cols, values, n)
-    end do
-    do k = 1, size(b%lumps)
-      do i = 1, 3
-        if (b%dof(i, b%lumps(k)%node) == 0) cycle
-        n = n + 1
-        rows(n) = b%dof(i, b%lumps(k)%node)
-        cols(n) = rows(n)
-        values(n) = merge(b%lumps(k)%inertia, b%lumps(k)%mass, i == 3)
-      end do
-    end do
-    rows = rows(1:n)
-    cols = cols(1:n)
-    values = values(1:n)
-  end subroutine mass_triplets
-
-  !> Appends the entries of an element matrix's lower triangle whose coordinates remain.
-  pure subroutine add_lower(dof, m, rows, cols, values, n)
-    integer, intent(in) :: dof(6)                       !! coordinates of the element, 0: removed
-    real(wp), intent(in) :: m(6, 6)                     !! symmetric, body axes
-    integer, intent(inout) :: rows(:), cols(:)
-    real(wp), intent(inout) :: values(:)                !! [units of m]
-    integer, intent(inout) :: n                         !! entries so far
-    integer :: i, j
-    do i = 1, 6
-      do j = 1, i
-        if (dof(i) == 0 .or. dof(j) == 0 .or. abs(m(i, j)) <= 0.0_wp) cycle
-        n = n + 1
-        rows(n) = dof(i)
-        cols(n) = dof(j)
-        values(n) = m(i, j)
-      end do
-    end do
-  end subroutine add_lower
 
   !> Factors m_ff of the nodal coordinates.
   subroutine factor_mass(b, bad)

@@ -5,8 +5,8 @@ module validity
   use archive, only: value_archive
   use banded, only: band_factor, factor_symmetric, band_solve
   use body, only: body_model
+  use body_matrices, only: stiffness_triplets, mass_product
   use mechanism, only: mechanism_model
-  use modal_reduction, only: stiffness_triplets, mass_product
   implicit none (type, external)
   private
   public :: validity_watch

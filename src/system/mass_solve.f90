@@ -3,6 +3,7 @@
 module mass_solve
   use kinds, only: wp
   use banded, only: band_solve
+  use frame_axes, only: turn_to_body
   use joint_response, only: apply_multipliers
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -27,7 +28,9 @@ contains
       end do
     end do
     call m%schur%solve(m%lambda)
-    call apply_body_axes(m, u)
+    call apply_multipliers(m, m%lambda, m%a)
+    call turn_to_body(size(m%c), m%s%qo, m%c, m%sn, size(m%a), m%a)
+    u = u + m%a
   end subroutine solve_mass
 
   !> u = M^-1 r, joints released: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
@@ -74,20 +77,4 @@ contains
     k = m%end_place(e)
     s = dot_product(m%w(:, e), m%s%places(k)%shift(m%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
   end function row_shift
-
-  !> u = u - M^-1 Phi^T lambda in body axes.
-  subroutine apply_body_axes(m, u)
-    type(mechanism_model), intent(inout) :: m
-    real(wp), intent(inout) :: u(:)
-    integer :: b, i
-    real(wp) :: x(2)
-    call apply_multipliers(m, m%lambda, m%a)
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      x = m%a(i + 1:i + 2)
-      m%a(i + 1) = m%c(b)*x(1) + m%sn(b)*x(2)
-      m%a(i + 2) = m%c(b)*x(2) - m%sn(b)*x(1)
-    end do
-    u = u + m%a
-  end subroutine apply_body_axes
 end module mass_solve

@@ -10,8 +10,7 @@ program bench
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
   use lapack, only: use_one_blas_thread, dpbtrf, dpbtrs, dsbmv, dgesv
-  use body_setup, only: mass_triplets
-  use modal_reduction, only: stiffness_triplets
+  use body_matrices, only: mass_triplets, stiffness_triplets
   use projection, only: project
   use results, only: result_set
   use scene_run, only: run_state, prepare_run

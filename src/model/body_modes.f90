@@ -1,0 +1,278 @@
+!> The lowest modes of a flexible body under its reference conditions (free-free modes for reference 'free'), mass-normalised
+!> with lumps included: densely for small bodies, by subspace iteration beyond. Set-up work only.
+module body_modes
+  use kinds, only: wp
+  use banded, only: band_factor, factor_symmetric, band_solve
+  use body, only: body_model
+  use body_matrices, only: mass_triplets, stiffness_triplets, mass_product
+  use lapack, only: dsygvd
+  implicit none (type, external)
+  private
+  public :: lowest_modes
+
+  integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
+  integer, parameter :: polish_passes = 2, most_gram_schmidt = 6
+  real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
+
+contains
+
+  !> Lowest elastic modes in nodal coordinates: x (nf, modes) mass-normalised, w squared frequencies [rad2/s2].
+  subroutine lowest_modes(b, modes, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: rigid(:, :)
+    integer :: p
+    call rigid_modes(b, rigid)
+    if (b%nf <= dense_size .or. 2*(modes + size(rigid, 2)) >= b%nf) then
+      call dense_modes(b, modes, rigid, x, w, bad)
+    else
+      p = min(b%nf - size(rigid, 2), max(2*modes, modes + 8))
+      call subspace_modes(b, modes, p, rigid, x, w, bad)
+    end if
+  end subroutine lowest_modes
+
+  !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).
+  subroutine rigid_modes(b, rigid)
+    type(body_model), intent(in) :: b
+    real(wp), allocatable, intent(out) :: rigid(:, :)   !! (nf, n)
+    real(wp) :: u(3)
+    integer :: k, c, m, n, first
+    if (any(b%dof(2:3, :) == 0)) then
+      allocate (rigid(b%nf, 0))
+      return
+    end if
+    first = merge(1, 2, b%axial)
+    n = 0
+    allocate (rigid(b%nf, 4 - first))
+    do m = first, 3
+      n = n + 1
+      do k = 1, b%nn
+        u = 0.0_wp
+        u(m) = 1.0_wp
+        if (m == 3) u(1:2) = [-b%x(2, k), b%x(1, k)]
+        do c = 1, 3
+          if (b%dof(c, k) > 0) rigid(b%dof(c, k), n) = u(c)
+        end do
+      end do
+      call orthogonalise(b, rigid(:, 1:n - 1), rigid(:, n))
+    end do
+  end subroutine rigid_modes
+
+  !> Makes x mass-orthogonal to mass-orthonormal columns (twice, to rounding) and normalises it.
+  subroutine orthogonalise(b, basis, x)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: basis(:, :)
+    real(wp), intent(inout) :: x(:)
+    real(wp), allocatable :: mx(:)
+    integer :: pass, k
+    do pass = 1, 2
+      do k = 1, size(basis, 2)
+        mx = mass_product(b, x)
+        x = x - dot_product(basis(:, k), mx)*basis(:, k)
+      end do
+    end do
+    mx = mass_product(b, x)
+    x = x/sqrt(dot_product(x, mx))
+  end subroutine orthogonalise
+
+  !> All modes of a small body.
+  subroutine dense_modes(b, modes, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: k(:, :), m(:, :), lambda(:)
+    integer :: nr, j
+    call dense_pair(b, k, m)
+    allocate (lambda(b%nf))
+    call symmetric_pair(k, m, lambda, bad)
+    if (bad) return
+    nr = size(rigid, 2)
+    allocate (x(b%nf, modes), w(modes))
+    x = k(:, nr + 1:nr + modes)
+    w = lambda(nr + 1:nr + modes)
+    if (nr > 0) then
+      do j = 1, modes
+        call orthogonalise(b, rigid, x(:, j))
+      end do
+    end if
+    call polish(b, count(w <= far_below*lambda(b%nf)), rigid, x, w, bad)
+  end subroutine dense_modes
+
+  !> Repeats inverse iteration on the lowest modes of a dense solution, whose errors are those of its highest frequency:
+  !> with a heavy lump on a light beam they are a large part of the lowest. Frequencies are Rayleigh quotients.
+  subroutine polish(b, low, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: low                           !! how many modes
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), intent(inout) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    type(band_factor) :: factor
+    real(wp), allocatable :: f(:, :)
+    real(wp) :: shift
+    integer :: i, j, pass
+    bad = .false.
+    if (low == 0) return
+    call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
+    if (bad) return
+    allocate (f(size(x, 1), low))
+    do pass = 1, polish_passes
+      do j = 1, low
+        f(:, j) = mass_product(b, x(:, j))
+        x(:, j) = f(:, j)
+        call band_solve(factor, x(:, j))
+        do i = 1, size(rigid, 2)
+          x(:, j) = x(:, j) - dot_product(rigid(:, i), mass_product(b, x(:, j)))*rigid(:, i)
+        end do
+      end do
+      call orthogonalise_pair(b, x(:, 1:low), f)
+    end do
+    do j = 1, low
+      w(j) = dot_product(x(:, j), f(:, j)) - shift
+    end do
+  end subroutine polish
+
+  !> K and m_ff as dense matrices.
+  subroutine dense_pair(b, k, m)
+    type(body_model), intent(in) :: b
+    real(wp), allocatable, intent(out) :: k(:, :), m(:, :)
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)
+    integer :: i
+    allocate (k(b%nf, b%nf), m(b%nf, b%nf), source=0.0_wp)
+    call stiffness_triplets(b, rows, cols, values)
+    do i = 1, size(rows)
+      k(rows(i), cols(i)) = k(rows(i), cols(i)) + values(i)
+      if (rows(i) /= cols(i)) k(cols(i), rows(i)) = k(cols(i), rows(i)) + values(i)
+    end do
+    call mass_triplets(b, rows, cols, values)
+    do i = 1, size(rows)
+      m(rows(i), cols(i)) = m(rows(i), cols(i)) + values(i)
+      if (rows(i) /= cols(i)) m(cols(i), rows(i)) = m(cols(i), rows(i)) + values(i)
+    end do
+  end subroutine dense_pair
+
+  !> K x = w M x, dense; eigenvectors replace K.
+  subroutine symmetric_pair(k, m, w, bad)
+    real(wp), intent(inout) :: k(:, :), m(:, :)
+    real(wp), intent(out) :: w(:)
+    logical, intent(out) :: bad
+    real(wp), allocatable :: work(:)
+    integer, allocatable :: iwork(:)
+    integer :: n, info
+    n = size(k, 1)
+    allocate (work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
+    call dsygvd(1, 'V', 'L', n, k, n, m, n, w, work, size(work), iwork, size(iwork), info)
+    bad = info /= 0
+  end subroutine symmetric_pair
+
+  !> Lowest modes by subspace iteration with the banded factor of K + shift M (Bathe, Finite Element Procedures).
+  subroutine subspace_modes(b, modes, p, rigid, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes, p                      !! modes wanted, size of the subspace
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), allocatable, intent(out) :: x(:, :), w(:)
+    logical, intent(out) :: bad
+    type(band_factor) :: factor
+    real(wp), allocatable :: y(:, :), my(:, :), kk(:, :), mm(:, :), lambda(:), old(:)
+    real(wp) :: shift, change, before                    ! changes of the frequencies, relative to themselves
+    integer :: i, j, pass, still
+    call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
+    if (bad) return
+    allocate (y(b%nf, p), my(b%nf, p), kk(p, p), mm(p, p), lambda(p), old(p))
+    do j = 1, p
+      do i = 1, b%nf
+        y(i, j) = sin(real(i, wp)*(j + 0.37_wp)*1.7_wp) + merge(1.0_wp, 0.0_wp, mod(i, p) == j - 1)
+      end do
+    end do
+    old = 0.0_wp
+    before = huge(1.0_wp)
+    still = 0
+    do pass = 1, 200
+      do j = 1, p
+        my(:, j) = mass_product(b, y(:, j))
+        y(:, j) = my(:, j)
+        call band_solve(factor, y(:, j))
+        do i = 1, size(rigid, 2)
+          y(:, j) = y(:, j) - dot_product(rigid(:, i), mass_product(b, y(:, j)))*rigid(:, i)
+        end do
+      end do
+      call orthogonalise_pair(b, y, my)
+      do j = 1, p
+        kk(:, j) = matmul(transpose(y), my(:, j))
+      end do
+      do j = 1, p
+        my(:, j) = mass_product(b, y(:, j))
+        mm(:, j) = matmul(transpose(y), my(:, j))
+      end do
+      call symmetric_pair(kk, mm, lambda, bad)
+      if (bad) return
+      y = matmul(y, kk)
+      change = maxval(abs(lambda(1:modes) - old(1:modes))/lambda(1:modes))
+      if (change < 1.0e-9_wp .and. change > 0.5_wp*before) still = still + 1
+      if (change <= 1.0e-14_wp .or. still == 3) exit      ! converged, or as far as rounding lets it
+      old = lambda
+      before = change
+    end do
+    x = y(:, 1:modes)
+    w = lambda(1:modes) - shift
+    do j = 1, modes
+      call orthogonalise(b, rigid, x(:, j))
+    end do
+    call polish(b, count(w <= far_below*w(modes)), rigid, x, w, bad)
+  end subroutine subspace_modes
+
+  !> Makes the columns of y = K^-1 f mass-orthonormal, f with them: inverse iteration leaves them nearly parallel on fine
+  !> meshes, and their products then lose the small differences.
+  subroutine orthogonalise_pair(b, y, f)
+    type(body_model), intent(in) :: b
+    real(wp), intent(inout) :: y(:, :)                   !! displacements
+    real(wp), intent(inout) :: f(:, :)                   !! the forces that cause them
+    real(wp), allocatable :: my(:)
+    real(wp) :: c
+    integer :: i, j, pass
+    do j = 1, size(y, 2)
+      do pass = 1, most_gram_schmidt
+        my = mass_product(b, y(:, j))
+        c = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(c)))
+        y(:, j) = c*y(:, j)
+        f(:, j) = c*f(:, j)
+        if (pass > 2 .and. c < 2.0_wp) exit              ! the last pass took away rounding only
+        my = c*my
+        do i = 1, j - 1
+          c = dot_product(y(:, i), my)
+          y(:, j) = y(:, j) - c*y(:, i)
+          f(:, j) = f(:, j) - c*f(:, i)
+        end do
+      end do
+    end do
+  end subroutine orthogonalise_pair
+
+  !> Factor of K, or of K + shift M where rigid motions are free.
+  subroutine factor_shifted(b, shifted, factor, shift, bad)
+    type(body_model), intent(in) :: b
+    logical, intent(in) :: shifted
+    type(band_factor), intent(out) :: factor
+    real(wp), intent(out) :: shift                       !! [rad2/s2]
+    logical, intent(out) :: bad
+    integer, allocatable :: rows(:), cols(:), mr(:), mc(:)
+    real(wp), allocatable :: values(:), mv(:)
+    integer :: where_bad
+    real(wp) :: l
+    call stiffness_triplets(b, rows, cols, values)
+    shift = 0.0_wp
+    if (shifted) then       ! of the order of the lowest bending frequency of the body as one beam
+      l = max(b%length, tiny(1.0_wp))
+      shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*l**3)
+      call mass_triplets(b, mr, mc, mv)
+      rows = [rows, mr]
+      cols = [cols, mc]
+      values = [values, shift*mv]
+    end if
+    call factor_symmetric(b%nf, rows, cols, values, factor, where_bad)
+    bad = where_bad > 0
+  end subroutine factor_shifted
+end module body_modes

@@ -1,0 +1,49 @@
+!> Vectors of all coordinates whose frames' components are turned between the frames' own axes and global ones, at the angles
+!> of the last `set_frames`.
+module frame_axes
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: to_global, to_body, turn_to_body
+
+contains
+
+  !> Frames' components from body axes into global ones.
+  pure function to_global(m, x) result(y)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: x(:)             !! (nq)
+    real(wp) :: y(size(x))
+    integer :: b, i
+    y = x
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      y(i + 1:i + 2) = [m%c(b)*x(i + 1) - m%sn(b)*x(i + 2), m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)]
+    end do
+  end function to_global
+
+  !> And back.
+  pure function to_body(m, x) result(y)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: x(:)             !! (nq)
+    real(wp) :: y(size(x))
+    y = x
+    call turn_to_body(size(m%c), m%s%qo, m%c, m%sn, size(y), y)
+  end function to_body
+
+  !> The same in place.
+  pure subroutine turn_to_body(nb, offset, c, s, nq, x)
+    integer, intent(in) :: nb, nq
+    integer, intent(in) :: offset(nb)        !! of each body's coordinates
+    real(wp), intent(in) :: c(nb), s(nb)     !! of the frame angles [-]
+    real(wp), intent(inout) :: x(nq)
+    real(wp) :: y(2)
+    integer :: b, i
+    do b = 1, nb
+      i = offset(b)
+      y = x(i + 1:i + 2)
+      x(i + 1) = c(b)*y(1) + s(b)*y(2)
+      x(i + 2) = c(b)*y(2) - s(b)*y(1)
+    end do
+  end subroutine turn_to_body
+end module frame_axes
