@@ -13,7 +13,7 @@ module dynamics
   use place_motion, only: set_frames, place_kinematics, one_place
   implicit none (type, external)
   private
-  public :: evaluate, place_kinematics, one_place, constraint_values, row_rates, condense_constraints, &
+  public :: evaluate, evaluate_regular, place_kinematics, one_place, constraint_values, row_rates, condense_constraints, &
             apply_multipliers, applied_forces, set_frames
 
 contains
@@ -43,6 +43,17 @@ contains
     call drive_powers(self)
     if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
   end subroutine evaluate
+
+  !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
+  subroutine evaluate_regular(self, t, q, v, z, zd)
+    type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
+    self%schur%regular = .true.
+    call evaluate(self, t, q, v, z, zd)
+    self%schur%regular = .false.
+  end subroutine evaluate_regular
 
   !> Accelerations of the condensed frames without multipliers.
   pure subroutine free_accelerations(nb, rhs, low, dinv, free)

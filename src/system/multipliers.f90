@@ -14,6 +14,7 @@ module multipliers
 
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot from which rows count as independent [-]
   real(wp), parameter :: least_pivot = 2.0e-15_wp !! relative pivot that still stands above rounding [-]
+  real(wp), parameter :: regular_pivot = 1.0e-12_wp   !! relative pivot down to which S may be taken as regular [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
   !> Banded S, its factor and the ordering.
@@ -28,6 +29,7 @@ module multipliers
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
+    logical :: regular = .false.               !! wanted: S as it is, however weak its pivots, as long as they can be told from 0
     logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
     logical :: uneven = .false.                !! very uneven masses: multipliers are exact only after corrections
     logical :: lost = .false.                  !! masses so uneven that double precision no longer holds S
@@ -110,6 +112,11 @@ contains
   subroutine factor_weak(self)
     class(multiplier_system), intent(inout) :: self
     logical :: good
+    if (self%regular) then
+      call take_matrix(size(self%s), size(self%f), self%s, self%f)
+      call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, self%uneven)
+      if (self%uneven) return
+    end if
     call mark_dependent(self, weak_pivot)
     self%singular = any(self%held)
     call take_held(self)

@@ -4,7 +4,7 @@
 !> (`frame_closing`).
 module projection
   use kinds, only: wp
-  use dynamics, only: evaluate, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use dynamics, only: evaluate, evaluate_regular, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
   use frame_closing, only: prepare_frames, close_frames
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -15,6 +15,7 @@ module projection
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
   real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest place [-]
   real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
+  real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which a nearly singular position may close regularly [-]
   real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
 
 contains
@@ -29,7 +30,16 @@ contains
     ok = .true.
     if (self%s%rows == 0) return
     call project_positions(self, t, q, v, z, zd, ok)
-    if (ok) call project_velocities(self, q, v)
+    if (.not. ok) return
+    if (self%s%rows == self%s%nq .and. .not. self%redundant .and. .not. any(abs(self%rows%phi_t) > 0.0_wp)) then
+      v = 0.0_wp                             ! joints and drives at rest leave no freedom, in singular positions too
+      return
+    end if
+    call project_velocities(self, q, v)
+    if (self%schur%singular .and. .not. self%redundant .and. self%s%rows == self%s%nq) then
+      call evaluate_regular(self, t, q, v, z, zd)
+      if (.not. self%schur%singular) call project_velocities(self, q, v)
+    end if
   end subroutine project
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.
@@ -55,6 +65,8 @@ contains
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, t, q, v, z, zd)
+        if (pass > 2 .and. self%schur%singular .and. .not. self%redundant .and. worst <= nearly*self%s%size) &
+          call evaluate_regular(self, t, q, v, z, zd)
         by_frames = .false.
         if (worst <= enough) call prepare_frames(self, by_frames)
       end if

@@ -4,7 +4,7 @@
 !> differences of fourth order. Rows that are redundant everywhere are not of this kind and keep their minimum norm.
 module singular
   use kinds, only: wp
-  use dynamics, only: evaluate
+  use dynamics, only: evaluate, evaluate_regular
   use mechanism, only: mechanism_model
   use projection, only: project
   implicit none (type, external)
@@ -30,7 +30,8 @@ contains
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
-  !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes.
+  !> that has a velocity to follow. Without one, or where the neighbours are singular too or do not exist (a drive that comes
+  !> to rest in a dead centre), the joints' equations are solved as they stand, as long as they are not exactly singular.
   subroutine smooth_accelerations(m, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
@@ -40,23 +41,54 @@ contains
     real(wp) :: s, power, speed
     logical :: ok
     integer :: round
+    if (held(m, v)) then
+      m%a = 0.0_wp
+      return
+    end if
     speed = maxval(abs(m%p%v))
-    if (.not. speed > 0.0_wp) return
-    s = reach*m%s%size/speed
-    a = m%a
-    lambda = m%lambda
-    power = m%input_power
-    if (s*maxval(abs(frame_part(m, a))) > steady*speed) return
+    ok = speed > 0.0_wp
+    if (ok) then
+      s = reach*m%s%size/speed
+      a = m%a
+      lambda = m%lambda
+      power = m%input_power
+      ok = passes(m, t, q, v, z, zd, steady*speed/s)
+    end if
     do round = 1, rounds
-      call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
-      if (.not. ok) exit
+      if (ok) call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
     end do
+    if (.not. ok) then
+      call evaluate_regular(m, t, q, v, z, zd)
+      return
+    end if
     call evaluate(m, t, q, v, z, zd)
-    if (.not. ok) return
     m%a = a
     m%lambda = lambda
     m%input_power = power
   end subroutine smooth_accelerations
+
+  !> Whether drives at rest leave no freedom: no acceleration either, though a singular position seems to let one through.
+  pure logical function held(m, v) result(yes)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: v(:)                !! (nq)
+    yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(m%rows%phi_t) > 0.0_wp) .or. &
+                                          any(abs(m%rows%extra) > 0.0_wp))
+  end function held
+
+  !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
+  !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
+  logical function passes(m, t, q, v, z, zd, most) result(yes)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                   !! [s]
+    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
+    real(wp), intent(in) :: most                !! largest acceleration of a motion that passes [m/s2]
+    yes = maxval(abs(frame_part(m, m%a))) <= most
+    if (.not. yes .or. m%s%rows < m%s%nq) return
+    yes = maxval(abs(m%rows%extra))*maxval(abs(m%p%v)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
+    if (.not. yes) return
+    call evaluate_regular(m, t, q, v, z, zd)
+    yes = m%schur%singular .or. maxval(abs(frame_part(m, m%a))) <= most
+  end function passes
 
   !> Accelerations of the frames as velocities' changes: positions, and angles times the size.
   pure function frame_part(m, a) result(x)
