@@ -46,13 +46,47 @@ def test_a_step_that_underflows(run_deck):
     assert "the tolerance cannot be kept" in told
 
 
-def test_a_load_that_no_step_can_follow(run_deck):
-    """A blow of 1e12 N: Newton's method fails however often the step is halved."""
+def test_a_blow_that_no_beam_survives(run_deck):
+    """A blow of 1e12 N: the equations can be solved, and give a deflection that means nothing."""
     run, told = failed(run_deck, BLOW + IMPLICIT + "t_end=0.01 step=1e-5 output_step=1e-4 /\n")
+    assert 'body "rod" deflects by more than a thousand times the size of the scene' in told
+    assert run.history.time[-1] == pytest.approx(5e-3)
+
+
+BEYOND = "&history name='h' kind='polynomial' coefficients=0,0,0,0,0,0,0,0,1.0e59 /\n"
+SPUN = PULL[: PULL.index("&history")] + BEYOND + "&force name='f' type='torque' body='a' moment=1.0 history='h' /\n"
+SWUNG = SPUN.replace("type='torque' body='a' moment", "type='force' body='a' point=1.0,0.0 fx")
+BENT = CRANK + BEYOND + "&force name='f' type='force' body='rod' node=2 fy=1.0 history='h' /\n"
+
+
+@pytest.mark.parametrize("steps", ["tolerance=1e-3", "tolerance=1e-6", "step=1e-3", "step=1e-5"])
+def test_a_load_that_passes_all_numbers_stops_the_run_early(steps, run_deck):
+    """Turned by 1e59 t**8 N m: no following of turns without end; some thousand steps, not millions."""
+    run, told = failed(run_deck, SPUN + IMPLICIT + f"t_end=1.0 {steps} output_step=1e-2 /\n")
+    assert "the solution diverged at t" in told
+    assert 'the coordinates of body "a" grow most' in told
+    assert ("check the loads" if "tolerance" in steps else "try a smaller one") in told
+    assert int(re.search(r"steps: (\d+), rejected", run.summary)[1]) < 20000
+
+
+def test_a_beam_bent_beyond_all_shape_stops_the_run_between_rows(run_deck):
+    _, told = failed(run_deck, BENT + IMPLICIT + "t_end=1.0 tolerance=1e-3 output_step=1e-2 /\n")
+    assert 'body "rod" deflects by more than a thousand times the size of the scene' in told
+
+
+def test_a_load_that_no_step_can_follow(run_deck):
+    """A load that grows so fast that Newton's method fails however often the step is halved."""
+    run, told = failed(run_deck, BENT + IMPLICIT + "t_end=1.0 step=1e-5 output_step=1e-2 /\n")
     assert "the equations of a step could not be solved" in told
     assert 'body "rod"' in told
-    assert run.history.time[-1] == pytest.approx(5e-3)
     assert newton_failures(run.summary) > 20
+
+
+def test_a_run_that_would_never_end_stops(run_deck):
+    """A pendulum in a force that grows without end swings ever faster: steps become a 1e-11th of the run, for good."""
+    _, told = failed(run_deck, SWUNG + IMPLICIT + "t_end=1.0 tolerance=1e-5 output_step=1e-2 /\n")
+    assert "the step became too small at t" in told
+    assert 'the coordinates of body "a" grow most' in told
 
 
 def test_the_verdict_distrusts_a_run_of_far_too_long_steps(run_deck):

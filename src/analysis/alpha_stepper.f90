@@ -8,6 +8,7 @@ module alpha_stepper
   use generalized_alpha, only: chung_hulbert, next_step, step_memory
   use implicit_error, only: error_vector, own_error, compare_estimates, doubtful, back_to_equations, nearly_dependent, &
                             remember_error
+  use implicit_limits, only: beyond_sense, sensible, out_of_shape
   use implicit_model, only: implicit_solver, set_up_implicit
   use implicit_start, only: start_method, change_step, reported_state, same_step, full_state
   use implicit_step, only: try_step, accept_step, undo_end, full_rates, exchange_solver
@@ -18,13 +19,16 @@ module alpha_stepper
   use singular, only: evaluate_branch
   use step_control, only: error_norm
   use time_stepper, only: stepper, exchange_common, step_count, step_end, reached, paused, lost, trouble_none, trouble_size, &
-                          trouble_manifold, trouble_accuracy, trouble_iteration
+                          trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
 
   real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
 
   integer, parameter :: most_halvings = 30      !! of a fixed step that fails
+  integer, parameter :: hopeless_halvings = 16  !! of every fixed step, ...
+  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! or controlled steps to the end of the run, ...
+  integer, parameter :: patience = 20000        !! told by so many steps in a row: the run would never end
 
   !> The method.
   type, extends(stepper), public :: implicit_stepper
@@ -43,6 +47,7 @@ module alpha_stepper
     integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: level = 0                      !! fixed: the step is divided into 2**level parts
     integer :: part = 0                       !! fixed: parts of it done
+    integer :: hopeless = 0                   !! steps in a row from which the run would never end
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
     type(error_norm) :: norm                  !! adaptive
     real(wp), allocatable :: error(:)         !! (n) adaptive: estimated local error
@@ -120,11 +125,17 @@ contains
         self%failures = self%failures + 1
         self%level = self%level + 1
         self%part = 2*self%part
-        if (self%level <= most_halvings) cycle
+        call count_hopeless(self, self%level >= hopeless_halvings)
+        if (self%level <= most_halvings .and. self%hopeless < patience) cycle
         call give_up(self, m)
         outcome = lost
         return
       end if
+      if (self%trouble /= trouble_none) then
+        outcome = lost
+        return
+      end if
+      call count_hopeless(self, self%level >= hopeless_halvings)
       self%part = self%part + 1
       do while (self%level > 0 .and. mod(self%part, 2) == 0)
         self%level = self%level - 1
@@ -139,6 +150,13 @@ contains
       return
     end do
   end subroutine advance_fixed
+
+  !> Counts steps in a row from which the run would never end.
+  pure subroutine count_hopeless(self, yes)
+    class(implicit_stepper), intent(inout) :: self
+    logical, intent(in) :: yes
+    self%hopeless = merge(self%hopeless + 1, 0, yes)
+  end subroutine count_hopeless
 
   !> One step of size h from self%t to self%tried, accepted where Newton's method converges.
   subroutine one_step(self, m, h, ok)
@@ -175,6 +193,12 @@ contains
     call accept_step(self%solver, m, self%tried)
     self%fresh = .false.
     call self%count_step(self%tried, h)
+    k = beyond_sense(self%solver, m)
+    if (k /= sensible) then
+      call give_up(self, m)
+      self%trouble = merge(trouble_shape, trouble_size, k == out_of_shape)
+      return
+    end if
     do k = 1, size(self%stops)
       if (.not. self%jumps(k) .or. abs(self%stops(k) - self%t) > 1.0e-9_wp*h) cycle
       call reported_state(self%solver, m, self%t, self%y)
@@ -250,9 +274,10 @@ contains
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: from, to          !! [s]
     integer, intent(inout) :: outcome         !! set where the solution is lost
-    real(wp) :: h, error
+    real(wp) :: h, error, end
     integer :: next
     logical :: at_stop, ok
+    end = self%stops(size(self%stops))
     if (.not. self%h > 0.0_wp) call choose_step(self, m, to - from)
     call step_end(self%t, min(self%h, self%max_step), self%stops, next, h, self%tried, at_stop)
     call ready(self, m, h)
@@ -263,6 +288,7 @@ contains
       call full_rates(self%solver, self%dense(:, 2))
     end if
     call try_step(self%solver, m, self%tried, ok)
+    call count_hopeless(self, end - self%t > hopeless_steps*h .and. .not. at_stop)
     error = 8.0_wp
     if (ok) call measure_step(self, m, h, error)
     if (.not. ok .or. error > 1.0_wp) then
@@ -271,7 +297,7 @@ contains
       if (.not. ok) self%failures = self%failures + 1
       self%h = next_step(self%memory, h, error)
       call back_to_equations(self%solver, m, self%t)
-      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*self%stops(size(self%stops)))) return
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < patience) return
       call give_up(self, m)
       if (ok) self%trouble = trouble_accuracy
       outcome = lost
@@ -280,6 +306,10 @@ contains
     call remember_error(self%solver)
     call self%norm%watch(self%trial)
     call accept(self, m, h)
+    if (self%trouble /= trouble_none) then
+      outcome = lost
+      return
+    end if
     if (self%tried >= to) then
       call full_state(self%solver, self%dense(:, 3))
       call full_rates(self%solver, self%dense(:, 4))
@@ -379,6 +409,7 @@ contains
     class(implicit_stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_common(self, a)
+    call a%exchange(self%hopeless)
     call a%exchange(self%started)
     call a%exchange(self%fresh)
     call a%exchange(self%done)

@@ -1,13 +1,13 @@
 !> Why a march stopped, in one paragraph: what happened, when, which body or joints, what to try.
 module march_failure
   use kinds, only: wp
-  use error_groups, only: fastest_growth
+  use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
   use linear_state, only: too_uneven
   use mechanism, only: mechanism_model
   use projection, only: open_constraints
   use step_control, only: error_norm
-  use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration
+  use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
@@ -32,6 +32,13 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
     real(wp) :: gap
+    integer :: b
+    b = 0
+    if (march%trouble == trouble_shape) b = out_of_shape(norm, size(m%s%bodies))
+    if (b > 0) then
+      call explain_shape(m, b, march%tried, last, adaptive, fail)
+      return
+    end if
     select case (merge(trouble_masses, march%trouble, m%schur%was_lost .and. march%trouble /= trouble_size))
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m)

@@ -17,7 +17,7 @@ module transient
   use results, only: result_set
   use scene_run, only: run_state
   use step_control, only: error_norm
-  use time_stepper, only: stepper, reached, paused, lost
+  use time_stepper, only: stepper, reached, paused, lost, trouble_shape
   implicit none (type, external)
   private
   public :: run_transient
@@ -151,6 +151,7 @@ contains
         if (fail%happened()) return
       end do
       if (outcome == lost) then
+        if (march%method%trouble == trouble_shape) call march%norm%watch(march%method%trial)
         call explain_loss(run%sys%m, march%norm, march%method, r%adaptive, march%last, fail)
         return
       end if

@@ -82,7 +82,7 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
-    real(wp) :: size_now, before, rate, goal, whole, before_whole, blur
+    real(wp) :: size_now, before, rate, goal, whole, before_whole, reach, blur
     integer :: k
     logical :: bad
     ok = .false.
@@ -91,7 +91,8 @@ contains
     before_whole = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
-    blur = noise*(1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size)      ! without places the largest is -huge
+    reach = extent(self, m)
+    blur = noise*reach
     do k = 1, most_iterations
       call trial_residual(self, m, t1)
       if (k == 1 .or. slowly) then
@@ -103,7 +104,7 @@ contains
       call trial_correction(self, m)
       self%iterations = self%iterations + 1
       call correct(self, size_now, whole)
-      if (.not. whole <= 1.0e3_wp) return                       ! also where it is not a number
+      if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
       if (k == 1) then
         goal = max(rounding, min(loose, relative_goal*size_now))
         ok = foreseen(self, size_now, whole)
@@ -124,6 +125,18 @@ contains
     if (.not. ok) slowly = .true.
     if (ok .and. k <= 4) slowly = .false.
   end subroutine newton
+
+  !> How far places are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
+  pure function extent(self, m) result(reach)
+    type(implicit_solver), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp) :: reach                         !! at least 1 [-]
+    integer :: b
+    reach = 1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size             ! without places the largest is -huge
+    do b = 1, size(self%b)
+      reach = max(reach, abs(self%q1(m%s%qo(b) + 3)))
+    end do
+  end function extent
 
   !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
   !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,

@@ -12,7 +12,7 @@ module time_stepper
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
-                                trouble_iteration = 4
+                                trouble_iteration = 4, trouble_shape = 5
 
   !> A method with its state.
   type, abstract, public :: stepper
