@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from histories import read
 from scipy.interpolate import CubicSpline
 
 T_END, STEP = 1.0, 0.01
@@ -123,3 +124,26 @@ def test_by_rate_a_drive_follows_a_table_between_its_points_and_outside(run_deck
 def test_a_load_is_scaled_by_its_history(run_deck, kind):
     h = moved(run_deck, kind, "")
     np.testing.assert_allclose(h["p.x"], 1.7 * law(kind, h.time)[0] / 2.5, rtol=0, atol=1e-12)
+
+
+METHODS = ["'rk4' step=1e-3", "'dopri5' tolerance=1e-9", "'generalized_alpha' step=1e-3"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_table_may_end_with_the_run_in_full_motion(run_deck, method):
+    """What a drive's table holds beyond its last time is not felt in the last row: no jump of rates, the last torque."""
+    deck = SCENE.format(
+        angle=0.0,
+        place=0.0,
+        t_end=0.1,
+        step=0.01,
+        drives=DRIVES.format(rate=".false."),
+        history="&history name='h' kind='table' time=0.0,0.05,0.1 value=0.0,1.0,3.0 /",
+    )
+    deck = deck.replace("method='rk4' step=1e-3", f"method={method}") + "&sensor name='m' quantity='reaction' drive='turn' /\n"
+    run = run_deck(deck)
+    assert run.history["w"][-1] == pytest.approx(50.0, rel=1e-10)
+    assert run.history["wd"][-1] == pytest.approx(400.0, rel=1e-9)
+    assert run.history["vd.x"][-1] == pytest.approx(400.0, rel=1e-9)
+    assert run.history["m.m"][-1] == pytest.approx(400.0 * (0.02 + 0.7 * (0.05**2 + 0.02**2)), rel=1e-9)
+    assert np.abs(read(run.folder, "energy")["velocity_violation"]).max() < 1e-9

@@ -75,6 +75,7 @@ contains
     type(failure), intent(inout) :: fail
     associate (r => run%d%transient, s => run%sys%m%s)
       call choose_stabilisation(run)
+      run%sys%m%last = r%t_end - 16*spacing(r%t_end)
       call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then

@@ -15,7 +15,7 @@ contains
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    self%rows%left = self%left
+    self%rows%left = self%left .or. t >= self%last      ! drives stop at the end of a run: what would follow is not felt
     do k = 1, size(self%s%constraints)
       call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
     end do

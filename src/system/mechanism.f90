@@ -75,6 +75,7 @@ module mechanism
     real(wp) :: t = 0.0_wp                      !! time of the last evaluation [s]
     integer :: stage = 2                        !! stage_static or stage_transient of `load`
     logical :: left = .false.                   !! jumps of histories at t are not yet felt
+    real(wp) :: last = huge(1.0_wp)             !! time after which drives lead nowhere: the end of the run [s]
     logical :: frozen = .false.                 !! assembly: elastic coordinates do not move
     real(wp) :: load_factor = 1.0_wp            !! static analysis: fraction of the loads
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
