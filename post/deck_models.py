@@ -48,7 +48,7 @@ def nodes_of(body: Group) -> int:
 
 
 def coordinates(body: Group) -> list[tuple[int, str]]:
-    """Return (node, 'u'|'v'|'r') of each nodal elastic coordinate, in the solver's order (deck.md, sensor 'coordinate')."""
+    """Return (node, 'u'|'v'|'r') of each nodal elastic coordinate, in the solver's order (input/README.md, sensor 'coordinate')."""
     last = nodes_of(body)
     removed = {"pinned": {(1, "u"), (1, "v"), (last, "v")}, "clamped": {(1, "u"), (1, "v"), (1, "r")}}.get(
         body.word("reference", "pinned"), set()

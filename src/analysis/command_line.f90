@@ -1,4 +1,4 @@
-!> The command line (deck.md): biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help.
+!> The command line: biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help.
 module command_line
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_bad_input

@@ -1,4 +1,4 @@
-!> Groups of unknowns that share a scale (deck.md, &transient tolerance): in each body its translations, its angle,
+!> Groups of unknowns that share a scale (input/README.md, &transient tolerance): in each body its translations, its angle,
 !> deflections, nodal rotations, dissipative extensions and dissipative rotations, and the rates of each; modes and springs
 !> have groups of their own. Energies are not measured: they follow the motion.
 module error_groups

@@ -1,5 +1,5 @@
 !> A scene ready for its analyses: the deck, its mechanism assembled at t = 0, and the present state. Analyses follow one
-!> another on it (deck.md: static, modal, frequency response, transient).
+!> another on it (input/README.md: static, modal, frequency response, transient).
 module scene_run
   use kinds, only: wp
   use archive, only: value_archive

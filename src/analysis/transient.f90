@@ -290,6 +290,7 @@ contains
     call a%exchange(run%sys%m%evaluations)
     call a%exchange(run%sys%m%solves)
     call a%exchange(run%sys%m%factorisations)
+    call a%exchange(run%sys%m%schur%was_lost)
   end subroutine exchange
 
   !> Results that cannot be written.

@@ -5,7 +5,7 @@ module errors
   private
   public :: fault, fault_list, failure
 
-  !> Exit statuses of the program (deck.md, "Exit status").
+  !> Exit statuses of the program (`biela --help`).
   integer, parameter, public :: status_ok = 0         !! done
   integer, parameter, public :: status_failed = 1     !! the analysis failed; results up to the last good time are on disk
   integer, parameter, public :: status_bad_input = 2  !! command line or deck is wrong; nothing was written

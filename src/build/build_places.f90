@@ -60,7 +60,7 @@ contains
   end function find_place
 
   !> The scene's size S: the largest distance between two places, nodes or mass centres of one body, or between two
-  !> places on the ground (deck.md). Frames on which drives, torques and torsional springs act are not places.
+  !> places on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not places.
   function scene_size(d, s) result(size_s)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s

@@ -164,7 +164,7 @@ module deck_records
   type, public :: sensor_record
     type(origin) :: at
     character(name_length) :: name = ''
-    character(20) :: quantity = ''           !! a word of deck.md: 'position', ..., 'spring'
+    character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'spring'
     type(place_record) :: place              !! body and place, where the quantity has one (frame angles: node 0)
     integer :: joint = 0                     !! reaction: index of the joint, or
     integer :: drive = 0                     !! reaction: index of the drive

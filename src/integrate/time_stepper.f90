@@ -125,7 +125,7 @@ contains
     if (self%steps < 0) text = 'steps overflowed'
   end function nothing_more
 
-  !> Number of fixed steps in an output interval: the step used is interval/ceiling(interval/step) (deck.md).
+  !> Number of fixed steps in an output interval: the step used is interval/ceiling(interval/step) (input/README.md).
   pure function step_count(interval, step) result(n)
     real(wp), intent(in) :: interval          !! [s]
     real(wp), intent(in) :: step              !! as written in the deck [s]

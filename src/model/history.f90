@@ -1,4 +1,4 @@
-!> Histories: functions of time that scale loads and lead drives (deck.md, &history). Each gives its value, two
+!> Histories: functions of time that scale loads and lead drives (input/README.md, &history). Each gives its value, two
 !> derivatives, its integral from t = 0 in closed form, and the times at which it is not smooth.
 module history
   use kinds, only: wp, pi

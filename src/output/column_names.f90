@@ -1,4 +1,4 @@
-!> Names of columns, `name[unit]`, in the header lines of result files (input/README.md, "Results").
+!> Names of columns, `name[unit]`, in the header lines of result files (README.md, "Reading and drawing results").
 module column_names
   use mechanism, only: mechanism_model
   implicit none (type, external)

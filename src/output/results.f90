@@ -1,4 +1,4 @@
-!> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (deck.md, "Results").
+!> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (README.md).
 module results
   use column_names, only: joined, motion_names
   use kinds, only: wp, ip

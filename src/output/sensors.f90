@@ -1,4 +1,4 @@
-!> Sensors: columns of history.txt from one evaluated, projected state (deck.md, &sensor).
+!> Sensors: columns of history.txt from one evaluated, projected state (input/README.md, &sensor).
 module sensors
   use kinds, only: wp
   use deck_records, only: deck, sensor_record
@@ -218,7 +218,7 @@ contains
     call m%s%springs(k)%deformation(m%p, d, dd, e)
   end function spring_deformation
 
-  !> N, Q and end moments of an element with its largest outer-fibre stress (deck.md, 'internal').
+  !> N, Q and end moments of an element with its largest outer-fibre stress (input/README.md, 'internal').
   subroutine section_forces(b, e, qf, vf, z, x)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element

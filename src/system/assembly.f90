@@ -1,4 +1,4 @@
-!> Closes the mechanism before any analysis (deck.md, "Assembly"): positions by Newton steps of least frame motion,
+!> Closes the mechanism before any analysis (input/README.md, "Analyses"): positions by Newton steps of least frame motion,
 !> velocities with the least mass-weighted change, redundant constraints and degrees of freedom counted.
 module assembly
   use kinds, only: wp

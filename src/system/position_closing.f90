@@ -1,4 +1,5 @@
-!> Closes the mechanism's positions (deck.md, "Assembly"): Newton steps of least motion of the frames, elastic coordinates held.
+!> Closes the mechanism's positions (input/README.md, "Analyses"): Newton steps of least motion of the frames, elastic coordinates
+!> held.
 module position_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints
