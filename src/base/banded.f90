@@ -7,7 +7,7 @@ module banded
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
-  public :: band_factor, factor_symmetric, factor_again, band_solve, band_solve_two, band_memory
+  public :: band_factor, factor_symmetric, same_factor, factor_again, band_solve, band_solve_two, band_memory
 
   !> One uncoupled block of the factored matrix, rows first..last of the reordered matrix.
   type :: band_block
@@ -279,6 +279,20 @@ contains
       end do
     end do
   end subroutine solve_band
+
+  !> Whether two factors are the same numbers.
+  pure function same_factor(a, b) result(same)
+    type(band_factor), intent(in) :: a, b
+    logical :: same
+    integer :: k
+    same = a%n == b%n .and. size(a%blocks) == size(b%blocks)
+    if (same) same = all(a%order == b%order) .and. all(abs(a%dinv - b%dinv) <= 0.0_wp)
+    if (.not. same) return
+    do k = 1, size(a%blocks)
+      same = same .and. a%blocks(k)%first == b%blocks(k)%first .and. size(a%blocks(k)%l) == size(b%blocks(k)%l)
+      if (same) same = all(abs(a%blocks(k)%l - b%blocks(k)%l) <= 0.0_wp)
+    end do
+  end function same_factor
 
   !> Reals that a factor keeps, for the memory line of the summary.
   pure function band_memory(factor) result(reals)

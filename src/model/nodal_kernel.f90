@@ -15,8 +15,10 @@ contains
 
   !> Adds to b%fx: theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - GHM; sets b%tx = -Z q (theory.md, section 3).
   !> On entry b%qx, b%vx hold the coordinates and rates. Lumps included.
-  subroutine nodal_forces(b, z, zd, thetad, zdd, qmq, qmv, power)
+  subroutine nodal_forces(b, edof, factors, z, zd, thetad, zdd, qmq, qmv, power)
     type(body_model), intent(inout) :: b
+    integer, intent(in), contiguous :: edof(:, :)       !! of the body or of one like it: constants read for many bodies
+    real(wp), intent(in), contiguous :: factors(:, :)   !! the same
     real(wp), intent(in) :: z(*), zd(*)     !! (b%nz) dissipative coordinates and rates [m, rad] and per second
     real(wp), intent(in) :: thetad          !! frame rate [rad/s]
     real(wp), intent(inout) :: zdd(*)       !! (b%nz) dissipative accelerations
@@ -24,7 +26,11 @@ contains
     real(wp), intent(out) :: power          !! dissipated by GHM and Rayleigh damping [W]
     integer :: r
     power = 0.0_wp
-    call deformations(b, b%qx, b%d)
+    if (b%chain) then
+      call chain_deformations(b%ne, b%nd, b%nf, edof, factors, b%qx, b%d)
+    else
+      call deformations(b, b%qx, b%d)
+    end if
     if (size(b%runs) > 0) then
       call copy_values(size(b%d), b%d, b%ds)
       do r = 1, size(b%runs)
@@ -34,9 +40,9 @@ contains
           power = power + run_dissipation(b, run, zd(run%offset + 1))
         end associate
       end do
-      call element_forces(b, b%ds, thetad, qmq, qmv)
+      call element_forces(b, edof, factors, b%ds, thetad, qmq, qmv)
     else
-      call element_forces(b, b%d, thetad, qmq, qmv)
+      call element_forces(b, edof, factors, b%d, thetad, qmq, qmv)
     end if
     if (b%rayleigh) call rayleigh_forces(b, power)
     call lump_forces(b, thetad, qmq, qmv)
@@ -119,15 +125,17 @@ contains
   end subroutine element_stress
 
   !> The element loop: inertia and elastic forces of every element.
-  subroutine element_forces(b, ds, thetad, qmq, qmv)
+  subroutine element_forces(b, edof, factors, ds, thetad, qmq, qmv)
     type(body_model), intent(inout) :: b
+    integer, intent(in), contiguous :: edof(:, :)       !! as above
+    real(wp), intent(in), contiguous :: factors(:, :)
     real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations with GHM differences
     real(wp), intent(in) :: thetad          !! [rad/s]
     real(wp), intent(out) :: qmq, qmv
     real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il
     integer :: e, k
     if (b%chain) then
-      call chain_forces(b%ne, b%nd, b%nf, b%edof, b%factors, ds, thetad, b%qx, b%vx, b%fx, b%tx, qmq, qmv)
+      call chain_forces(b%ne, b%nd, b%nf, edof, factors, ds, thetad, b%qx, b%vx, b%fx, b%tx, qmq, qmv)
       return
     end if
     w2 = thetad**2

@@ -58,17 +58,18 @@ contains
     i = self%s%qo(b) + 3
     o = self%s%zo(b)
     thetad = v(i)
-    associate (bo => self%s%bodies(b))
-      n = bo%nf
+    associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
+      n = like%nf
       g(1) = self%c(b)*self%s%gravity(1) + self%sn(b)*self%s%gravity(2)
       g(2) = -self%sn(b)*self%s%gravity(1) + self%c(b)*self%s%gravity(2)
-      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), bo%sbar, bo%i1f, bo%c0, g, thetad, bo%qx, bo%vx, bo%fx, &
+      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), like%sbar, like%i1f, like%c0, g, thetad, bo%qx, bo%vx, bo%fx, &
                           bo%tx, p, sv, i1q, i1v)
       p = p + bo%i1
       if (bo%modal) then
         call modal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
       else
-        call nodal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
+        call nodal_forces(bo, like%edof, like%factors, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, &
+                          self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
       end if
       self%dissipated_power = self%dissipated_power + power
       self%pin(:, b) = p
@@ -125,16 +126,16 @@ contains
     integer, intent(in) :: b
     real(wp), intent(out) :: sx(2), sy(2)   !! S-bar X, S-bar Y
     real(wp), intent(out) :: tx, ty         !! m_theta_f X, m_theta_f Y
-    integer :: n, k, j
-    associate (bo => self%s%bodies(b), at => self%attached(b))
-      n = bo%nf
-      call products(n, bo%pmat, bo%fx(1:n), bo%tx(1:n), sx, sy)   ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
+    integer :: n, k, j, i
+    associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)), at => self%attached(b))
+      n = like%nf
+      call products(n, like%pmat, bo%fx(1:n), bo%tx(1:n), sx, sy)   ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
       if (bo%modal) then
         tx = dot_product(bo%tx(1:n), bo%fx(1:n))
         ty = dot_product(bo%tx(1:n), bo%tx(1:n))
       else
         bo%qx(1:n) = bo%tx(1:n)
-        call band_solve_two(bo%mff, bo%fx(1:n), bo%tx(1:n))
+        call band_solve_two(like%mff, bo%fx(1:n), bo%tx(1:n))
         self%solves = self%solves + 2
         tx = 0.0_wp
         ty = 0.0_wp
@@ -144,17 +145,17 @@ contains
         end do
       end if
       do j = 1, size(at%place)
-        associate (place => self%s%places(at%place(j)))
-          if (allocated(place%psi)) then
-            call products3(n, place%psi, bo%fx(1:n), bo%tx(1:n), at%ex(:, j), at%ey(:, j))
-          else
-            do k = 1, 3
-              if (place%dof(k) == 0) cycle
-              at%ex(k, j) = bo%fx(place%dof(k))
-              at%ey(k, j) = bo%tx(place%dof(k))
-            end do
-          end if
-        end associate
+        if (bo%modal) then
+          if (allocated(self%s%places(at%place(j))%psi)) call products3(n, self%s%places(at%place(j))%psi, bo%fx(1:n), &
+                                                                       bo%tx(1:n), at%ex(:, j), at%ey(:, j))
+        else
+          do k = 1, 3
+            i = self%place_dof(k, at%place(j))
+            if (i == 0) cycle
+            at%ex(k, j) = bo%fx(i)
+            at%ey(k, j) = bo%tx(i)
+          end do
+        end if
       end do
     end associate
   end subroutine solve_elastic

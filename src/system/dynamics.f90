@@ -109,9 +109,9 @@ contains
     do b = 1, size(self%c)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
-      associate (bo => self%s%bodies(b))
-        n = bo%nf
-        call elastic_accelerations(n, bo%fx(1:n), bo%pmat, bo%tx(1:n), self%push(:, b), self%a(i + 4:i + 3 + n))
+      associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
+        n = like%nf
+        call elastic_accelerations(n, bo%fx(1:n), like%pmat, bo%tx(1:n), self%push(:, b), self%a(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
     end do

@@ -53,7 +53,7 @@ contains
     integer :: first, last
     first = self%end_first(b)
     last = self%end_first(b + 1) - 1
-    associate (at => self%attached(b))
+    associate (at => self%attached(self%held_like(b)))          ! constants, and work
       call column_loads(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
                         self%s%rows, lambda, size(at%place), at%column, size(at%load), at%load)
       call subtract_columns(size(a), size(at%load), at%load, at%columns, a)
@@ -100,13 +100,13 @@ contains
     do b = 1, size(self%c)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
-      n = self%s%bodies(b)%nf
+      n = self%s%bodies(self%like(b))%nf
       if (self%frozen) then
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if
-      associate (bo => self%s%bodies(b))
-        call follow_frame(n, bo%pmat, bo%tx(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
+      associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
+        call follow_frame(n, like%pmat, bo%tx(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
     end do

@@ -70,10 +70,10 @@ contains
       n = last - first + 1
       pairs = pairs + n*(n + 1)/2
       if (n == 0 .or. .not. self%flexible(b) .or. self%frozen) cycle
-      associate (at => self%attached(b))
-        call condense_elastic(n, self%end_local(first:last), size(at%place), at%ep, at%ey, self%w(:, first:last), &
+      associate (at => self%attached(b), like => self%attached(self%held_like(b)))
+        call condense_elastic(n, self%end_local(first:last), size(at%place), like%ep, at%ey, self%w(:, first:last), &
                               self%jw(:, first:last))
-        call add_elastic_compliance(n, self%end_local(first:last), self%end_row(first:last), size(at%place), at%compliance, &
+        call add_elastic_compliance(n, self%end_local(first:last), self%end_row(first:last), size(at%place), like%compliance, &
                                     self%w(:, first:last), self%s%rows, self%schur%scale, &
                                     self%slot(pairs - n*(n + 1)/2 + 1:pairs), size(self%schur%s), self%schur%s)
       end associate

@@ -31,6 +31,8 @@ module mechanism
     type(flexible_attachments), allocatable :: attached(:)   !! (nb), empty for rigid bodies
     ! what loops over many bodies need, apart from the bulky models
     logical, allocatable :: flexible(:)         !! (nb)
+    integer, allocatable :: like(:)             !! (nb) the first body with the same elastic constants (like_bodies)
+    integer, allocatable :: held_like(:)        !! (nb) the first that is also attached in the same way
     real(wp), allocatable :: rigid(:, :)        !! (9, nb) rigid bodies: mass [kg], I1 [kg m], L and 1/D of the frame's mass
     integer, allocatable :: place_body(:)       !! (places) body of each place, 0: the ground
     integer, allocatable :: place_dof(:, :)     !! (3, places) elastic coordinates (u, v, rotation) of each place, 0: none

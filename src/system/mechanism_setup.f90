@@ -4,6 +4,7 @@ module mechanism_setup
   use attachments, only: attach_places
   use kinds, only: wp
   use constraint, only: constraint_rows
+  use like_bodies, only: find_like_bodies
   use mechanism, only: mechanism_model, factor_frame
   use row_ends, only: collect_ends
   use scene_model, only: scene
@@ -28,6 +29,7 @@ contains
     call collect_ends(self)
     allocate (self%attached(nb))
     call attach_places(self)
+    call find_like_bodies(self)
     allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), self%push(3, nb), &
               self%pin(2, nb), source=0.0_wp)
     allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%lambda_change(s%rows), self%a(s%nq), &

@@ -1,0 +1,81 @@
+!> Bodies that are made alike, as the links of a chain: their elastic constants are the same numbers, so that an evaluation may
+!> read those of the first of them for all. A long chain of flexible links then moves little more than its states through
+!> the processor's caches. The numbers being equal, so are the results, to the last bit.
+module like_bodies
+  use kinds, only: wp
+  use banded, only: same_factor
+  use body, only: body_model
+  use mechanism, only: mechanism_model, flexible_attachments
+  implicit none (type, external)
+  private
+  public :: find_like_bodies
+
+  integer, parameter :: most_kinds = 8           !! kinds of body that a body is compared with, the latest ones
+
+contains
+
+  !> like and held_like of the mechanism: of every flexible body in nodal coordinates the first with the same constants, and
+  !> the first that is attached in the same way, too; of others themselves.
+  subroutine find_like_bodies(self)
+    type(mechanism_model), intent(inout) :: self
+    integer :: kinds(most_kinds), held(most_kinds), b, n
+    n = size(self%s%bodies)
+    self%like = [(b, b=1, n)]
+    self%held_like = self%like
+    kinds = 0
+    held = 0
+    do b = 1, n
+      associate (bo => self%s%bodies(b))
+        if (.not. bo%flexible .or. bo%modal) cycle
+      end associate
+      self%like(b) = first_like(self, b, kinds, .false.)
+      self%held_like(b) = first_like(self, b, held, .true.)
+    end do
+  end subroutine find_like_bodies
+
+  !> The first body of the kind of b; b itself, which joins the list, where there is none.
+  integer function first_like(self, b, kinds, attached) result(first)
+    type(mechanism_model), intent(in) :: self
+    integer, intent(in) :: b
+    integer, intent(inout) :: kinds(:)           !! first bodies of the latest kinds, 0: none
+    logical, intent(in) :: attached              !! attachments count
+    integer :: k
+    do k = 1, size(kinds)
+      first = kinds(k)
+      if (first == 0) exit
+      if (.not. same_constants(self%s%bodies(first), self%s%bodies(b))) cycle
+      if (.not. attached) return
+      if (same_attachments(self%attached(first), self%attached(b))) return
+    end do
+    first = b
+    kinds = [b, kinds(1:size(kinds) - 1)]
+  end function first_like
+
+  !> Whether two bodies have the same elastic coordinates and constants.
+  logical function same_constants(a, b) result(same)
+    type(body_model), intent(in) :: a, b
+    same = a%nf == b%nf .and. a%ne == b%ne .and. a%nd == b%nd .and. (a%chain .eqv. b%chain)
+    if (.not. same) return
+    same = all(a%edof == b%edof) .and. equal(size(a%factors), a%factors, b%factors) .and. &
+           equal(size(a%sbar), a%sbar, b%sbar) .and. equal(a%nf, a%i1f, b%i1f) .and. equal(a%nf, a%c0, b%c0) .and. &
+           equal(size(a%pmat), a%pmat, b%pmat)
+    if (same) same = same_factor(a%mff, b%mff)
+  end function same_constants
+
+  !> Whether two bodies of the same constants are attached in the same way.
+  pure logical function same_attachments(a, b) result(same)
+    type(flexible_attachments), intent(in) :: a, b
+    same = size(a%column) == size(b%column)
+    if (same) same = all(a%column == b%column) .and. size(a%columns) == size(b%columns)
+    if (.not. same) return
+    same = equal(size(a%columns), a%columns, b%columns) .and. equal(size(a%compliance), a%compliance, b%compliance) .and. &
+           equal(size(a%ep), a%ep, b%ep)
+  end function same_attachments
+
+  !> Whether two lists are the same numbers.
+  pure logical function equal(n, x, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n), y(n)           !! any unit
+    equal = all(abs(x - y) <= 0.0_wp)
+  end function equal
+end module like_bodies
