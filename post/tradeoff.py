@@ -187,6 +187,8 @@ def main(words: list[str] | None = None) -> int:
     except (InterruptedRunsError, KeyboardInterrupt):
         print("\ntradeoff: interrupted; what was run is kept, the same command continues", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        raise  # the reader of standard output has gone
     except OSError as fault:
         print(f"tradeoff: {fault.filename}: {fault.strerror}", file=sys.stderr)
         return 2

@@ -211,6 +211,17 @@ def test_curves_of_all_methods_fall_with_their_orders(study, tmp_path):
     assert all(int(evaluations) > 1.0 / float(step) for step, evaluations in rows), "Newton iterations count as evaluations"
 
 
+def test_a_reader_that_has_gone_ends_the_study_quietly(biela, tmp_path):
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    command = [sys.executable, str(TOOL), str(CRANK), "--sensor", "rod", "--tolerance", "1e-2", "--methods", "dopri5"]
+    command += ["--biela", str(biela), "--output", str(tmp_path / "study"), "--quiet"]
+    done = subprocess.run(command, stdout=write_end, stderr=subprocess.PIPE, text=True, timeout=300, check=False)
+    os.close(write_end)
+    assert (done.stderr, done.returncode) == ("", 141)
+    assert (tmp_path / "study" / "recommended.nml").exists()
+
+
 def test_time_ends_the_search(study):
     began = time.monotonic()
     _, _, told, fault = study(ROOT / "input" / "four_bar.nml", "--tolerance", "1e-5", "--time", "2", status=None)
