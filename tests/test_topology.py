@@ -193,8 +193,29 @@ def test_stated_velocities_that_contradict_the_joints_are_corrected_with_a_warni
     for name in ("l0", "l1"):
         assert f'the stated velocity of body "{name}" contradicts the joints and was corrected' in run.stderr
         assert f'the stated velocity of body "{name}" contradicts' in run.summary
-    assert run.history["a"][0] == pytest.approx(1.5, abs=1e-5)  # half the change each
+        assert f'body "{name}" contradicts the joints and was corrected by 5.00E-01 rad/s\n' in run.stderr
+    assert run.history["a"][0] == pytest.approx(1.5, abs=1e-12)  # half the change each
     assert run.history["b"][0] == pytest.approx(run.history["a"][0], abs=1e-12)
+
+
+def test_only_what_contradicts_is_corrected(run_deck):
+    """The first link cannot move away from its pin; the second keeps what the deck states, the first link's spin gives it."""
+    text = rigid("a", more="velocity=0.0,1.0") + rigid("b", "1.0,0.0", more="velocity=0.0,2.0")
+    text += joint("o", "revolute", "a", "") + joint("e", "revolute", "b", "", "a", "point_b=1.0,0.0")
+    sensors = sensor("v", "velocity", "body='b' point=0.0,0.0") + sensor("w", "angular_velocity", "body='a'")
+    run = run_deck(WEIGHTLESS + text + sensors + transient(0.01))
+    assert 'velocity of body "a" contradicts the joints and was corrected by 1.00E+00 m/s\n' in run.stderr
+    assert 'velocity of body "b"' not in run.stderr
+    assert run.history["v.y"][0] == pytest.approx(2.0, abs=1e-12)
+    assert run.history["w"][0] == pytest.approx(2.0, abs=1e-12)
+
+
+def test_a_welded_body_stands_still_whatever_its_stated_velocity(run_deck):
+    text = rigid("a", more="velocity=0.0,1.0") + joint("w", "weld", "a", "point_a=1.0,0.0", "ground", "point_b=1.0,0.0")
+    run = run_deck(GRAVITY + text + sensor("v", "velocity", "body='a' point=0.5,0.0") + transient(0.01))
+    assert "was corrected by 1.00E+00 m/s" in run.stderr
+    assert abs(run.history["v.y"]).max() < 1e-12
+    assert "trust: no energy moves in this scene" in run.summary
 
 
 @pytest.mark.parametrize(("offset", "warned"), [(0.049, False), (0.051, True)])

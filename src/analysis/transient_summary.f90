@@ -95,7 +95,8 @@ contains
     type(transient_march), intent(in) :: march
     character(:), allocatable, intent(inout) :: text
     character(200) :: line
-    real(wp) :: share
+    real(wp) :: share, rest
+    rest = sum(run%sys%m%s%bodies%mass)*(1.0e-6_wp*run%sys%m%s%size/run%d%transient%t_end)**2   ! a millionth of S in the run
     associate (f => march%files)
       write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') '  largest violations: position ', f%worst_position, ' m (', &
         f%worst_position/run%sys%m%s%size, ' of the size), velocity ', f%worst_velocity, ' m/s'
@@ -111,21 +112,22 @@ contains
           f%residual + march%method%removed, ' J'
         call add_line(text, trim(line))
       end if
-      call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy) &
+      if (.not. f%largest_energy > rest) share = 0.0_wp
+      call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy > rest) &
                     //damped(march%method%removed, f%residual, f%largest_residual, share))
     end associate
   end subroutine witness
 
   !> The verdict on the larger of the relative energy residual and the relative drift. It bounds what the integration can
   !> have done to the energies, not the error of every single column: fast motion of little energy may be less accurate.
-  function verdict(share, energy) result(text)
+  function verdict(share, moves) result(text)
     real(wp), intent(in) :: share              !! [-]
-    real(wp), intent(in) :: energy             !! largest energy [J]
+    logical, intent(in) :: moves               !! whether there is any energy to speak of
     character(:), allocatable :: text
     character(16) :: number
     write (number, '(es9.1)') share
     number = adjustl(number)
-    if (.not. energy > 0.0_wp) then
+    if (.not. moves .and. share <= 1.0e-8_wp) then
       text = 'no energy moves in this scene, so energy says nothing'
     else if (share <= 1.0e-8_wp) then
       text = 'energy and joints are kept to '//trim(number)//': the integration is as good as exact'

@@ -13,11 +13,14 @@ module velocity_closing
   private
   public :: close_velocities
 
-  real(wp), parameter :: stiff_weight = 1.0e6_wp    !! weight of stated velocities when they must be corrected [-]
+  real(wp), parameter :: stiff_weight = 1.0e3_wp    !! weight of stated velocities when they must be corrected [-]
+  integer, parameter :: rounds = 8                  !! each brings the correction of stated ones nearer to the least, by that weight
 
 contains
 
   !> Velocities: stated ones kept, others follow; then stated ones corrected; elastic rates only where frames do not suffice.
+  !> Correcting, the others start anew from where they had to go, which leaves stated ones what only they can give; then the
+  !> others follow the corrected ones.
   subroutine close_velocities(self, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: q(:)
@@ -26,7 +29,7 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: none(:), start(:)
     real(wp) :: worst, goal
-    integer :: attempt
+    integer :: attempt, pass
     allocate (none(self%s%nz), source=0.0_wp)
     start = v
     call evaluate(self, 0.0_wp, q, v, none, none)
@@ -35,10 +38,15 @@ contains
     goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
     do attempt = 1, 4
       v = start
-      call evaluate(self, 0.0_wp, q, v, none, none)
       self%frozen = attempt <= 2
-      call weigh_frames(self, masked=mod(attempt, 2) == 1)
-      call correct_velocities(self, q, v, goal, worst)
+      if (mod(attempt, 2) == 0) then
+        do pass = 1, rounds
+          where (self%s%stated) v = start
+          call correct_velocities(self, q, v, goal, worst, masked=.false.)
+        end do
+        if (worst <= goal) v = merge(v, start, self%s%stated)
+      end if
+      call correct_velocities(self, q, v, goal, worst, masked=.true.)
       self%frozen = .false.
       if (worst <= goal) exit
     end do
@@ -53,14 +61,23 @@ contains
     call warn_of_velocities(self, start, v, report)
   end subroutine close_velocities
 
-  !> Velocity corrections with the present metric until the rows hold.
-  subroutine correct_velocities(self, q, v, goal, worst)
+  !> Velocity corrections until the rows hold; frozen: by the frames alone.
+  subroutine correct_velocities(self, q, v, goal, worst, masked)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: q(:)
     real(wp), intent(inout) :: v(:)
     real(wp), intent(in) :: goal               !! [m/s]
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
+    logical, intent(in) :: masked              !! stated velocities are kept; else they are heavy
+    real(wp), allocatable :: none(:)
+    logical :: frozen
     integer :: pass
+    allocate (none(self%s%nz), source=0.0_wp)
+    frozen = self%frozen
+    self%frozen = .false.
+    call evaluate(self, 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
+    self%frozen = frozen
+    call weigh_frames(self, masked)
     call condense_constraints(self)
     call self%schur%factor()
     do pass = 1, 6
@@ -98,6 +115,7 @@ contains
           weight = merge(sqrt(stiff_weight), 1.0_wp, self%s%stated(i + k))
           m(k, :) = m(k, :)*weight
           m(:, k) = m(:, k)*weight
+          where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! the others cost nothing in the end
         end do
         call factor_masked(m, [.false., .false., .false.], self%low(:, b), self%dinv(:, b))
       else
@@ -145,19 +163,28 @@ contains
     type(mechanism_model), intent(in) :: self
     real(wp), intent(in) :: start(:), v(:)
     type(assembly_report), intent(inout) :: report
-    real(wp) :: change, scale
-    character(16) :: text
+    real(wp) :: along, around, scale
+    character(:), allocatable :: by
     integer :: b, i
     scale = max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), tiny(1.0_wp))
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
-      change = 0.0_wp
-      if (self%s%stated(i + 1)) change = norm2(v(i + 1:i + 2) - start(i + 1:i + 2))
-      if (self%s%stated(i + 3)) change = max(change, self%s%size*abs(v(i + 3) - start(i + 3)))
-      if (change <= 1.0e-6_wp*scale) cycle
-      write (text, '(es9.2)') change
-      call add_warning(report, 'the stated velocity of body "'//trim(self%s%bodies(b)%name)//'" contradicts the joints and was '// &
-                'corrected by '//trim(adjustl(text))//' m/s')
+      along = merge(norm2(v(i + 1:i + 2) - start(i + 1:i + 2)), 0.0_wp, self%s%stated(i + 1))
+      around = merge(abs(v(i + 3) - start(i + 3)), 0.0_wp, self%s%stated(i + 3))
+      by = ''
+      if (along > 1.0e-6_wp*scale) by = by//' and '//figure(along)//' m/s'
+      if (self%s%size*around > 1.0e-6_wp*scale) by = by//' and '//figure(around)//' rad/s'
+      if (len(by) > 0) call add_warning(report, 'the stated velocity of body "'//trim(self%s%bodies(b)%name)// &
+                                        '" contradicts the joints and was corrected by '//by(6:))
     end do
   end subroutine warn_of_velocities
+
+  !> A figure of three digits.
+  function figure(x) result(text)
+    real(wp), intent(in) :: x
+    character(:), allocatable :: text
+    character(16) :: number
+    write (number, '(es9.2)') x
+    text = trim(adjustl(number))
+  end function figure
 end module velocity_closing
