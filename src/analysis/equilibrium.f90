@@ -9,12 +9,13 @@
 module equilibrium
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use dynamics, only: place_kinematics, set_frames, row_rates
+  use dynamics, only: place_kinematics, set_frames
   use force_scale, only: largest_force
   use frame_axes, only: to_global, to_body
   use linear_state, only: evaluate_state, linear_system
   use linear_matrices, only: linear_mechanism
   use place, only: turn
+  use prescribed_motion, only: prescribe, rotations
   use scene_run, only: run_state, relax
   implicit none (type, external)
   private
@@ -25,9 +26,6 @@ module equilibrium
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
-  real(wp), parameter :: elastic_weight(2) = [1.0e20_wp, 1.0e6_wp]   !! keeps elastic coordinates out of the prescribed motion;
-                                                     !! where frames alone cannot follow, they move least [-]
-  real(wp), parameter :: followed = 1.0e-9_wp        !! what may be left of a prescribed rate, of the largest [-]
 
   !> What Newton's method did.
   type :: equilibrium_report
@@ -154,117 +152,6 @@ contains
           .or. any(abs(run%sys%m%rows%extra) > 0.0_wp)
   end function moves
 
-  !> Velocities that satisfy the drives and joints again, and the accelerations of bodies that keep them in their own axes
-  !> (theta' H R', theta'' = 0), with the least change that drives and joints ask for; elastic coordinates at rest where that
-  !> suffices.
-  subroutine prescribe(run, ds, steady)
-    type(run_state), intent(inout) :: run
-    type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes
-    real(wp), allocatable :: rate(:)
-    integer :: nq, k, i, b
-    nq = size(steady)
-    allocate (rate(run%sys%m%s%rows), source=0.0_wp)
-    call row_rates(run%sys%m, rate)
-    if (any(abs(rate) > 0.0_wp)) then
-      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run%sys%m, follow(run, ds, -rate))
-      call evaluate_state(run)
-    end if
-    steady = 0.0_wp
-    do b = 1, size(run%sys%m%s%bodies)
-      i = run%sys%m%s%qo(b)
-      steady(i + 1:i + 2) = run%y(nq + i + 3)*turn(run%y(nq + i + 1:nq + i + 2))
-    end do
-    rate = joint_rates(ds, to_body(run%sys%m, steady), run%sys%m%s%rows)
-    do k = 1, size(run%sys%m%s%constraints)
-      associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
-        do i = c%first, c%first + c%rows - 1
-          rate(i) = rate(i) + (m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
-                               + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib)))
-        end do
-      end associate
-    end do
-    steady = steady + to_global(run%sys%m, follow(run, ds, -rate))
-  end subroutine prescribe
-
-  !> J x: what a motion does to the independent rows.
-  pure function joint_rates(ds, x, rows) result(rate)
-    type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: x(:)                     !! (nq) body axes
-    integer, intent(in) :: rows                      !! all rows
-    real(wp) :: rate(rows)                           !! 0 for dependent ones
-    complex(wp) :: y(ds%n + ds%rows)
-    y = 0.0_wp
-    y(1:ds%n) = x
-    y = ds%times(cmplx(ds%joint, 0.0_wp, wp), y)
-    rate = 0.0_wp
-    rate(ds%active) = real(y(ds%n + 1:), wp)
-  end function joint_rates
-
-  !> The least motion with the given rates of the rows, body axes: of the frames alone where that suffices.
-  function follow(run, ds, rate) result(x)
-    type(run_state), intent(in) :: run
-    type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: rate(:)                  !! (rows) [m/s] or [m/s2]
-    real(wp), allocatable :: x(:), unit(:)
-    complex(wp), allocatable :: y(:)
-    real(wp) :: left(size(rate)), most
-    integer :: b, i, attempt
-    unit = motion_units(run)
-    do attempt = 1, 2
-      y = [((0.0_wp, 0.0_wp), i=1, ds%n), cmplx(rate(ds%active), 0.0_wp, wp)]
-      call weigh(run, unit, elastic_weight(attempt), ds)
-      call ds%solver%solve(y)                        ! ds%solve would correct by the residual of the stiffness
-      left = joint_rates(ds, real(y(1:ds%n), wp), size(rate)) - rate
-      if (all(abs(left(ds%active)) <= followed*maxval(abs(rate)))) exit
-    end do
-    x = real(y(1:ds%n), wp)
-    if (attempt > 1) return
-    most = maxval(abs(unit*x))
-    do b = 1, size(run%sys%m%s%bodies)               ! what is left of elastic motion by the weight alone
-      i = run%sys%m%s%qo(b) + 3
-      associate (n => run%sys%m%s%bodies(b)%nf)
-        where (unit(i + 1:i + n)*abs(x(i + 1:i + n)) <= 1.0e-12_wp*most) x(i + 1:i + n) = 0.0_wp
-      end associate
-    end do
-  end function follow
-
-  !> A metric of the motion in place of the stiffness, factored: squares of lengths, whatever the units.
-  subroutine weigh(run, unit, elastic, ds)
-    type(run_state), intent(in) :: run
-    real(wp), intent(in) :: unit(:)                  !! (nq) what makes lengths of the unknowns
-    real(wp), intent(in) :: elastic                  !! of elastic coordinates; frames weigh 1 [-]
-    type(stiffness_system), intent(inout) :: ds
-    integer :: b, k, i
-    ds%values = ds%joint
-    do b = 1, size(run%sys%m%s%bodies)
-      i = run%sys%m%s%qo(b)
-      do k = i + 1, i + 3 + run%sys%m%s%bodies(b)%nf
-        ds%values(ds%entry(k, k)) = merge(1.0_wp, elastic, k <= i + 3)*unit(k)**2
-      end do
-    end do
-    call ds%factor()
-  end subroutine weigh
-
-  !> What makes lengths of all unknowns: 1, the size for angles and rotations, mass**(-1/2) for modes.
-  function motion_units(run) result(unit)
-    type(run_state), intent(in) :: run
-    real(wp), allocatable :: unit(:)                 !! (nq) [-], [m] or [kg**(-1/2)]
-    integer :: b, i
-    allocate (unit(run%sys%m%s%nq), source=1.0_wp)
-    do b = 1, size(run%sys%m%s%bodies)
-      i = run%sys%m%s%qo(b) + 3
-      unit(i) = run%sys%m%s%size
-      associate (bo => run%sys%m%s%bodies(b))
-        if (bo%modal) then
-          unit(i + 1:i + bo%nf) = 1.0_wp/sqrt(bo%mass)
-        else if (allocated(bo%dof)) then
-          call rotations(bo%dof, i, run%sys%m%s%size, unit)
-        end if
-      end associate
-    end do
-  end function motion_units
-
   !> Residual (moments over the size) and gap, relative to the largest force and to the size.
   subroutine measure(run, ds, force, report)
     type(run_state), intent(in) :: run
@@ -295,16 +182,4 @@ contains
     report%gap = 0.0_wp
     if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%m%rows%phi))/size_s
   end subroutine measure
-
-  !> Marks nodal rotations.
-  pure subroutine rotations(dof, offset, value, weight)
-    integer, intent(in) :: dof(:, :)                 !! (3, nodes)
-    integer, intent(in) :: offset
-    real(wp), intent(in) :: value                    !! [m] or [1/m]
-    real(wp), intent(inout) :: weight(:)
-    integer :: k
-    do k = 1, size(dof, 2)
-      if (dof(3, k) > 0) weight(offset + dof(3, k)) = value
-    end do
-  end subroutine rotations
 end module equilibrium
