@@ -45,7 +45,6 @@ contains
     type(scene) :: s
     real(wp), allocatable :: q(:), v(:)
     call build(run%d, s, faults)
-    call check_coordinates(run%d, s, faults)
     if (faults%count > 0) return
     call set_up_mechanism(run%sys%m, s)
     run%sys%n = s%ny
@@ -58,25 +57,6 @@ contains
     call relax(run%sys, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
   end subroutine prepare_run
-
-  !> Sensors of elastic coordinates must name one that exists: known only once bodies are built.
-  subroutine check_coordinates(d, s, faults)
-    type(deck), intent(in) :: d
-    type(scene), intent(in) :: s
-    type(fault_list), intent(inout) :: faults
-    character(12) :: text
-    integer :: k
-    if (faults%count > 0) return
-    do k = 1, size(d%sensors)
-      associate (r => d%sensors(k))
-        if (r%quantity /= 'coordinate') cycle
-        if (r%index <= s%bodies(r%place%body)%nf) cycle
-        write (text, '(i0)') s%bodies(r%place%body)%nf
-        call faults%add(r%at%file, r%at%line, 'sensor/'//trim(r%name), 'index is larger than the number of elastic '// &
-                        'coordinates of body "'//trim(s%bodies(r%place%body)%name)//'"; expected 1 to '//trim(text))
-      end associate
-    end do
-  end subroutine check_coordinates
 
   !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).
   subroutine relax(sys, y)

@@ -6,7 +6,7 @@ module deck_sensors
   use deck_words, only: get_name, get_choice, get_reference
   use deck_kinds, only: in_joint, in_drive, in_spring
   use deck_place, only: read_place, forbid_ground, body_text
-  use deck_records, only: deck_record => deck, sensor_record
+  use deck_records, only: deck_record => deck, body_record, sensor_record
   implicit none (type, external)
   private
   public :: read_sensor
@@ -78,7 +78,36 @@ contains
       else if (deck%is_set('element') .and. s%element > b%elements) then
         call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
           body_text(d, s%place%body)//', expected 1 to '//to_text(b%elements))
+      else if (deck%is_set('index') .and. s%index > elastic_coordinates(b)) then
+        call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
+          body_text(d, s%place%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
       end if
     end associate
   end subroutine check_elastic
+
+  !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and
+  !> `axial=.false.` take away.
+  pure function elastic_coordinates(b) result(n)
+    type(body_record), intent(in) :: b
+    integer :: n
+    logical :: kept(3, b%nodes)
+    integer :: k
+    n = b%modes
+    if (n > 0) return
+    kept = .true.
+    select case (b%reference)
+    case ('pinned')
+      kept(1:2, 1) = .false.
+      kept(2, b%nodes) = .false.
+    case ('clamped')
+      kept(:, 1) = .false.
+    case ('explicit')
+      do k = 1, size(b%reference_node)
+        kept(index('uvr', b%reference_dof(k)), b%reference_node(k)) = .false.
+      end do
+    case default   ! 'free': with modes
+    end select
+    if (.not. b%axial) kept(1, :) = .false.
+    n = count(kept)
+  end function elastic_coordinates
 end module deck_sensors
