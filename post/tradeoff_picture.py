@@ -34,7 +34,7 @@ def _curves(study: Study, result: Result) -> dict[tuple[str, str], list[Point]]:
 
 def draw(study: Study, result: Result, path: Path) -> None:
     """Write the picture."""
-    figure, axes = plt.subplots(figsize=(8.6, 5.6))
+    figure, axes = plt.subplots(figsize=(11.4, 5.6))
     colours = plt.get_cmap("tab10").colors
     models = list(dict.fromkeys(model for model, _ in _curves(study, result)))
     for (model, family), points in _curves(study, result).items():
@@ -61,7 +61,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
     axes.set_ylabel("largest error / range, worst column")
     axes.set_title(f"{result.deck_name}: {', '.join(sorted(study.asked))}"[:90])
     axes.grid(which="major", alpha=0.3)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     figure.tight_layout()
     figure.savefig(path, dpi=90)
     plt.close(figure)
