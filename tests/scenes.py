@@ -68,6 +68,7 @@ BODIES = {
     "beam_two_terms": beam(material="two", section="pipe"),
     "beam_three_terms": beam(material="three", section="plain"),
     "beam_mixed": beam(elements=4, rest="element_material='elastic','two','damped','one' reference='clamped'"),
+    "beam_gap": beam(elements=3, rest="element_material='one','elastic','one' reference='clamped'"),
     "beam_rayleigh": beam(material="damped", rest="angle=-1.0") + LUMPS,
     "beam_elastic_twin": beam(material="three", rest="viscoelastic=.false."),
     "beam_stiff": beam(material="two", elements=3, rest="reference='clamped' stiffening=.true."),
@@ -80,6 +81,9 @@ BODIES = {
     "frame_closed": frame() + "&lump body='f' node=3 mass=0.3 inertia=2.0e-3 /\n",
     "frame_pinned": frame(rest="position=0.4,0.0", materials="'two'"),
     "frame_stiff": frame(rest="stiffening=.true. reference_node=2,3,2 reference_dof='u','v','v'"),
+    "frame_held_twice_along_x": frame(rest="reference_node=2,3,2 reference_dof='u','u','v'"),
+    "frame_in_a_line_out_of_order": "&body name='f' kind='frame' node_x=0.0,0.1,0.25,0.4 node_y=0.0,0.0,0.0,0.0\n"
+    "  element_nodes=2,3,1,2,3,4 material='one' section='strip' position=0.1,0.2 angle=0.3 /\n",
     "frame_as_rigid": frame(rest="flexible=.false."),
     "all_loads": beam(material="one") + LUMPS + frame() + rigid() + PUSHES,
     "all_springs": beam(material="damped") + frame() + rigid() + SPRINGS,

@@ -119,3 +119,17 @@ def test_rows_where_outputs_do_not_fit(t_end, rows, biela, tmp_path):
     assert status == 0, told
     assert len(found) == rows + (t_end == "0.01")
     assert found[-1, 0] == pytest.approx(float(t_end))
+
+
+@pytest.mark.parametrize(
+    ("more", "most"),
+    [("axial=.false.", 4), ("", 6), ("reference='clamped' axial=.false.", 4), ("reference='clamped'", 6)],
+    ids=["free, bending", "free", "clamped, bending", "clamped"],
+)
+def test_all_elastic_modes_of_a_mesh_may_be_kept_and_no_more(more, most, biela, tmp_path):
+    """Three nodes have 6 coordinates in bending, 9 with stretching; two or three of a free body's modes are rigid."""
+    reference = "" if "reference" in more else "reference='free'"
+    for modes in (most, most + 1):
+        status, told, _ = run(biela, tmp_path, STEEL + BEAM.format(f"{reference} {more} modes={modes}") + TIP + RUNS["fixed"])
+        assert status == (0 if modes == most else 2)
+        assert (f"expected at most {most}" in told) == (modes > most)
