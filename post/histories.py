@@ -103,7 +103,7 @@ def read(source: str | Path, kind: str = "history") -> History:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
-        raise HistoryError(f"{path}: no such file (has the run been made?)") from None
+        raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
     except (OSError, UnicodeDecodeError) as fault:
         raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
     separator = "," if path.suffix == ".csv" else None
@@ -115,6 +115,16 @@ def read(source: str | Path, kind: str = "history") -> History:
     data = _rows(path, lines, first, len(names), separator)
     _check_order(path, names[0], data[:, 0])
     return History(path, names, dict(columns), data)
+
+
+def _why_missing(path: Path) -> str:
+    """Return what may be the reason why a results file is not there, from what else its folder holds."""
+    others = [name for name in RESULT_FILES.values() if (path.parent / name).is_file()]
+    if path.name not in RESULT_FILES.values() or not others:
+        return "has the run been made?"
+    if path.name == "motion.txt" and "history.txt" in others:
+        return "it is written where the deck's &transient has a motion_step"
+    return f"this run wrote {' and '.join(others)}"
 
 
 def _header(path: Path, lines: list[str], separator: str | None) -> tuple[int, list[tuple[str, str]]]:

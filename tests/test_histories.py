@@ -101,3 +101,9 @@ def test_a_damaged_reference_is_named(write):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(HistoryError, match=r"history.txt: no such file \(has the run been made\?\)"):
         read(tmp_path)
+    (tmp_path / "modes.txt").touch()
+    with pytest.raises(HistoryError, match=r"history.txt: no such file \(this run wrote modes.txt\)"):
+        read(tmp_path)
+    (tmp_path / "history.txt").touch()
+    with pytest.raises(HistoryError, match=r"motion.txt: no such file \(it is written where .* has a motion_step\)"):
+        read(tmp_path, "motion")
