@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 
 from deck_runs import Outcome
 from deck_text import DeckText
-from tradeoff_errors import between, richardson
+from tradeoff_errors import NOISE, between, richardson
 from tradeoff_settings import ORDERS, Setting
 from tradeoff_study import Study
 
 LEVELS = 14  # of a curve at most
 CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
 ENOUGH = 0.3  # share of the tolerance to which the other methods are refined, once one has reached the target
+CHEAP, DRAWN = 0.5, 7  # curves have so many points where the next ones cost less [s]: their slopes show the order
 HALF = 0.5  # share of the study's time after which curves are not refined any more
 PAIR, PAIR_BY_TOLERANCE = 4.0, 2.5  # cost of the second of the next two runs, by the last one's
 FEW = 2  # levels without which nothing can be said of a curve's error
@@ -88,7 +89,9 @@ def curves(
             break
         made = min(climbing, key=lambda c: _promise(c, target))
         dearest = min(study.runner.longest, max(PAIR * best, 1.0))
-        if made.coming > dearest or made.left <= (target if best == float("inf") else ENOUGH * study.tolerance):
+        enough = made.left <= (target if best == float("inf") else ENOUGH * study.tolerance)
+        drawn = spare or lone or made.coming > CHEAP or len(made.outcomes) >= DRAWN
+        if made.coming > dearest or (enough and drawn):
             made.ended = True
         else:
             _climb(study, deck, made, stage)
@@ -120,12 +123,12 @@ def doubt(study: Study, found: list[Curve]) -> float:
 
     Its own differences say it, and so does the other explicit method: fast vibrations that a fixed step damps are missing in
     all runs of that method alike. What the other's run is away, less the error that it claims itself, counts where it is more.
-    Implicit runs may damp the same vibrations and are no witnesses.
+    Implicit runs may damp the same vibrations and are no witnesses. Nothing is known better than to the rounding of a run.
     """
     first = found[0]
     others = [c for c in found[1:] if c.family in EXPLICIT and c.left <= ENOUGH * study.tolerance]
     apart = [between(c.outcomes[-1], first.outcomes[-1], study.sizes) - c.left for c in others]
-    return max([first.left, *apart])
+    return max([first.left, NOISE, *apart])
 
 
 def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
