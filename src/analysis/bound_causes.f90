@@ -11,6 +11,8 @@ module bound_causes
   private
   public :: mode_cause, pole_cause
 
+  real(wp), parameter :: takes_part = 1.0e-3_wp   !! share of a mode's strain energy from which a body is named [-]
+
   !> What an eigenvalue belongs to.
   type, public :: bound_cause
     character(120) :: what = ''              !! in words
@@ -44,7 +46,7 @@ contains
     end do
     if (cause%body == 0 .or. best < 0.5_wp*f%stiffness) then
       cause%what = 'a mode of springs and rigid bodies'
-      if (cause%body > 0) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
+      if (best > takes_part*f%stiffness) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
       cause%body = merge(cause%body, 0, best >= 0.5_wp*f%stiffness)
     else
       cause%what = merge('an axial mode  ', 'a bending mode ', axial)

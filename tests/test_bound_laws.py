@@ -1,0 +1,127 @@
+"""Laws of the advised step: exact eigenvalues of a disc on a spring, and independent parts that bound the step each by itself."""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+STABILITY = {
+    "rk4": [1 / 24, 1 / 6, 1 / 2, 1.0, 1.0],
+    "dopri5": [1 / 600, 1 / 120, 1 / 24, 1 / 6, 1 / 2, 1.0, 1.0],
+}
+PARTS = {
+    "elastic spring": "&body name='a' kind='rigid' mass=1.0 inertia=1.0 /\n&joint name='a' type='revolute' body_a='a' /\n"
+    "&spring name='a' type='torsional' body_a='a' stiffness=100.0 /\n",
+    "spring that GHM stiffens": "&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&joint name='b' type='revolute' body_a='b' /\n"
+    "&spring name='b' type='torsional' body_a='b' stiffness=20.0 ghm_alpha=14.0 ghm_zeta=0.5 ghm_omega=1.0 /\n",
+    "damper": "&body name='c' kind='rigid' mass=1.0 inertia=1.0 /\n&joint name='c' type='revolute' body_a='c' /\n"
+    "&spring name='c' type='torsional' body_a='c' stiffness=1.0 damping=40.0 /\n",
+    "soft beam with Rayleigh damping": "&material name='d' density=1000.0 young=1.0e4 rayleigh_stiffness=3.0 /\n"
+    "&section name='d' area=1.0e-4 inertia=1.0e-8 /\n"
+    "&body name='d' kind='beam' length=1.0 elements=1 material='d' section='d' axial=.false. reference='clamped' /\n"
+    "&joint name='d' type='weld' body_a='d' node_a=1 /\n",
+}
+
+
+def safe_bound(run_deck, deck, method, name="d"):
+    """Return the safe bound of a scene [s]."""
+    told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check", name=name).stdout
+    return float(re.search(method + r": safe bound\s+([-+.\dE]+)", told)[1])
+
+
+def largest_step(eigenvalues, method):
+    """Return the smallest step at which an eigenvalue leaves the stability region [s]."""
+    steps = np.linspace(0.0, 1.2, 600001)[1:] * 4.0 / max(abs(eigenvalues))
+    outside = [abs(np.polyval(STABILITY[method], steps * mu)) > 1.0 + 1e-9 for mu in eigenvalues]
+    return steps[np.argmax(np.any(outside, axis=0))]
+
+
+def disc(k, c, terms):
+    """Return the deck of a disc of inertia 1 on a spring, and its eigenvalues, the terms' coordinates in."""
+    a = np.zeros((2 + 2 * len(terms), 2 + 2 * len(terms)))
+    a[0, 1], a[1, 0], a[1, 1] = 1.0, -k * (1.0 + sum(alpha for alpha, _, _ in terms)), -c
+    for i, (alpha, zeta, omega) in enumerate(terms):
+        j = 2 + 2 * i
+        a[1, j], a[j, j + 1] = k * alpha, 1.0
+        a[j + 1, [0, j, j + 1]] = omega**2, -(omega**2), -2.0 * zeta * omega
+    lists = [",".join(repr(float(term[i])) for term in terms) for i in range(3)]
+    ghm = "ghm_alpha={} ghm_zeta={} ghm_omega={}".format(*lists) if terms else ""
+    deck = "&body name='d' kind='rigid' mass=1.0 inertia=1.0 /\n&joint name='j' type='revolute' body_a='d' /\n"
+    deck += f"&spring name='s' type='torsional' body_a='d' stiffness={k!r} damping={c!r} {ghm} /\n"
+    return deck, np.linalg.eigvals(a)
+
+
+@pytest.mark.parametrize("method", STABILITY)
+@pytest.mark.parametrize(
+    ("k", "c", "terms"),
+    [
+        (100.0, 0.0, []),
+        (1.0, 40.0, []),
+        (100.0, 3.0, []),
+        (100.0, 1.0, [(0.5, 0.4, 8.0)]),
+        (100.0, 0.0, [(0.3, 0.2, 12.0), (2.5, 0.1, 7.0)]),
+        (100.0, 25.0, [(0.3, 0.2, 3.0), (1.5, 0.6, 7.0), (0.2, 0.1, 1.0)]),
+    ],
+)
+def test_one_disc_has_its_exact_bound(run_deck, method, k, c, terms):
+    deck, eigenvalues = disc(k, c, terms)
+    exact = largest_step(eigenvalues, method)
+    assert safe_bound(run_deck, deck, method) == pytest.approx(exact, rel=2e-4)
+
+
+@pytest.mark.parametrize("pair", combinations(PARTS, 2), ids=" and ".join)
+def test_the_bound_of_parts_that_do_not_touch_is_that_of_the_worst(run_deck, pair):
+    for method in STABILITY:
+        alone = [safe_bound(run_deck, PARTS[part], method, name=f"only{i}") for i, part in enumerate(pair)]
+        both = safe_bound(run_deck, "".join(PARTS[part] for part in pair), method)
+        assert both == pytest.approx(min(alone), rel=2e-4)
+
+
+HALVED = """&material name='m' density=1000.0 young=1.0e9 /
+&section name='s' area=1.0e-4 inertia=1.0e-9 /
+&body name='r' kind='rigid' mass=1.0 inertia=1.0 /
+&body name='b' kind='beam' length=1.0 elements={last} material='m' section='s' axial=.false.
+  reference_node=1,{middle},1 reference_dof='u','v','v' /
+&lump body='b' node={middle} mass=0.3 /
+&lump body='b' node={end} mass=0.01 inertia=1.0e-6 /
+&joint name='j' type='revolute' body_a='r' body_b='b' node_b={end} point_a=1.0,0.0 /
+&spring name='k' type='torsional' body_a='b' node_a={middle} body_b='r' stiffness=1.0 damping=1.0e-4 /
+&spring name='l' type='linear' body_a='r' point_a=0.0,1.0 body_b='b' node_b={middle} stiffness=2.0e4 /
+&force name='f' type='force' body='b' node={end} fy=1.0 /
+&sensor name='p' quantity='position' body='b' node={end} /
+"""
+
+
+def test_the_advice_for_half_the_elements_is_the_bound_of_that_deck(run_deck):
+    """Lumps, joints, springs, loads and reference conditions keep to their places on the beam."""
+    run = "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n"
+    told = run_deck(HALVED.format(last=4, middle=3, end=5) + run, "--check").stdout
+    advised = float(re.search(r'with 2 elements on body "b":\s+(\S+) s', told)[1])
+    halved = safe_bound(run_deck, HALVED.format(last=2, middle=2, end=3), "rk4", name="halved")
+    assert advised == pytest.approx(halved, rel=2e-4)
+    unmoved = safe_bound(run_deck, HALVED.format(last=2, middle=3, end=3), "rk4", name="unmoved")
+    assert abs(unmoved / halved - 1) > 0.01, "the lump's place matters"
+
+
+WORDS = [
+    ("axial=.false.", 'a bending mode of body "b"'),
+    ("", 'an axial mode of body "b"'),
+    ("flexible=.false.", "a mode of springs and rigid bodies"),
+]
+
+
+@pytest.mark.parametrize(("more", "words"), WORDS)
+def test_what_limits_is_named(run_deck, more, words):
+    """A slender beam is fastest along itself, in bending where it cannot stretch; a soft one elsewhere has no part in it."""
+    deck = (
+        "&material name='m' density=1000.0 young=1.0e9 /\n&material name='soft' density=1000.0 young=1.0e3 /\n"
+        "&section name='s' area=1.0e-4 inertia=1.0e-9 /\n"
+        f"&body name='b' kind='beam' length=1.0 elements=2 material='m' section='s' {more} /\n"
+        "&body name='other' kind='beam' length=1.0 elements=2 material='soft' section='s' position=0.0,2.0 /\n"
+        "&spring name='k' type='torsional' body_a='b' stiffness=10.0 /\n"
+    )
+    told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check").stdout
+    assert re.search(r"limited by (.*), \|eigenvalue\|", told)[1] == words
