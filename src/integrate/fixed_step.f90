@@ -69,6 +69,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t, h              !! [s]
     integer, intent(inout) :: outcome         !! set where the solution is lost
+    real(wp), allocatable :: old(:)           !! (n)
     logical :: ok
     self%trial = self%y
     call self%stages%step(system, t, h, self%trial, ok)
@@ -81,7 +82,9 @@ contains
       outcome = lost
       return
     end if
-    self%y = self%trial
+    call move_alloc(self%y, old)              ! exchanged, not copied
+    call move_alloc(self%trial, self%y)
+    call move_alloc(old, self%trial)
     call system%derivative(self%tried, self%y, .false., self%stages%k(:, 1))
   end subroutine one_step
 
