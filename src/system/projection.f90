@@ -31,16 +31,22 @@ contains
     if (self%s%rows == 0) return
     call project_positions(self, t, q, v, z, zd, ok)
     if (.not. ok) return
-    if (self%s%rows == self%s%nq .and. .not. self%redundant .and. .not. any(abs(self%rows%phi_t) > 0.0_wp)) then
+    if (determined(self) .and. .not. any(abs(self%rows%phi_t) > 0.0_wp)) then
       v = 0.0_wp                             ! joints and drives at rest leave no freedom, in singular positions too
       return
     end if
     call project_velocities(self, q, v)
-    if (self%schur%singular .and. .not. self%redundant .and. self%s%rows == self%s%nq) then
+    if (self%schur%singular .and. determined(self)) then
       call evaluate_regular(self, t, q, v, z, zd)
       if (.not. self%schur%singular) call project_velocities(self, q, v)
     end if
   end subroutine project
+
+  !> Whether joints and drives leave no freedom.
+  pure logical function determined(self) result(yes)
+    type(mechanism_model), intent(in) :: self
+    yes = self%s%rows == self%s%nq .and. .not. self%redundant
+  end function determined
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.
   subroutine project_positions(self, t, q, v, z, zd, ok)
@@ -65,7 +71,7 @@ contains
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, t, q, v, z, zd)
-        if (pass > 2 .and. self%schur%singular .and. .not. self%redundant .and. worst <= nearly*self%s%size) &
+        if (pass > 2 .and. self%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) &
           call evaluate_regular(self, t, q, v, z, zd)
         by_frames = .false.
         if (worst <= enough) call prepare_frames(self, by_frames)

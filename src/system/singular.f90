@@ -30,8 +30,9 @@ contains
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
-  !> that has a velocity to follow. Without one, or where the neighbours are singular too or do not exist (a drive that comes
-  !> to rest in a dead centre), the joints' equations are solved as they stand, as long as they are not exactly singular.
+  !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes; but where drives
+  !> leave no freedom and come to rest there (in a dead centre) the joints' equations are solved as they stand, as long as
+  !> they are not exactly singular.
   subroutine smooth_accelerations(m, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
@@ -57,11 +58,12 @@ contains
     do round = 1, rounds
       if (ok) call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
     end do
-    if (.not. ok) then
+    if (.not. ok .and. m%s%rows == m%s%nq) then
       call evaluate_regular(m, t, q, v, z, zd)
       return
     end if
     call evaluate(m, t, q, v, z, zd)
+    if (.not. ok) return
     m%a = a
     m%lambda = lambda
     m%input_power = power
