@@ -76,9 +76,12 @@ def test_fixed_explicit_steps_are_the_same_to_the_last_bit(run_deck, scale):
 
 
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize(("method", "limit"), [("dopri5", 1e-11), ("generalized_alpha", 1e-8)])
+@pytest.mark.parametrize(("method", "limit"), [("dopri5", 1e-9), ("generalized_alpha", 1e-8)])
 def test_other_steps_are_the_same_to_rounding(run_deck, scale, method, limit):
-    """Steps of dopri5 follow a frequency from Lanczos' iteration, pivots of the implicit method mix forces and lengths."""
+    """Steps of dopri5 follow a frequency from Lanczos' iteration and measured rounding; implicit pivots mix forces and lengths.
+
+    An absolute size in the choice of the first step moved the histories of dopri5 by 1e-8.
+    """
 
     def words(u):
         return f"method='{method}' " + ("tolerance=1e-5" if method == "dopri5" else f"step={u(2e-5, time=1)}")
