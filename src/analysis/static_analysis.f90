@@ -42,7 +42,7 @@ contains
     call evaluate_state(run)
     run%sys%m%a = 0.0_wp                             ! stiffness of materials and springs alone
     run%sys%m%lambda = 0.0_wp
-    run%sys%m%spring_force = 0.0_wp
+    where ([(.not. run%sys%m%s%springs(j)%every_way(), j=1, size(run%sys%m%s%springs))]) run%sys%m%spring_force = 0.0_wp
     call linear_system(run, ds, evaluated=.true.)
     call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)

@@ -25,6 +25,7 @@ module spring
     procedure :: deformation => spring_deformation
     procedure :: force => spring_force
     procedure :: tangent => spring_tangent
+    procedure :: every_way
   end type spring_model
 
 contains
@@ -69,8 +70,14 @@ contains
     end do
   end subroutine spring_force
 
+  !> Whether the spring pulls its places together whatever direction they part in: a bush.
+  pure logical function every_way(self)
+    class(spring_model), intent(in) :: self
+    every_way = .not. (self%torsional .or. self%free > 0.0_wp)
+  end function every_way
+
   !> Place-level tangent of the spring's wrenches (residual side: + opposes): k_eff along the deformation, c_eff on its
-  !> rate, force/length across it.
+  !> rate, force/length across it; both in every direction where the places of a bush coincide.
   pure subroutine spring_tangent(self, p, keff, ceff, f, t)
     class(spring_model), intent(in) :: self
     type(place_states), intent(in) :: p
@@ -95,6 +102,12 @@ contains
     t%k = keff*outer(g, g)
     t%c = ceff*outer(g, g)
     if (self%torsional) return
+    if (self%every_way() .and. d <= 64*epsilon(1.0_wp)*maxval(abs(p%r(:, self%ia)))) then
+      g = [1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp]
+      t%k = keff*(outer(g, g) + outer(cshift(g, -1), cshift(g, -1)))
+      t%c = ceff*(outer(g, g) + outer(cshift(g, -1), cshift(g, -1)))
+      return
+    end if
     length = max(d + self%free, tiny(1.0_wp))
     across = [-e(2), e(1)]
     vt = dot_product(across, p%v(:, self%ia) - p%v(:, self%ib))

@@ -53,7 +53,7 @@ contains
       if (.not. self%s%springs(k)%pending) cycle
       self%s%springs(k)%free = 0.0_wp
       call self%s%springs(k)%deformation(self%p, d, dd, e)
-      self%s%springs(k)%free = d
+      self%s%springs(k)%free = merge(0.0_wp, d, abs(d) <= closed_gap(self) .and. .not. self%s%springs(k)%torsional)
       self%s%springs(k)%pending = .false.
     end do
   end subroutine settle_springs

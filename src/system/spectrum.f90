@@ -186,7 +186,7 @@ contains
     integer, intent(in) :: k                 !! 1: the fastest
     type(fast_mode), intent(out) :: f
     real(wp), allocatable :: y(:)
-    real(wp) :: d
+    real(wp) :: d(2)
     integer :: j, r
     f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
     allocate (y(size(f%x)), f%runs(size(self%lin%runs)))
@@ -205,10 +205,10 @@ contains
     end do
     do j = 1, size(m%s%springs)
       d = spring_stretch(m, j, f%x)
-      f%stiffness = f%stiffness + self%spring_static(j)*d**2
-      f%damping = f%damping + m%s%springs(j)%damping*d**2
+      f%stiffness = f%stiffness + self%spring_static(j)*sum(d**2)
+      f%damping = f%damping + m%s%springs(j)%damping*sum(d**2)
       do r = 1, size(self%lin%runs)
-        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*d**2
+        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*sum(d**2)
       end do
     end do
   end subroutine mode
@@ -220,7 +220,7 @@ contains
     logical, intent(in) :: damping
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: y(:)
-    real(wp) :: s
+    real(wp) :: s, pull(2)
     integer :: i, k
     if (self%only > 0) then
       call multiply_run(self, m, x, y)
@@ -238,8 +238,8 @@ contains
       end do
     end if
     do k = 1, size(m%s%springs)
-      s = spring_stretch(m, k, x)*merge(m%s%springs(k)%damping, self%spring_fast(k), damping)
-      if (abs(s) > 0.0_wp) call spring_push(m, k, s, y)
+      pull = spring_stretch(m, k, x)*merge(m%s%springs(k)%damping, self%spring_fast(k), damping)
+      if (any(abs(pull) > 0.0_wp)) call spring_push(m, k, pull, y)
     end do
   end subroutine multiply
 

@@ -9,38 +9,38 @@ module spring_products
 
 contains
 
-  !> Change of a spring's deformation.
+  !> Change of a spring's deformation, as a vector along it; of a bush in whatever direction; of a torsional one (turn, 0).
   pure function spring_stretch(m, k, x) result(s)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k
     real(wp), intent(in) :: x(:)
-    real(wp) :: s, d(3), e(2), now, rate
+    real(wp) :: s(2), d(3), e(2), now, rate
     associate (sp => m%s%springs(k))
       d = place_shift(m, sp%ia, x) - place_shift(m, sp%ib, x)
       if (sp%torsional) then
-        s = d(3)
+        s = [d(3), 0.0_wp]
+      else if (sp%every_way()) then
+        s = d(1:2)
       else
         call sp%deformation(m%p, now, rate, e)
-        s = dot_product(e, d(1:2))
+        s = dot_product(e, d(1:2))*e
       end if
     end associate
   end function spring_stretch
 
-  !> Adds the forces of a spring pulling with s.
+  !> Adds the forces of a spring pulling with s, a vector as `spring_stretch` gives it.
   pure subroutine spring_push(m, k, s, y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k
-    real(wp), intent(in) :: s
+    real(wp), intent(in) :: s(2)
     real(wp), intent(inout) :: y(:)
-    real(wp) :: e(2), now, rate
     associate (sp => m%s%springs(k))
       if (sp%torsional) then
-        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s], y)
-        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s], y)
+        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s(1)], y)
+        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s(1)], y)
       else
-        call sp%deformation(m%p, now, rate, e)
-        call place_push(m, sp%ia, [s*e(1), s*e(2), 0.0_wp], y)
-        call place_push(m, sp%ib, [-s*e(1), -s*e(2), 0.0_wp], y)
+        call place_push(m, sp%ia, [s(1), s(2), 0.0_wp], y)
+        call place_push(m, sp%ib, [-s(1), -s(2), 0.0_wp], y)
       end if
     end associate
   end subroutine spring_push
