@@ -71,8 +71,9 @@ contains
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, t, q, v, z, zd)
-        if (pass > 2 .and. self%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) &
+        if (pass > 2 .and. self%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
           call evaluate_regular(self, t, q, v, z, zd)
+        end if
         by_frames = .false.
         if (worst <= enough) call prepare_frames(self, by_frames)
       end if
