@@ -25,8 +25,8 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("tolerance", "first_step", "max_step", "stops", "jumps"),
         *("error", "k7", "moved", "slope"),
     },
-    ("integrate/generalized_alpha", "step_memory", "analysis/alpha_stepper", "self%memory"): set(),
-    ("analysis/alpha_stepper", "implicit_stepper", "analysis/alpha_stepper", "self"): {
+    ("integrate/generalized_alpha", "step_memory", "analysis/alpha_march", "self%memory"): set(),
+    ("analysis/alpha_march", "alpha_steps", "analysis/alpha_march", "self"): {
         *("spectral_radius", "adaptive", "step", "tolerance", "first_step", "max_step", "stops", "jumps"),
         "error",
     },
