@@ -6,7 +6,8 @@ module implicit_blocks
   use banded, only: band_solve, band_solve_two, factor_again, factor_symmetric
   use body, only: body_model
   use generalized_alpha, only: alpha_step
-  use implicit_element, only: element_block, element_base, element_mass_product
+  use implicit_element, only: element_mass_product
+  use implicit_element_tangent, only: element_block, element_base
   use implicit_model, only: implicit_body
   use lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
   use place, only: place_model

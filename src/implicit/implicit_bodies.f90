@@ -9,7 +9,8 @@ module implicit_bodies
   use kinds, only: wp
   use body, only: body_model
   use generalized_alpha, only: alpha_step
-  use implicit_element, only: gather, element_residual, element_tangent
+  use implicit_element, only: gather, element_residual
+  use implicit_element_tangent, only: element_tangent
   use implicit_model, only: implicit_body
   implicit none (type, external)
   private
