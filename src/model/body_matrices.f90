@@ -5,7 +5,7 @@ module body_matrices
   use body, only: body_model
   implicit none (type, external)
   private
-  public :: mass_triplets, stiffness_triplets, mass_product
+  public :: mass_triplets, stiffness_triplets, mass_product, translational_product
 
 contains
 
@@ -74,10 +74,24 @@ contains
     end do
   end subroutine add_lower
 
-  !> m_ff x, lumps included.
+  !> m_ff x, lumps with their rotary inertia included.
   pure function mass_product(b, x) result(y)
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: x(:)
+    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp) :: y(size(x))
+    integer :: k
+    y = translational_product(b, x)
+    do k = 1, size(b%lumps)
+      associate (d => b%dof(3, b%lumps(k)%node))
+        if (d > 0) y(d) = y(d) + b%lumps(k)%inertia*x(d)
+      end associate
+    end do
+  end function mass_product
+
+  !> m_ff x without the rotary inertia of lumps: what the frame's rate and angle meet (theory.md, section 2).
+  pure function translational_product(b, x) result(y)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: x(:)             !! (nf)
     real(wp) :: y(size(x))
     real(wp) :: xx(0:size(x)), yy(0:size(x)), a(6)
     integer :: e, k, c
@@ -91,12 +105,12 @@ contains
       end do
     end do
     do k = 1, size(b%lumps)
-      do c = 1, 3
+      do c = 1, 2
         associate (d => b%dof(c, b%lumps(k)%node))
-          yy(d) = yy(d) + merge(b%lumps(k)%inertia, b%lumps(k)%mass, c == 3)*xx(d)
+          yy(d) = yy(d) + b%lumps(k)%mass*xx(d)
         end associate
       end do
     end do
     y = yy(1:)
-  end function mass_product
+  end function translational_product
 end module body_matrices

@@ -4,6 +4,7 @@ module elastic_blocks
   use kinds, only: wp
   use beam_element, only: element_mass, element_gyroscopic, element_stiffness, deformation_matrix, element_rotation
   use body, only: body_model
+  use body_matrices, only: translational_product
   use linear_matrices, only: linear_mechanism, count_runs
   use mechanism, only: mechanism_model
   use small_matrices, only: outer
@@ -40,7 +41,7 @@ contains
     type(body_model), intent(in) :: bo
     real(wp), intent(in) :: x(:)
     real(wp), allocatable, intent(out) :: mx(:), zx(:)
-    real(wp) :: a(6), xx(0:size(x)), am(0:size(x)), az(0:size(x))
+    real(wp) :: a(6), xx(0:size(x)), az(0:size(x))
     integer :: e, k, i, j
     allocate (mx(size(x)), zx(size(x)))
     if (bo%modal) then
@@ -50,13 +51,8 @@ contains
     end if
     xx(0) = 0.0_wp
     xx(1:) = x
-    am = 0.0_wp
     az = 0.0_wp
     do e = 1, bo%ne
-      a = matmul(element_mass(bo%elements(e)), xx(bo%edof(:, e)))
-      do k = 1, 6
-        am(bo%edof(k, e)) = am(bo%edof(k, e)) + a(k)
-      end do
       a = matmul(element_gyroscopic(bo%elements(e)), xx(bo%edof(:, e)))
       do k = 1, 6
         az(bo%edof(k, e)) = az(bo%edof(k, e)) + a(k)
@@ -65,12 +61,10 @@ contains
     do k = 1, size(bo%lumps)
       i = bo%dof(1, bo%lumps(k)%node)
       j = bo%dof(2, bo%lumps(k)%node)
-      am(i) = am(i) + bo%lumps(k)%mass*xx(i)
-      am(j) = am(j) + bo%lumps(k)%mass*xx(j)
       az(i) = az(i) + bo%lumps(k)%mass*xx(j)
       az(j) = az(j) - bo%lumps(k)%mass*xx(i)
     end do
-    mx = am(1:)
+    mx = translational_product(bo, x)
     zx = az(1:)
   end subroutine elastic_products
 
