@@ -105,6 +105,17 @@ def verify(study: Study, result: Result, point: Point, folder: Path) -> None:
     (folder / "recommended.nml").write_text(head(study, result) + deck.text, encoding="utf-8")
 
 
+def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
+    """Split the errors of the deck as written and of the recommended one into parts; a model that fails leaves a note instead."""
+    for name, point in (("deck as written", result.written), ("recommended.nml", result.chosen)):
+        if point is None:
+            continue
+        try:
+            result.parts.append((name, *parts(study, deck, point.deck, point.outcome, doublings)))
+        except RunsError as fault:
+            result.notes.append(f"{name}: its error is not split: {fault}")
+
+
 def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
     """Return an empty study of a deck."""
     asked = sensors(deck, args.sensor)
@@ -129,10 +140,7 @@ def run(args: argparse.Namespace) -> int:
     if point:
         verify(study, result, point, folder)
     if args.truth == "refined" and not late:
-        written = parts(study, deck, deck, result.written.outcome, base.doublings)
-        result.parts.append(("deck as written", *written))
-        if point:
-            result.parts.append(("recommended.nml", *parts(study, deck, point.deck, result.chosen.outcome, base.doublings)))
+        split(study, result, deck, base.doublings)
     result.notes = [note for note in result.notes if note]
     study.runner.clear_line()
     (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")

@@ -66,23 +66,19 @@ class Curve:
         return (PAIR_BY_TOLERANCE if self.settings[-1].adaptive else PAIR) * self.cost
 
 
-def curves(
-    study: Study, deck: DeckText, stage: str, target: float | None = None, lone: Curve | None = None, spare: bool = False
-) -> list[Curve]:
+def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, spare: bool = False) -> list[Curve]:
     """Return the curves of a model, the most accurate first.
 
     Args:
         study: what is shared
         deck: the model
         stage: for the progress bar
-        target: error that one of the families must reach; a share of the tolerance unless told
         lone: curve of a like model: its family alone is run, from the level by which it had converged
         spare: whether to end when one family has reached the target
     """
-    target = CERTAIN * study.tolerance if target is None else target
-    found = [Curve(family, following=Setting(family, 0)) for family in study.families]
-    if lone:
-        found = [Curve(lone.family, following=lone.settings[-3:][0])]
+    target = CERTAIN * study.tolerance
+    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in study.families]
+    found = [Curve(setting.family, following=setting) for setting in first]
     while climbing := [made for made in found if not made.ended]:
         best = min((c.cost for c in found if c.left <= target), default=float("inf"))
         if spare and best < float("inf"):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import deck_models
 from deck_runs import Outcome, RunsError
 from deck_text import DeckText
-from tradeoff_curves import CERTAIN, Curve, curves, doubt
+from tradeoff_curves import Curve, curves, doubt
 from tradeoff_errors import Gap, between, gap, plain_truth, richardson, truth_of
 from tradeoff_settings import Setting
 from tradeoff_study import Study
@@ -113,21 +113,20 @@ def _growth(meshes: list[Base]) -> float:
 
 def _start(study: Study, deck: DeckText, meshes: list[Base], notes: list[str]) -> Base:
     """Return the coarsest model that is right by itself, from which the search begins: the deck's own, or one of the meshes."""
-    names = ["the deck's own model", *(f"the model of mesh x {2**mesh.doublings}" for mesh in meshes)]
-    doublings = meshes[-1].doublings
-    for name, model in zip(names[:-1], [deck, *(mesh.deck for mesh in meshes)]):
-        stage = f"search's start, {name}"
-        found = curves(study, model, stage, spare=True)
+    own, finest = "the deck's own model", meshes[-1]
+    models = [(own, deck, curves(study, deck, f"search's start, {own}", spare=True))]
+    models += [(f"the model of mesh x {2**mesh.doublings}", mesh.deck, mesh.curves) for mesh in meshes[:-1]]
+    for name, model, found in models:
         if not found or found[0].left == float("inf"):
             notes.append(f"{name}: no converged run in time")
             continue
         off = gap(found[0].outcomes[-1], study.truth)
         if off.largest + found[0].left <= RIGHT * study.room:
             notes.append(f"the search starts from {name}, whose own error is {off.largest:.1e} ({off.column})")
-            return Base(model, curves(study, model, stage), doublings, notes)
+            return Base(model, curves(study, model, f"search's start, {name}"), finest.doublings, notes)
         notes.append(f"{name} has an error of {off.largest:.1e} of its own ({off.column})")
-    notes.append(f"the search starts from {names[-1]}")
-    return Base(meshes[-1].deck, meshes[-1].curves, doublings, notes)
+    notes.append(f"the search starts from the model of mesh x {2**finest.doublings}")
+    return Base(finest.deck, finest.curves, finest.doublings, notes)
 
 
 def effect_settings(study: Study, base: Base, share: float) -> list[Setting]:
@@ -151,11 +150,12 @@ def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings
         model: the model that was run
         run: what it gave
         doublings: of the deck's mesh in the truth
+
+    Raises:
+        RunsError: the model or its fine mesh could not be converged.
     """
-    target = CERTAIN * study.tolerance
-    own = curves(study, model, "parts of the error", target)
-    meshed = _on_mesh(study, deck, model, doublings)
-    fine = curves(study, meshed, "parts of the error, fine mesh", target, own[0])
+    own = _best(study, model, "parts of the error")
+    fine = _best(study, _on_mesh(study, deck, model, doublings), "parts of the error, fine mesh", own[0])
     time = gap(run, plain_truth(own[0].outcomes[-1], study.truth))
     mesh = gap(own[0].outcomes[-1], plain_truth(fine[0].outcomes[-1], study.truth))
     return time, mesh, gap(fine[0].outcomes[-1], study.truth)
