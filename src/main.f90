@@ -1,18 +1,20 @@
 !> biela: planar flexible mechanisms with viscoelastic damping. Reads the command line, runs each deck, ends with the
 !> highest exit status. The only place that stops the program.
 program biela
-  use command_line, only: parse_arguments, command
+  use command_line, only: parse_arguments, print_ending, command
   use errors, only: status_ok
   use lapack, only: use_one_blas_thread
   use run_deck, only: run_one_deck
   implicit none (type, external)
   type(command) :: asked
-  integer :: k, status
+  integer :: k, status, ended
   call parse_arguments(asked, status)
   if (status == status_ok .and. allocated(asked%decks)) then
     call use_one_blas_thread()
     do k = 1, size(asked%decks)
-      status = max(status, run_one_deck(trim(asked%decks(k)), asked%options))
+      ended = run_one_deck(trim(asked%decks(k)), asked%options)
+      if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended)
+      status = max(status, ended)
       if (status > 128) exit
     end do
   end if

@@ -26,7 +26,9 @@ def call(biela: Path, folder: Path, *arguments: str, given: str = "") -> subproc
         ([], "no deck given"),
         (["--quiet"], "no deck given"),
         (["--chek", "a.nml"], "unknown option --chek, did you mean --check?"),
-        (["-h"], "unknown option -h"),
+        (["-x"], "unknown option -x"),
+        (["a.nml", "-o"], "--output needs a folder"),
+        (["-", "-"], "standard input (-) holds one deck"),
         (["a.nml", "--output"], "--output needs a folder"),
         (["--output", "", "a.nml"], "--output needs a folder"),
         (["--output", "--check", "a.nml"], "--output needs a folder"),
@@ -52,6 +54,42 @@ def test_a_deck_from_a_pipe(biela, tmp_path):
     ]
     assert rows[0] == rows[1]
     assert len(rows[0]) == 11
+
+
+def test_a_deck_from_standard_input(biela, tmp_path):
+    """The deck `-`: messages name it so, files that it includes lie beside the current folder, results in results/stdin."""
+    (tmp_path / "more.nml").write_text(DECK)
+    done = call(biela, tmp_path, "-", given="&include file='more.nml' /\n")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert "outcome: done" in (tmp_path / "results" / "stdin" / "summary.txt").read_text()
+    assert call(biela, tmp_path, "-o", "there", "-", given=DECK).returncode == 0
+    assert (tmp_path / "there" / "history.txt").exists()
+    assert call(biela, tmp_path, "-", given="&body /\n").stderr.startswith("-:1: body: ")
+    (tmp_path / "-").write_text(DECK)
+    assert call(biela, tmp_path, "--check", "./-", given="").returncode == 0
+
+
+def test_short_options(biela, tmp_path):
+    assert call(biela, tmp_path, "-h").stdout == call(biela, tmp_path, "--help").stdout != ""
+
+
+def test_several_decks_end_with_a_line_each(biela, tmp_path):
+    (tmp_path / "good.nml").write_text(DECK)
+    (tmp_path / "bad.nml").write_text(DECK.replace("mass=1.0", "mass=-1.0"))
+    steep = "&force name='f' type='torque' body='a' moment=1.0e50 /\n"
+    (tmp_path / "lost.nml").write_text(DECK.replace("step=", "accept_unstable=.true. step=") + steep)
+    decks = ["good.nml", "bad.nml", "lost.nml"]
+    done = call(biela, tmp_path, *decks)
+    assert done.stdout == "good.nml: done\nbad.nml: refused\nlost.nml: an analysis failed\n"
+    assert call(biela, tmp_path, "--quiet", *decks).stdout == ""
+    assert call(biela, tmp_path, "good.nml").stdout == ""
+    checked = call(biela, tmp_path, "--check", *decks).stdout
+    assert [line for line in checked.splitlines() if line.split(":")[0] in decks] == [
+        "good.nml: done", "bad.nml: refused", "lost.nml: done"
+    ]
+    with Path("/dev/full").open("w") as full:
+        assert subprocess.run([biela, "good.nml", "good.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE,
+                              check=False).returncode == 3
 
 
 def test_decks_of_one_name_warn_that_they_share_a_folder(biela, tmp_path):

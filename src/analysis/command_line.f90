@@ -1,14 +1,16 @@
-!> The command line: biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help.
+!> The command line: biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help; a deck named - is
+!> read from standard input.
 module command_line
   use deck_paths, only: deck_name
-  use errors, only: status_ok, status_bad_input
+  use errors, only: status_ok, status_failed, status_bad_input, status_no_output
+  use posix, only: write_bytes, standard_output
   use run_deck, only: run_options
   use summary, only: version
   use text, only: nearest_word
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   implicit none (type, external)
   private
-  public :: command, parse_arguments
+  public :: command, parse_arguments, print_ending
 
   character(10), parameter :: known(6) = [character(10) :: '--check', '--output', '--restart', '--quiet', '--version', &
                                           '--help']
@@ -48,16 +50,16 @@ contains
         asked%options%restart = .true.
       case ('--quiet')
         asked%options%quiet = .true.
-      case ('--output')
+      case ('--output', '-o')
         output_next = .true.
       case ('--version')
         write (output_unit, '(a)') 'biela '//version
         return
-      case ('--help')
+      case ('--help', '-h')
         call print_help()
         return
       case default
-        if (index(word, '-') == 1) then
+        if (index(word, '-') == 1 .and. word /= '-') then
           call complain('unknown option '//word//suggestion(word), status)
           return
         end if
@@ -67,6 +69,7 @@ contains
     end do
     if (output_next) call complain('--output needs a folder', status)
     if (n == 0) call complain('no deck given', status)
+    if (count(decks(1:n) == '-') > 1) call complain('standard input (-) holds one deck', status)
     if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
     if (status /= status_ok) return
     asked%decks = decks(1:n)
@@ -125,16 +128,37 @@ contains
     status = status_bad_input
   end subroutine complain
 
+  !> One line that says how one of several decks ended.
+  subroutine print_ending(deck, status)
+    character(*), intent(in) :: deck          !! its path
+    integer, intent(inout) :: status          !! its exit status
+    character(:), allocatable :: words
+    select case (status)
+    case (status_ok)
+      words = 'done'
+    case (status_failed)
+      words = 'an analysis failed'
+    case (status_bad_input)
+      words = 'refused'
+    case (status_no_output)
+      words = 'results could not be written'
+    case default
+      words = 'stopped by a signal'
+    end select
+    if (.not. write_bytes(standard_output, deck//': '//words//new_line('a'))) status = max(status, status_no_output)
+  end subroutine print_ending
+
   !> The help text.
   subroutine print_help()
     write (output_unit, '(a)') &
       'biela: planar flexible mechanisms with viscoelastic damping', '', &
-      '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/', &
+      '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard', &
+      '                                 input, with results in results/stdin/', &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing', &
-      '  biela --output DIR DECK.nml    results in DIR/ instead (one deck)', &
+      '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o', &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint', &
       '  biela --quiet ...              no progress, warnings and errors only', &
-      '  biela --version | --help', '', &
+      '  biela --version | --help (-h)', '', &
       'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or', &
       'a deck is wrong, nothing was written; 3 results could not be written; 128 + signal when stopped by a signal.'
   end subroutine print_help

@@ -5,7 +5,7 @@ module deck_files
   use deck_get, only: get
   use deck_kinds, only: group_number, in_include
   use deck_lexer, only: split_groups
-  use deck_paths, only: beside
+  use deck_paths, only: beside, from_input
   implicit none (type, external)
   private
   public :: read_source, group_list
@@ -29,7 +29,11 @@ contains
     character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
     character(:), allocatable :: content
     integer :: file, first, last, k
-    call read_file(path, content, problem)
+    if (path == from_input .and. parent == 0) then
+      call read_file('/dev/stdin', content, problem)
+    else
+      call read_file(path, content, problem)
+    end if
     if (len(problem) > 0) return
     call deck%parts%add_source(path, content, parent)
     file = deck%parts%source_count

@@ -4,6 +4,8 @@ module deck_paths
   private
   public :: folder_of, deck_name, beside
 
+  character(*), parameter, public :: from_input = '-'   !! path of a deck that stands on standard input
+
 contains
 
   !> Folder of a file with its closing slash, empty for the current one.
@@ -13,11 +15,15 @@ contains
     folder = path(1:index(path, '/', back=.true.))
   end function folder_of
 
-  !> File name without folder and `.nml`.
+  !> File name without folder and `.nml`; `stdin` for a deck from standard input.
   pure function deck_name(path) result(name)
     character(*), intent(in) :: path
     character(:), allocatable :: name
     integer :: last
+    if (path == from_input) then
+      name = 'stdin'
+      return
+    end if
     name = path(index(path, '/', back=.true.) + 1:)
     last = len(name) - 4
     if (last > 0) then
