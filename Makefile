@@ -10,6 +10,7 @@
 #   PYTHON=python3    the Python (3.9 or newer) from which .venv is made
 #   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
 #   JOBS=auto         processes that share the tests
+#   -j N              processes that build; all cores where it is left out
 
 FC      = gfortran
 FFLAGS  = -O3
@@ -45,6 +46,10 @@ TOOLS    := build/toolchain.ok
 VENV     := .venv/complete
 RUN      := .venv/bin/python
 
+# make's own -j prevails over this one; what follows `clean` has to wait for it
+ifeq ($(MAKELEVEL)$(filter clean,$(MAKECMDGOALS)),0)
+  MAKEFLAGS += -j$(shell nproc 2>/dev/null || echo 1)
+endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
@@ -95,7 +100,8 @@ $(B)/flags: FORCE
 $(B)/sources: FORCE
 	@mkdir -p $(@D); echo '$(SOURCES)' | cmp -s - $@ || echo '$(SOURCES)' > $@
 
-# --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one
+# --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one, and leaves one that
+# would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
 	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
@@ -117,9 +123,9 @@ bin/%$(SUFFIX): tests/bench/%.f90 $(LIBRARY) $(B)/flags
 define DEPENDENCIES
 { line = tolower($$0); sub(/!.*/, "", line); gsub(/[,:()]/, " ", line); n = split(line, word, " ") }
 FNR == 1 { object = FILENAME; sub(/^src/, "$(B)", object); sub(/f90$$/, "o", object) }
-word[1] == "module" && n == 2 { home[word[2]] = object }
+word[1] == "module" && n == 2 { home[word[2]] = object; print "$(B)/mod/" word[2] ".mod: " object " ;" }
 (word[1] == "use" && word[2] != "intrinsic") || word[1] == "submodule" { edge[object " " word[2]] }
-END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]] != part[1]) print part[1] ": " home[part[2]] } }
+END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]] != part[1]) print part[1] ": $(B)/mod/" part[2] ".mod" } }
 endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
