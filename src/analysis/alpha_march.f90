@@ -11,6 +11,7 @@ module alpha_march
   use mechanism, only: mechanism_model
   use ode_system, only: sane
   use step_control, only: error_norm
+  use text, only: to_text
   use time_stepper, only: stepper, exchange_common, reached, lost, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
@@ -126,14 +127,10 @@ contains
   function account(self) result(text)
     class(alpha_steps), intent(in) :: self
     character(:), allocatable :: text
-    character(160) :: line
-    write (line, '(a, i0, a, i0, a, i0)') 'Newton iterations: ', self%solver%iterations, &
-      ', factorisations of elastic blocks: constant ', self%solver%constant_factors, ', exact ', self%solver%exact_factors
-    text = trim(line)
-    if (self%failures == 0) return
-    write (line, '(a, i0, 2a)') '; Newton''s method failed ', self%failures, ' times, and the step was ', &
+    text = 'Newton iterations: '//to_text(self%solver%iterations)//', factorisations of elastic blocks: constant '// &
+           to_text(self%solver%constant_factors)//', exact '//to_text(self%solver%exact_factors)
+    if (self%failures > 0) text = text//'; Newton''s method failed '//to_text(self%failures)//' times, and the step was '// &
       trim(merge('tried smaller', 'halved       ', self%adaptive))
-    text = text//trim(line)
   end function account
 
   !> Saves or restores the march.

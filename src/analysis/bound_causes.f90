@@ -7,6 +7,7 @@ module bound_causes
   use mechanism, only: mechanism_model
   use nodal_kernel, only: deformations
   use spectrum, only: fast_mode
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: mode_cause, pole_cause
@@ -86,17 +87,15 @@ contains
     integer, intent(in) :: r                 !! run
     type(bound_cause) :: cause
     integer :: term
-    character(12) :: number
     associate (t => runs(r))
       cause%body = t%body
       cause%run = r
       cause%material = t%material
       term = maxloc(t%omega*(t%zeta + sqrt(max(t%zeta**2 - 1, 0.0_wp))), dim=1)
-      write (number, '(i0)') term
       if (t%spring > 0) then
-        cause%what = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//trim(number)
+        cause%what = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//to_text(term)
       else
-        cause%what = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//trim(number)
+        cause%what = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//to_text(term)
       end if
     end associate
   end function pole_cause

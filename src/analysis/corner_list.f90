@@ -5,6 +5,7 @@ module corner_list
   use history, only: corner
   use load, only: stage_transient
   use scene_model, only: scene
+  use text, only: es_text, to_text
   use time_stepper, only: step_count
   implicit none (type, external)
   private
@@ -74,7 +75,6 @@ contains
     type(corner), allocatable :: list(:)
     real(wp) :: h, x
     integer :: k, n
-    character(24) :: number
     call scene_corners(s, t_end, order - 2, list)
     h = output_step/real(step_count(output_step, step), wp)
     text = ''
@@ -84,13 +84,11 @@ contains
       if (abs(x - anint(x)) <= 1.0e-9_wp*max(1.0_wp, x)) cycle
       n = n + 1
       if (n > 5) cycle
-      write (number, '(es13.6)') list(k)%time
       if (n > 1) text = text//','
-      text = text//' '//trim(adjustl(number))//' s'
+      text = text//' '//trim(adjustl(es_text(list(k)%time, 6)))//' s'
     end do
     if (n == 0) return
-    write (number, '(i0)') n
-    if (n > 5) text = text//' ... ('//trim(number)//' times)'
+    if (n > 5) text = text//' ... ('//to_text(n)//' times)'
     text = 'histories have corners at t ='//text//', which are no multiples of the step: the method loses its order '// &
            'there; choose step and output_step so that steps end at them, or a tolerance instead of a step'
   end function off_step

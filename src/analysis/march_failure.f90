@@ -7,6 +7,7 @@ module march_failure
   use mechanism, only: mechanism_model
   use projection, only: open_constraints
   use step_control, only: error_norm
+  use text, only: es_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
@@ -169,8 +170,6 @@ contains
   function number(x) result(text)
     real(wp), intent(in) :: x                  !! any unit
     character(:), allocatable :: text
-    character(24) :: buffer
-    write (buffer, '(es13.6)') x
-    text = trim(adjustl(buffer))
+    text = trim(adjustl(es_text(x, 6)))
   end function number
 end module march_failure

@@ -10,6 +10,7 @@ module modal_analysis
   use scene_run, only: run_state
   use summary, only: add_line, number
   use, intrinsic :: iso_fortran_env, only: error_unit
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: run_modal
@@ -63,8 +64,7 @@ contains
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: wanted
     character(:), allocatable, intent(inout) :: text
-    character(24), parameter :: names(0:3) = [character(24) :: 'undamped', 'damped', 'further pole', 'real pole']
-    character(120) :: line
+    character(12), parameter :: names(0:3) = [character(12) :: 'undamped', 'damped', 'further pole', 'real pole']
     real(wp) :: x(9)
     integer :: k
     call add_line(text, '')
@@ -73,9 +73,9 @@ contains
                                                number(wanted)//' modes')
     do k = 1, modes%count
       x = mode_figures(modes, k)
-      write (line, '(a, i4, 2x, a12, 2x, es15.8, a, es15.8, a, es15.8, a)') '  ', modes%mode(k), names(modes%kind(k)), &
-        x(4), ' Hz, damping ratio ', x(5), ', real part ', x(7), ' 1/s'
-      call add_line(text, trim(line))
+      call add_line(text, '  '//repeat(' ', max(0, 4 - len(number(modes%mode(k)))))//number(modes%mode(k))//'  '// &
+                    names(modes%kind(k))//'  '//es_text(x(4), 8)//' Hz, damping ratio '//es_text(x(5), 8)//', real part '// &
+                    es_text(x(7), 8)//' 1/s')
     end do
     if (modes%lost > 0) call add_line(text, '  '//number(modes%lost)//' further searches ended at poles listed above')
     call add_line(text, '  factorisations: '//number(ds%factorisations))

@@ -15,7 +15,7 @@ module run_deck
   use step_monitor, only: method_number
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines, version, add_line
-  use text, only: to_text
+  use text, only: es_text, fixed_text, to_text
   use text_file, only: result_file
   use time_stepper, only: step_count
   use transient, only: run_transient, transient_march
@@ -104,7 +104,7 @@ contains
     type(run_state), intent(in) :: run
     type(stability_advice), intent(in) :: advice
     logical, intent(in) :: check
-    character(400) :: line
+    character(:), allocatable :: line
     character(:), allocatable :: prefix
     real(wp) :: h
     integer :: k
@@ -116,10 +116,10 @@ contains
     refused = .not. (check .or. run%d%transient%accept_unstable)
     prefix = 'warning: '
     if (refused) prefix = ''
-    write (line, '(a, es10.3, 3a, es10.3, 3a, es10.3, a)') 'step = ', h, ' s is above the safe bound of ', &
-      trim(method_names(k)), ', ', advice%safe%step(k), ' s, set by ', trim(advice%safe%cause(k)%what), &
-      '; expected at most ', 0.98_wp*advice%safe%step(k), ' s, or generalized_alpha, or accept_unstable=.true.'
-    write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//trim(line)
+    line = 'step = '//es_text(h, 3)//' s is above the safe bound of '//trim(method_names(k))//', '// &
+           es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
+           es_text(0.98_wp*advice%safe%step(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
+    write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//line
     if (refused) write (error_unit, '(a)') advice%text(:len(advice%text) - 1)
     flush (error_unit)
   end function step_refused
@@ -136,7 +136,7 @@ contains
     type(run_state), intent(in) :: run
     type(stability_advice), intent(in) :: advice
     character(:), allocatable :: text
-    character(200) :: line
+    character(:), allocatable :: line
     real(wp) :: share                       ! of the safe bound [-]
     integer :: k
     text = ''
@@ -152,9 +152,9 @@ contains
     else
       share = fixed_step_of(run)/advice%safe%step(k)
       line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, '//to_text(anint(100*share)/100)// &
-             ' of the safe bound: '//merge('stable          ', 'above that bound', share <= 1.0_wp)
+             ' of the safe bound: '//trim(merge('stable          ', 'above that bound', share <= 1.0_wp))
     end if
-    text = '  this deck: '//trim(line)//new_line('a')
+    text = '  this deck: '//line//new_line('a')
   end function deck_step
 
   !> Runs the analyses with the results folder locked.
@@ -222,15 +222,14 @@ contains
     type(failure), intent(in) :: fail
     real(wp), intent(in) :: seconds, processor   !! by the clock, of the processor [s]
     character(:), allocatable, intent(inout) :: text
-    character(80) :: line
     call add_line(text, '')
     if (fail%happened()) then
       call add_line(text, 'outcome: '//fail%message)
     else
       call add_line(text, 'outcome: done')
     end if
-    write (line, '(2(a, f0.6), a)') 'timing: analyses took ', seconds, ' s, ', processor, ' s of the processor'
-    call add_line(text, trim(line))
+    call add_line(text, 'timing: analyses took '//fixed_text(seconds, 6)//' s, '//fixed_text(processor, 6)// &
+                  ' s of the processor')
     call add_line(text, 'version: biela '//version//', '//compiler_version())
     call add_line(text, '')
     call add_line(text, 'deck text')

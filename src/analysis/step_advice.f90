@@ -12,6 +12,7 @@ module step_advice
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound
+  use text, only: es_text, fixed_text, to_text
   implicit none (type, external)
   private
   public :: advise, stability_advice
@@ -48,7 +49,6 @@ contains
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
-    character(200) :: line
     integer :: k
     advice%text = 'stable steps of explicit methods'//new_line('a')
     do k = 1, size(method_names)
@@ -57,17 +57,16 @@ contains
                       'alone sets the step'//new_line('a')
         cycle
       end if
-      write (line, '(3a, es11.4, a)') '  ', trim(method_names(k)), ': safe bound ', advice%safe%step(k), ' s (joints released)'
-      advice%text = advice%text//trim(line)
+      advice%text = advice%text//'  '//trim(method_names(k))//': safe bound '//es_text(advice%safe%step(k), 4)// &
+                    ' s (joints released)'
       if (advice%current%step(k) > 1.0e6_wp*advice%safe%step(k)) then
-        line = ', no current bound (as assembled)'
+        advice%text = advice%text//', no current bound (as assembled)'//new_line('a')
       else
-        write (line, '(a, es11.4, a)') ', current bound ', advice%current%step(k), ' s (as assembled)'
+        advice%text = advice%text//', current bound '//es_text(advice%current%step(k), 4)//' s (as assembled)'//new_line('a')
       end if
-      advice%text = advice%text//trim(line)//new_line('a')
-      write (line, '(3a, es11.4, a, f6.4)') '    limited by ', trim(advice%safe%cause(k)%what), ', |eigenvalue| ', &
-        abs(advice%safe%mu(k)), ' rad/s, damping ratio ', abs(real(advice%safe%mu(k), wp))/abs(advice%safe%mu(k))
-      advice%text = advice%text//trim(line)//new_line('a')
+      advice%text = advice%text//'    limited by '//trim(advice%safe%cause(k)%what)//', |eigenvalue| '// &
+                    es_text(abs(advice%safe%mu(k)), 4)//' rad/s, damping ratio '// &
+                    fixed_text(abs(real(advice%safe%mu(k), wp))/abs(advice%safe%mu(k)), 4)//new_line('a')
     end do
     if (any(m%s%bodies%stiffening)) advice%text = advice%text//'  note: with geometric stiffening the bounds are those '// &
                                                   'of the start; tension raises frequencies'//new_line('a')
@@ -79,7 +78,7 @@ contains
     type(deck), intent(in) :: d
     type(stability_advice), intent(inout) :: advice
     type(deck) :: other
-    character(24) :: number
+    character(:), allocatable :: number
     integer :: b
     b = advice%safe%cause(1)%body
     if (advice%safe%cause(1)%run > 0) then
@@ -99,9 +98,8 @@ contains
     if (d%bodies(b)%kind == 'beam' .and. d%bodies(b)%elements > 1 .and. d%bodies(b)%modes == 0) then
       other = d
       call halve_elements(other, b)
-      write (number, '(i0)') other%bodies(b)%elements
-      number = trim(number)//merge(' element ', ' elements', other%bodies(b)%elements == 1)
-      call try('    with '//trim(number)//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
+      number = to_text(other%bodies(b)%elements)//trim(merge(' element ', ' elements', other%bodies(b)%elements == 1))
+      call try('    with '//number//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
     end if
     if (d%bodies(b)%modes == 0 .and. .not. d%bodies(b)%stiffening) then
       other = d
@@ -169,7 +167,6 @@ contains
     type(fast_spectrum) :: fast
     type(step_bound) :: bound
     real(wp), allocatable :: rest(:), none(:)
-    character(60) :: line
     call build(other, s, faults)
     if (faults%count > 0) return
     call set_up_mechanism(m, s)
@@ -180,8 +177,8 @@ contains
     if (bound%step(1) >= huge(1.0_wp)) then
       advice%text = advice%text//text//': no limit'//new_line('a')
     else
-      write (line, '(a, es11.4, a, f0.2, a)') ': ', bound%step(1), ' s (rk4), ', bound%step(1)/advice%safe%step(1), ' times'
-      advice%text = advice%text//text//trim(line)//new_line('a')
+      advice%text = advice%text//text//': '//es_text(bound%step(1), 4)//' s (rk4), '// &
+                    fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times'//new_line('a')
     end if
   end subroutine try
 end module step_advice

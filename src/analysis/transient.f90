@@ -17,6 +17,7 @@ module transient
   use results, only: result_set
   use scene_run, only: run_state
   use step_control, only: error_norm
+  use text, only: es_text, to_text
   use time_stepper, only: stepper, reached, paused, lost, trouble_shape
   implicit none (type, external)
   private
@@ -240,7 +241,6 @@ contains
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
-    character(24) :: text
     integer :: signal
     logical :: due
     signal = caught_signal()
@@ -249,9 +249,8 @@ contains
     if (.not. (due .or. signal > 0)) return
     call save(run, march, fail)
     if (signal == 0) return
-    write (text, '(es13.6)') march%method%t
-    call fail%raise(status_signal + signal, 'stopped by signal '//achar(48 + signal/10)//achar(48 + mod(signal, 10))// &
-                    ' at t = '//trim(adjustl(text))//' s; biela --restart continues from there')
+    call fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)// &
+                    ' at t = '//trim(adjustl(es_text(march%method%t, 6)))//' s; biela --restart continues from there')
   end subroutine interrupt
 
   !> Puts the results on the disk, then a checkpoint that counts on them.

@@ -3,6 +3,7 @@ module transient_summary
   use kinds, only: wp
   use scene_run, only: run_state
   use summary, only: add_line
+  use text, only: es_text, fixed_text, to_text
   use time_stepper, only: step_count
   use transient, only: transient_march
   use, intrinsic :: iso_fortran_env, only: error_unit
@@ -17,30 +18,24 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     character(:), allocatable, intent(inout) :: text
-    character(200) :: line
     if (.not. allocated(march%method)) return
     associate (r => run%d%transient, method => march%method, m => run%sys%m)
       call add_line(text, '')
       call add_line(text, 'transient')
       call add_line(text, '  method: '//trim(r%method)//', stabilization: '//trim(r%stabilization))
       if (r%adaptive) then
-        write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') '  tolerance: ', r%tolerance, ', accepted steps from ', &
-          min(method%shortest, method%longest), ' to ', method%longest, ' s'
+        call add_line(text, '  tolerance: '//es_text(r%tolerance, 3)//', accepted steps from '// &
+                      es_text(min(method%shortest, method%longest), 3)//' to '//es_text(method%longest, 3)//' s')
       else
-        write (line, '(a, es16.9, a)') '  step: ', r%output_step/real(step_count(r%output_step, r%step), wp), ' s'
+        call add_line(text, '  step: '//es_text(r%output_step/real(step_count(r%output_step, r%step), wp), 9)//' s')
       end if
-      call add_line(text, trim(line))
-      write (line, '(a, es16.9, a)') '  reached: t = ', method%t, ' s'
-      call add_line(text, trim(line))
-      write (line, '(a, i0, a, i0)') '  steps: ', method%steps, ', rejected: ', method%rejected
-      call add_line(text, trim(line))
-      write (line, '(a, i0, a, i0)') '  evaluations: ', m%evaluations, ', banded solves: ', m%solves
-      call add_line(text, trim(line))
+      call add_line(text, '  reached: t = '//es_text(method%t, 9)//' s')
+      call add_line(text, '  steps: '//to_text(method%steps)//', rejected: '//to_text(method%rejected))
+      call add_line(text, '  evaluations: '//to_text(m%evaluations)//', banded solves: '//to_text(m%solves))
       if (len(method%account()) > 0) call add_line(text, '  '//method%account())
       if (run%monitor%smallest < huge(1.0_wp)) then
-        write (line, '(a, es11.4, a, es11.4, a, i0, a)') '  smallest current bound of the step: ', run%monitor%smallest, &
-          ' s at t = ', run%monitor%at, ' s (', run%monitor%estimates, ' estimates)'
-        call add_line(text, trim(line))
+        call add_line(text, '  smallest current bound of the step: '//es_text(run%monitor%smallest, 4)//' s at t = '// &
+                      es_text(run%monitor%at, 4)//' s ('//to_text(run%monitor%estimates)//' estimates)')
         if (.not. r%adaptive) call compare_step(run, text)
       end if
       if (len(march%warning) > 0) call warn(run, march%warning, text)
@@ -54,14 +49,12 @@ contains
   subroutine compare_step(run, text)
     type(run_state), intent(in) :: run
     character(:), allocatable, intent(inout) :: text
-    character(12) :: number
     real(wp) :: share                          ! of the bound [-]
     associate (r => run%d%transient)
       share = r%output_step/real(step_count(r%output_step, r%step), wp)/run%monitor%smallest
     end associate
     if (share <= 1.0_wp) return
-    write (number, '(f12.3)') min(share, 1.0e6_wp)
-    call warn(run, 'the step was '//trim(adjustl(number))//' times the smallest current bound: what limits it grew, '// &
+    call warn(run, 'the step was '//fixed_text(share, 3)//' times the smallest current bound: what limits it grew, '// &
               'if slowly', text)
   end subroutine compare_step
 
@@ -78,15 +71,14 @@ contains
   subroutine motion_interval(run, text)
     type(run_state), intent(in) :: run
     character(:), allocatable, intent(inout) :: text
-    character(160) :: line
     real(wp) :: ratio
     associate (r => run%d%transient)
       ratio = r%motion_step/r%output_step
       if (ratio >= 1.0_wp .and. abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) return
-      write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') 'motion_step =', r%motion_step, ' s is no multiple of output_step =', &
-        r%output_step, ' s: motion.txt has a row every', max(1.0_wp, anint(ratio))*r%output_step, ' s'
+      call warn(run, 'motion_step ='//es_text(r%motion_step, 3)//' s is no multiple of output_step ='// &
+                es_text(r%output_step, 3)//' s: motion.txt has a row every'// &
+                es_text(max(1.0_wp, anint(ratio))*r%output_step, 3)//' s', text)
     end associate
-    call warn(run, trim(line), text)
   end subroutine motion_interval
 
   !> Drift, energy residual and what they say.
@@ -94,23 +86,21 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     character(:), allocatable, intent(inout) :: text
-    character(200) :: line
     real(wp) :: share, rest
     rest = sum(run%sys%m%s%bodies%mass)*(1.0e-6_wp*run%sys%m%s%size/run%d%transient%t_end)**2   ! a millionth of S in the run
     associate (f => march%files)
-      write (line, '(a, es10.3, a, es10.3, a, es10.3, a)') '  largest violations: position ', f%worst_position, ' m (', &
-        f%worst_position/run%sys%m%s%size, ' of the size), velocity ', f%worst_velocity, ' m/s'
-      call add_line(text, trim(line))
+      call add_line(text, '  largest violations: position '//es_text(f%worst_position, 3)//' m ('// &
+                    es_text(f%worst_position/run%sys%m%s%size, 3)//' of the size), velocity '// &
+                    es_text(f%worst_velocity, 3)//' m/s')
       share = 0.0_wp
       if (f%largest_energy > 0.0_wp) share = f%largest_residual/f%largest_energy
-      write (line, '(a, es10.3, a, es10.3, a, es10.3, a, es10.3, a)') '  energy residual: largest ', f%largest_residual, &
-        ' J, at the end ', f%residual, ' J; ', share, ' of the largest energy, ', f%largest_energy, ' J'
-      call add_line(text, trim(line))
+      call add_line(text, '  energy residual: largest '//es_text(f%largest_residual, 3)//' J, at the end '// &
+                    es_text(f%residual, 3)//' J; '//es_text(share, 3)//' of the largest energy, '// &
+                    es_text(f%largest_energy, 3)//' J')
       if (run%d%transient%method == 'generalized_alpha') then
-        write (line, '(a, es10.3, a, es10.3, a)') '  energy removed by the method itself: ', march%method%removed, &
-          ' J, numerical damping that the residual shows; without it the residual at the end: ', &
-          f%residual + march%method%removed, ' J'
-        call add_line(text, trim(line))
+        call add_line(text, '  energy removed by the method itself: '//es_text(march%method%removed, 3)// &
+                      ' J, numerical damping that the residual shows; without it the residual at the end: '// &
+                      es_text(f%residual + march%method%removed, 3)//' J')
       end if
       if (.not. f%largest_energy > rest) share = 0.0_wp
       call add_line(text, '  trust: '//verdict(max(share, f%worst_position/run%sys%m%s%size), f%largest_energy > rest) &
@@ -124,20 +114,19 @@ contains
     real(wp), intent(in) :: share              !! [-]
     logical, intent(in) :: moves               !! whether there is any energy to speak of
     character(:), allocatable :: text
-    character(16) :: number
-    write (number, '(es9.1)') share
-    number = adjustl(number)
+    character(:), allocatable :: number
+    number = trim(adjustl(es_text(share, 1)))
     if (.not. moves .and. share <= 1.0e-8_wp) then
       text = 'no energy moves in this scene, so energy says nothing'
     else if (share <= 1.0e-8_wp) then
-      text = 'energy and joints are kept to '//trim(number)//': the integration is as good as exact'
+      text = 'energy and joints are kept to '//number//': the integration is as good as exact'
     else if (share <= 1.0e-4_wp) then
-      text = 'energy and joints are kept to '//trim(number)//': the integration can be trusted at that level'
+      text = 'energy and joints are kept to '//number//': the integration can be trusted at that level'
     else if (share <= 1.0e-2_wp) then
-      text = 'energy and joints are kept to '//trim(number)//' only: good for pictures; accelerations and reactions need a '// &
+      text = 'energy and joints are kept to '//number//' only: good for pictures; accelerations and reactions need a '// &
              'smaller step or tolerance'
     else
-      text = 'energy or joints are off by '//trim(number)//': the results cannot be trusted; use a smaller step or tolerance'
+      text = 'energy or joints are off by '//number//': the results cannot be trusted; use a smaller step or tolerance'
     end if
   end function verdict
 

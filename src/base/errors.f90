@@ -1,6 +1,7 @@
 !> Errors as values: a run-time failure travels up as `failure`, deck faults are collected in a `fault_list`
 !> and shown all at once. Nothing here stops the program; only the main program does.
 module errors
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: fault, fault_list, failure
@@ -68,12 +69,8 @@ contains
     class(fault_list), intent(in) :: self
     integer, intent(in) :: k
     character(:), allocatable :: text
-    character(12) :: number
     text = self%items(k)%file
-    if (self%items(k)%line > 0) then
-      write (number, '(i0)') self%items(k)%line
-      text = text//':'//trim(number)
-    end if
+    if (self%items(k)%line > 0) text = text//':'//to_text(self%items(k)%line)
     text = text//': '
     if (len(self%items(k)%subject) > 0) text = text//self%items(k)%subject//': '
     text = text//self%items(k)%message

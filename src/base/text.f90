@@ -1,15 +1,16 @@
 !> Text utilities: case, numbers as text, lists of words, the nearest known word, whole files.
 module text
-  use kinds, only: wp
+  use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, joined, edit_distance, nearest_word, allowed_distance, read_file, word_hash, printable
+  public :: lower, to_text, es_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
+  public :: read_file, word_hash, printable
 
   integer, parameter :: most_streamed = 20000000   !! length of a deck from a pipe beyond which it is none [bytes]
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
-    module procedure :: integer_text, real_text
+    module procedure :: integer_text, long_text, real_text
   end interface to_text
 
 contains
@@ -34,6 +35,34 @@ contains
     write (buffer, '(i0)') n
     t = trim(buffer)
   end function integer_text
+
+  !> An integer of 64 bits without blanks.
+  pure function long_text(n) result(t)
+    integer(ip), intent(in) :: n   !! any integer
+    character(:), allocatable :: t
+    character(20) :: buffer
+    write (buffer, '(i0)') n
+    t = trim(buffer)
+  end function long_text
+
+  !> A real as d.ddE+ee after a blank or minus sign: always decimals + 7 characters, whatever its size.
+  pure function es_text(x, decimals) result(t)
+    real(wp), intent(in) :: x          !! any number [-]
+    integer, intent(in) :: decimals    !! digits after the point
+    character(decimals + 7) :: t
+    write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
+  end function es_text
+
+  !> A real with its integer part in full, without blanks; one of more than 9 digits as d.ddE+ee.
+  pure function fixed_text(x, decimals) result(t)
+    real(wp), intent(in) :: x          !! any number [-]
+    integer, intent(in) :: decimals    !! digits after the point, at most 12
+    character(:), allocatable :: t
+    character(24) :: buffer
+    buffer = es_text(x, decimals)
+    if (abs(x) < 1.0e9_wp) write (buffer, '(f24.'//to_text(decimals)//')') x
+    t = trim(adjustl(buffer))
+  end function fixed_text
 
   !> A real to 6 figures, without blanks and without useless zeros: 0.35, -2, 1.5e-07.
   pure function real_text(x) result(t)

@@ -8,6 +8,7 @@ module build_bodies
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, &
                         factor_mass, finish_elastic, allocate_work, body_length, sort_runs
   use modal_reduction, only: reduce_to_modes
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: build_body
@@ -222,13 +223,11 @@ contains
     type(ghm_run), allocatable :: runs(:)
     integer :: e, n, available
     logical :: bad
-    character(12) :: text
     available = b%nf
     if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
     if (r%modes > available) then
-      write (text, '(i0)') available
       call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'modes is larger than the number of elastic modes of '// &
-                      'the mesh; expected at most '//trim(text))
+                      'the mesh; expected at most '//to_text(available))
       return
     end if
     allocate (runs(b%ne))

@@ -12,6 +12,7 @@ module build_constraints
   use pin_joint, only: pin_model
   use rotation_drive, only: rotation_model
   use scene_model, only: scene
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: build_all_constraints
@@ -130,7 +131,6 @@ contains
     type(history_function), intent(in) :: h
     type(fault_list), intent(inout) :: faults
     type(corner), allocatable :: corners(:)
-    character(24) :: text
     real(wp) :: until
     integer :: k
     corners = h%corners()
@@ -139,11 +139,10 @@ contains
     do k = 1, size(corners)
       if (corners(k)%time <= 0.0_wp .or. corners(k)%time >= until) cycle
       if (corners(k)%order > merge(0, 1, r%rate)) cycle
-      write (text, '(es12.5)') corners(k)%time
       call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
-                      trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '//trim(adjustl(text))// &
-                      ' s, which no mechanism can follow; expected a history with continuous '// &
-                      trim(merge('values         ', 'value and slope', r%rate)))
+                      trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '// &
+                      trim(adjustl(es_text(corners(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
+                      'history with continuous '//trim(merge('values         ', 'value and slope', r%rate)))
     end do
   end subroutine check_smooth
 end module build_constraints

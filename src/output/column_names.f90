@@ -1,6 +1,7 @@
 !> Names of columns, `name[unit]`, in the header lines of result files (README.md, "Reading and drawing results").
 module column_names
   use mechanism, only: mechanism_model
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: joined, suffixed, motion_names
@@ -35,7 +36,6 @@ contains
     type(mechanism_model), intent(in) :: m
     character(64), allocatable :: names(:)     !! (3 a body and 2 a node)
     character(:), allocatable :: name
-    character(12) :: number
     integer :: b, k, n
     allocate (names(sum(3 + 2*m%s%bodies%nn)))
     n = 0
@@ -46,9 +46,8 @@ contains
       names(n + 3) = name//'.angle[rad]'
       n = n + 3
       do k = 1, m%s%bodies(b)%nn
-        write (number, '(i0)') k
-        names(n + 1) = name//'.'//trim(number)//'.x[m]'
-        names(n + 2) = name//'.'//trim(number)//'.y[m]'
+        names(n + 1) = name//'.'//to_text(k)//'.x[m]'
+        names(n + 2) = name//'.'//to_text(k)//'.y[m]'
         n = n + 2
       end do
     end do

@@ -5,6 +5,7 @@ module summary
   use body, only: body_model
   use deck_records, only: deck
   use mechanism, only: mechanism_model
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: model_lines, version, add_line, number
@@ -24,9 +25,7 @@ contains
   function number(n) result(text)
     integer, intent(in) :: n
     character(:), allocatable :: text
-    character(12) :: buffer
-    write (buffer, '(i0)') n
-    text = trim(buffer)
+    text = to_text(n)
   end function number
 
   !> What was modelled: bodies and their coordinates, constraints, degrees of freedom, redundant joints.

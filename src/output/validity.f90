@@ -7,6 +7,7 @@ module validity
   use body, only: body_model
   use body_matrices, only: stiffness_triplets, mass_product
   use mechanism, only: mechanism_model
+  use text, only: es_text, fixed_text
   implicit none (type, external)
   private
   public :: validity_watch
@@ -118,11 +119,10 @@ contains
       type(body_model), intent(in) :: bo
       character(*), intent(in) :: what, rest
       real(wp), intent(in) :: x
-      character(16) :: number
-      write (number, '(es9.2)') x
-      if (x >= 0.01_wp .and. x < 1.0e4_wp) write (number, '(f0.2)') x
-      if (x >= 0.01_wp .and. x < 1.0_wp) write (number, '(f4.2)') x
-      text = text//'warning: body "'//trim(bo%name)//'" '//what//' '//trim(adjustl(number))//' '//rest//new_line('a')
+      character(:), allocatable :: number
+      number = trim(adjustl(es_text(x, 2)))
+      if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
+      text = text//'warning: body "'//trim(bo%name)//'" '//what//' '//number//' '//rest//new_line('a')
     end subroutine say
   end function warnings
 

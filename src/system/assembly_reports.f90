@@ -2,6 +2,7 @@
 module assembly_reports
   use kinds, only: wp
   use mechanism, only: mechanism_model
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: assembly_report, add_warning, open_joints
@@ -37,7 +38,6 @@ contains
     real(wp), intent(in) :: limit              !! up to which a row holds, in the same unit
     character(*), intent(in) :: unit
     character(:), allocatable :: text
-    character(16) :: number
     real(wp) :: gap
     integer :: k
     text = ''
@@ -45,9 +45,8 @@ contains
       associate (c => self%s%constraints(k)%item)
         gap = maxval(abs(row(c%first:c%first + c%rows - 1)))
         if (gap <= limit) cycle
-        write (number, '(es9.2)') gap
         if (len(text) > 0) text = text//', '
-        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(number))// &
+        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(es_text(gap, 2)))// &
                ' '//unit
       end associate
     end do

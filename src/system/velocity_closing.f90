@@ -9,6 +9,7 @@ module velocity_closing
   use joint_system, only: condense_constraints, row_rates
   use mechanism, only: mechanism_model
   use place_motion, only: place_kinematics
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: close_velocities
@@ -172,19 +173,10 @@ contains
       along = merge(norm2(v(i + 1:i + 2) - start(i + 1:i + 2)), 0.0_wp, self%s%stated(i + 1))
       around = merge(abs(v(i + 3) - start(i + 3)), 0.0_wp, self%s%stated(i + 3))
       by = ''
-      if (along > 1.0e-6_wp*scale) by = by//' and '//figure(along)//' m/s'
-      if (self%s%size*around > 1.0e-6_wp*scale) by = by//' and '//figure(around)//' rad/s'
+      if (along > 1.0e-6_wp*scale) by = by//' and '//trim(adjustl(es_text(along, 2)))//' m/s'
+      if (self%s%size*around > 1.0e-6_wp*scale) by = by//' and '//trim(adjustl(es_text(around, 2)))//' rad/s'
       if (len(by) > 0) call add_warning(report, 'the stated velocity of body "'//trim(self%s%bodies(b)%name)// &
                                         '" contradicts the joints and was corrected by '//by(6:))
     end do
   end subroutine warn_of_velocities
-
-  !> A figure of three digits.
-  function figure(x) result(text)
-    real(wp), intent(in) :: x
-    character(:), allocatable :: text
-    character(16) :: number
-    write (number, '(es9.2)') x
-    text = trim(adjustl(number))
-  end function figure
 end module velocity_closing
