@@ -146,7 +146,7 @@ def test_signals_stop_cleanly(method, number, place):
         return told if process.returncode else None
 
     told = caught(stopped)
-    assert re.search(rf"stopped by signal {number:02d} at t = \S+ s; biela --restart continues", told)
+    assert re.search(rf"stopped by signal {number} at t = \S+ s; biela --restart continues", told)
     assert "outcome: stopped by signal" in (cut.results / "summary.txt").read_text()
     assert (cut.results / "checkpoint").exists()
     for name in ("history.txt", "energy.txt", "motion.txt"):

@@ -147,7 +147,7 @@ contains
     a(2, 2) = -c
     i = 2
     do r = 1, size(runs)
-      if (runs(r) <= small) cycle
+      if (.not. runs(r) > small) cycle
       associate (t => fast%lin%runs(r))
         do j = 1, size(t%alpha)
           a(2, 1) = a(2, 1) - t%alpha(j)*runs(r)/scale

@@ -40,6 +40,7 @@ contains
       end if
       call take_lumps(d, lumps, b)
       b%length = body_length(b%x)
+      if (beyond_numbers(d, r, b, faults)) return
       if (r%kind /= 'rigid' .and. r%flexible) then
         call make_flexible(d, r, b, faults)
       else
@@ -52,6 +53,46 @@ contains
       end if
     end associate
   end subroutine build_body
+
+  !> Reports a body whose inertia or frequencies could not be multiplied with each other in double precision: what follows
+  !> would compute with infinities and with numbers that are none.
+  logical function beyond_numbers(d, r, b, faults) result(beyond)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(in) :: b
+    type(fault_list), intent(inout) :: faults
+    real(wp) :: raised                        ! instantaneous over static stiffness [-]
+    integer :: e
+    beyond = .false.
+    call look('mass', b%mass, 'kg')
+    call look('moment of inertia about its origin', b%i11, 'kg m2')
+    if (r%kind == 'rigid' .or. .not. r%flexible) return
+    do e = 1, b%ne
+      associate (g => b%elements(e), m => d%materials(b%material(e)))
+        raised = 1.0_wp
+        if (r%viscoelastic) raised = 1.0_wp + sum(m%ghm_alpha)
+        call look('mass of an element', g%mass, 'kg')
+        call look('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
+        call look('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
+        call look('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')
+        if (.not. r%axial) cycle
+        call look('axial stiffness of an element', g%ea_l*raised, 'N/m')
+        call look('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')
+      end associate
+    end do
+  contains
+    !> Reports the first value out of range.
+    subroutine look(what, x, unit)
+      character(*), intent(in) :: what, unit
+      real(wp), intent(in) :: x               !! positive [unit]
+      real(wp), parameter :: most = 1.0e150_wp   ! its square is finite, that of its reciprocal is not yet 0
+      if (beyond .or. (x >= 1.0_wp/most .and. x <= most) .or. abs(x) <= 0.0_wp) return
+      beyond = .true.
+      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the '//what//' would be '// &
+                      to_text(x)//' '//unit//', too far from 1 to compute with in double precision; '// &
+                      'expected 1e-150 to 1e150 (check units of lengths, masses and stiffness)')
+    end subroutine look
+  end function beyond_numbers
 
   !> Nodes and connectivity.
   subroutine lay_out_nodes(r, b)

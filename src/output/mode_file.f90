@@ -1,6 +1,7 @@
 !> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
 module mode_file
   use column_names, only: joined, suffixed, motion_names
+  use decimal, only: number_width, write_number
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
   use mechanism, only: mechanism_model
@@ -62,14 +63,12 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)
     character(:), allocatable :: text
-    character(25) :: number
     real(wp), allocatable :: x(:)
     integer :: k
     x = motion_row(m, q)
-    allocate (character(25*size(x)) :: text)
+    allocate (character(number_width*size(x)) :: text)
     do k = 1, size(x)
-      write (number, '(es25.16e3)') x(k)
-      text(25*k - 24:25*k) = number
+      call write_number(x(k), text(number_width*(k - 1) + 1:number_width*k))
     end do
   end function positions
 

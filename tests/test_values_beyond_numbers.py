@@ -1,0 +1,97 @@
+"""Values that numbers of double precision cannot carry: refused with the reason, or computed; never a crash, never NaN."""
+
+from __future__ import annotations
+
+import random
+import re
+import subprocess
+
+import pytest
+from conftest import ROOT
+
+BEAM = """&material name='m' density=1600.0 young=2.1e10 {ghm} /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length={length} elements=2 material='m' section='s' /
+&joint name='crank' type='revolute' body_a='rod' node_a=1 /
+&force name='f' body='rod' node=-1 fx=1.0 /
+&sensor name='tip' quantity='position' body='rod' node=-1 /
+&transient t_end=0.1 step=0.01 /
+"""
+GHM = "ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=5000.0"
+
+
+@pytest.mark.parametrize("ghm", ["", GHM])
+def test_a_length_whose_frequencies_do_not_fit_is_a_fault_of_its_body(ghm, run_deck):
+    done = run_deck(BEAM.format(length="1e-40", ghm=ghm), expect=2)
+    assert re.fullmatch(
+        r"\S+scene.nml:3: body/rod: the squared bending frequency of an element would be \S+e16\d rad2/s2, too far from 1 to "
+        r"compute with in double precision; expected 1e-150 to 1e150 \(check units of lengths, masses and stiffness\)\n",
+        done.stderr,
+    )
+    assert not done.folder.exists()
+
+
+@pytest.mark.parametrize("ghm", ["", GHM])
+@pytest.mark.parametrize("length", ["1e-30", "1e30"])
+def test_advice_of_absurd_lengths_has_room_for_every_number(length, ghm, run_deck):
+    done = run_deck(BEAM.format(length=length, ghm=ghm), "--check")
+    assert "stable steps of explicit methods" in done.stdout
+    assert re.search(r'with body "rod" rigid: |without GHM in body "rod": ', done.stdout)
+
+
+def absurd_deck(choice: random.Random) -> str:
+    """A beam on a joint, a body on a spring, analyses at random; magnitudes from 1e-59 to 1e59."""
+
+    def some() -> str:
+        power = choice.choice([0, 0, 0, 0, 3, -3, 8, -8, 15, -15, 30, -30, 45, -45, 59, -59])
+        return f"{choice.uniform(1, 9):.3g}e{power}"
+
+    ghm = choice.choice(["", f"ghm_alpha={some()} ghm_zeta={choice.choice(['1.0', some()])} ghm_omega={some()}"])
+    kind = choice.choice(["", "axial=.false.", "modes=1", "stiffening=.true.", "flexible=.false."])
+    lines = [
+        f"&material name='m' density={some()} young={some()} {ghm} /",
+        f"&section name='s' area={some()} inertia={some()} /",
+        f"&body name='rod' kind='beam' length={some()} elements={choice.choice([1, 2, 4])} material='m' section='s' {kind} /",
+        "&joint name='crank' type='revolute' body_a='rod' node_a=1 /",
+        f"&force name='f' body='rod' node=-1 fx={some()} fy=1.0 /",
+        "&sensor name='tip' quantity='position' body='rod' node=-1 /",
+    ]
+    method = choice.choice(["accept_unstable=.true.", "method='generalized_alpha'"])
+    for chance, text in [
+        (0.5, f"&body name='b' mass={some()} inertia={some()} position={some()},0.0 /\n&spring name='k' body_a='b' body_b='rod' "
+              f"node_b=-1 stiffness={some()} damping={some()} length={some()} /"),
+        (0.3, f"&lump body='rod' node=-1 mass={some()} /"),
+        (0.3, "&static /"),
+        (0.3, "&frequency_response from=1.0 to=10.0 points=3 input='f' /"),
+        (0.6, f"&transient t_end=0.1 step=0.01 {method} /"),
+    ]:
+        if choice.random() < chance:
+            lines.append(text)
+    return "\n".join([*lines, "&modal modes=2 /"]) + "\n"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_magnitude_crashes_or_reaches_a_file_as_no_number(seed, biela, tmp_path):
+    choice = random.Random(seed)
+    for number in range(25):
+        deck = absurd_deck(choice)
+        told = f"seed {seed}, deck {number}:\n{deck}"
+        folder = tmp_path / str(number)
+        path = tmp_path / f"{number}.nml"
+        path.write_text(deck, encoding="utf-8")
+        command = [biela, "--quiet", "--output", folder, path]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+        assert done.returncode in (0, 1, 2), told + done.stderr
+        assert not re.search("Fortran|Backtrace|On entry|signalling", done.stderr), told + done.stderr
+        assert done.returncode == 2 or (folder / "summary.txt").exists(), told
+        assert not (folder / ".lock").exists(), told
+        for file in folder.glob("*.txt"):
+            assert not re.search("NaN|Infinity", file.read_text(encoding="utf-8")), f"{told}{file.name}"
+
+
+def test_only_the_text_of_numbers_writes_into_buffers():
+    """Elsewhere lines are put together: a buffer that is too short for a name or a number would end the program."""
+    allowed = {"text.f90", "decimal.f90"}
+    for path in (ROOT / "src").rglob("*.f90"):
+        units = re.findall(r"^\s*(?:if \(.*\) )?write \(([\w%]+),", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert path.name in allowed or set(units) <= {"error_unit", "output_unit", "unit"}, path
