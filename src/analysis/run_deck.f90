@@ -4,10 +4,11 @@ module run_deck
   use checkpoint, only: read_checkpoint, remove_checkpoint
   use deck_reader, only: read_deck
   use idle_parts, only: warn_of_idle_parts
-  use errors, only: failure, fault_list, status_ok, status_bad_input, status_no_output
+  use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
   use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, survive_size_limits, write_bytes, standard_output
   use response_analysis, only: run_response
+  use lapack, only: refused_routine
   use load, only: stage_transient
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
@@ -176,14 +177,19 @@ contains
     if (lock <= 0) return
     call system_clock(t0, rate)
     call cpu_time(p0)
-    if (run%d%static%present) call run_static(run, text, fail)
+    call mind_lapack('set-up', fail)
+    if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
+    call mind_lapack('static analysis', fail)
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
+    call mind_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
+    call mind_lapack('frequency response', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%m%stage = stage_transient
       call run_transient(run, march, fail)
       call transient_lines(run, march, text)
     end if
+    call mind_lapack('transient', fail)
     call system_clock(t1)
     call cpu_time(p1)
     if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
@@ -202,6 +208,18 @@ contains
     end if
     if (fail%happened()) write (error_unit, '(a)') run%d%path//': '//fail%message
   end function run_in_folder
+
+  !> Fails where a LAPACK or BLAS routine has refused its arguments: what was computed from it means nothing.
+  subroutine mind_lapack(analysis, fail)
+    character(*), intent(in) :: analysis      !! what ran
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: routine
+    routine = refused_routine()
+    if (len(routine) == 0) return
+    fail = failure()
+    call fail%raise(status_failed, 'the '//analysis//' cannot be done: the linear algebra library refuses a matrix of it ('// &
+                    routine//'); this is a fault of biela')
+  end subroutine mind_lapack
 
   !> Removes what an earlier run of biela left in the folder and this deck does not ask for; other files are not touched.
   subroutine remove_old_results(run)

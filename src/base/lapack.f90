@@ -1,14 +1,17 @@
 !> Explicit interfaces to the few LAPACK and BLAS routines used, and the one place that keeps their threads from
-!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j).
+!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j). A wrong argument, which these libraries answer by ending the
+!> program with status 0, is noted instead: whoever runs an analysis asks for it (`refused_routine`).
 module lapack
   use kinds, only: wp
-  use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_char, c_int, c_null_ptr, c_null_char, c_associated, &
+  use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_char, c_int, c_size_t, c_null_ptr, c_null_char, c_associated, &
                                          c_f_procpointer
   implicit none (type, external)
   private
   public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgetrf, dgetrs, dgbtrf, dgbtrs
   public :: zgetrf, zgetrs, zgbtrf, zgbtrs, zgesv, dgesdd, dgelsd, dgeqp3, dorgqr
-  public :: use_one_blas_thread
+  public :: use_one_blas_thread, refused_routine
+
+  character(32) :: refused = ''                !! the first routine with a wrong argument since the last question
 
   interface
     !> Cholesky factor of a symmetric positive definite band matrix.
@@ -219,4 +222,26 @@ contains
       call set(1_c_int)
     end do
   end subroutine use_one_blas_thread
+
+  !> What LAPACK and BLAS call where an argument is wrong; they return from the routine afterwards.
+  subroutine note_refusal(name, argument, length) bind(c, name='xerbla_')
+    integer(c_size_t), value :: length           !! of the name
+    character(kind=c_char), intent(in) :: name(length)
+    integer(c_int), intent(in) :: argument       !! its number
+    character(12) :: number
+    integer :: k
+    if (len_trim(refused) > 0) return
+    do k = 1, min(int(length), 16)
+      refused(k:k) = name(k)
+    end do
+    write (number, '(i0)') argument
+    refused = trim(refused)//', argument '//number
+  end subroutine note_refusal
+
+  !> The first routine that has refused its arguments since the last question, and which argument; empty: none.
+  function refused_routine() result(text)
+    character(:), allocatable :: text
+    text = trim(refused)
+    refused = ''
+  end function refused_routine
 end module lapack

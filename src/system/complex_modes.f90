@@ -21,15 +21,18 @@ module complex_modes
 contains
 
   !> The lowest undamped modes and, with damping, their poles.
-  subroutine find_modes(ds, wanted, modes, ok)
+  subroutine find_modes(ds, asked, modes, ok)
     type(stiffness_system), intent(inout) :: ds
-    integer, intent(in) :: wanted
+    integer, intent(in) :: asked                       !! how many modes
     type(mode_set), intent(out) :: modes
     logical, intent(out) :: ok
     real(wp), allocatable :: omega2(:), x(:, :)
-    integer :: j, basis
+    integer :: j, basis, wanted
     modes = mode_set(kind=[integer ::], mode=[integer ::], lambda=[complex(wp) ::], residual=[real(wp) ::])
     allocate (modes%x(ds%n, 0))
+    ok = .true.
+    wanted = min(asked, ds%n - ds%rows)
+    if (wanted == 0) return
     basis = wanted
     if (.not. ds%symmetric) basis = merge(ds%n - ds%rows, 2*wanted + 20, ds%n <= whole_below)
     call natural_subspace(ds, basis, omega2, x, ok)
