@@ -1,0 +1,170 @@
+"""Reads measured complex moduli: a table of frequency, storage modulus, loss modulus or loss factor, and temperature.
+
+The first line names the columns, `f,E_stor,E_loss[,T]` or others that the caller names; the units stand in brackets behind
+the names or on a line of their own. Every fault is a `DataError` of one line, the file and where possible the line in front.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+USUAL = {
+    "frequency": ("f", "freq", "frequency", "omega", "w"),
+    "storage": ("e_stor", "e'", "estor", "e_storage", "storage", "storage modulus", "g_stor", "g'", "modulus"),
+    "loss": ("e_loss", "e''", 'e"', "eloss", "loss modulus", "g_loss", "g''"),
+    "factor": ("eta", "tan_delta", "tand", "tan delta", "loss factor", "loss_factor", "loss"),
+    "temperature": ("t", "temp", "temperature"),
+}
+FREQUENCY_UNITS = {"hz": 1.0, "khz": 1.0e3, "1/s": 1.0, "rad/s": 0.5 / np.pi, "krad/s": 500.0 / np.pi}
+MODULUS_UNITS = {"pa": 1.0, "kpa": 1.0e3, "mpa": 1.0e6, "gpa": 1.0e9, "n/m2": 1.0, "n/mm2": 1.0e6}
+RATIO_UNITS = {"-": 1.0, "1": 1.0, "": 1.0, "%": 0.01}
+TEMPERATURE_UNITS = {"c": 273.15, "°c": 273.15, "degc": 273.15, "celsius": 273.15, "k": 0.0, "kelvin": 0.0}
+HEADING = re.compile(r"(?P<name>.*?)\s*_?[\[(](?P<unit>[^\])]*)[\])]\s*")
+
+
+class DataError(Exception):
+    """A table of measurements that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """A complex modulus as measured, sorted by temperature and frequency.
+
+    Attributes:
+        frequency: [Hz]
+        modulus: complex modulus [Pa]
+        temperature: [K], NaN where the table states none
+    """
+
+    frequency: np.ndarray
+    modulus: np.ndarray
+    temperature: np.ndarray
+
+    @property
+    def temperatures(self) -> np.ndarray:
+        """The temperatures, ascending [K]; empty where the table states none."""
+        return np.unique(self.temperature[np.isfinite(self.temperature)])
+
+
+def read(path: Path, names: dict[str, str] | None = None, units: str = "") -> Measurements:
+    """Read a table.
+
+    Args:
+        path: a text file, columns separated by commas, semicolons, tabs or blanks
+        names: column names that are not the usual ones, by what they hold (the keys of USUAL)
+        units: 'Hz,MPa,MPa,C': units of frequency, moduli and temperature where the table states none
+
+    Raises:
+        DataError: the file cannot be read or its numbers cannot be a modulus.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as fault:
+        raise DataError(f"{path}: cannot be read as text ({fault})") from None
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        raise DataError(f"{path}: is empty; a line of column names such as f,E_stor,E_loss expected")
+    rows = [(k, _split(line, lines[0][1])) for k, line in lines]
+    headings = [HEADING.fullmatch(word) for word in rows[0][1]]
+    columns = [found["name"] if found else word for found, word in zip(headings, rows[0][1])]
+    stated = [found["unit"] if found else None for found in headings]
+    rows = rows[1:]
+    if rows and not any(_is_number(word) for word in rows[0][1]):
+        stated = [word.strip("[]() ") for word in rows.pop(0)[1]]
+    where = _find_columns(path, columns, names or {})
+    scale = _scales(path, where, stated, [word.strip() for word in units.split(",")] if units else [])
+    return _measurements(path, rows, where, scale, len(columns))
+
+
+def _split(line: str, first: str) -> list[str]:
+    """Return the words of a line, separated as the first line of the table is."""
+    separator = next((mark for mark in ";,\t" if mark in first), None)
+    words = next(csv.reader([line], delimiter=separator)) if separator else line.split()
+    words = [word.strip() for word in words]
+    return [word.replace(",", ".") for word in words] if separator == ";" else words
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _find_columns(path: Path, columns: list[str], names: dict[str, str]) -> dict[str, int]:
+    """Return the column's index of each quantity that the table holds."""
+    low = [column.lower() for column in columns]
+    where = {}
+    for quantity, usual in USUAL.items():
+        if quantity in names:
+            if names[quantity].lower() not in low:
+                raise DataError(f"{path}: no column {names[quantity]!r}; it has {', '.join(columns)}")
+            where[quantity] = low.index(names[quantity].lower())
+        elif found := [k for k, column in enumerate(low) if column in usual]:
+            where[quantity] = found[0]
+    if "loss" in names:
+        where.pop("factor", None)
+    elif "factor" in names:
+        where.pop("loss", None)
+    missing = [quantity for quantity in ("frequency", "storage") if quantity not in where]
+    if missing or not {"loss", "factor"} & set(where):
+        missing = missing or ["loss"]
+        raise DataError(f"{path}: no column of {missing[0]} found among {', '.join(columns)}; name it with --{missing[0]}")
+    return where
+
+
+def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: list[str]) -> dict[str, float]:
+    """Return what each quantity's numbers are multiplied by (temperature: what is added), from their units."""
+    kinds = {"frequency": FREQUENCY_UNITS, "storage": MODULUS_UNITS, "loss": MODULUS_UNITS, "factor": RATIO_UNITS}
+    kinds["temperature"] = TEMPERATURE_UNITS
+    order = [quantity for quantity in ("frequency", "storage", "loss", "factor", "temperature") if quantity in where]
+    scale = {}
+    for quantity in order:
+        k = where[quantity]
+        unit = given[order.index(quantity)] if order.index(quantity) < len(given) else stated[k] if k < len(stated) else None
+        if unit is None and quantity == "factor":
+            unit = "-"
+        if unit is None:
+            raise DataError(f"{path}: the unit of {quantity} is not stated: add a line of units such as Hz,MPa,MPa, or --units")
+        exact = {"MHz": 1.0e6, "mHz": 1.0e-3}
+        if unit not in exact and unit.lower() not in kinds[quantity]:
+            known = ", ".join(filter(None, kinds[quantity]))
+            raise DataError(f"{path}: {unit!r} is no unit of {quantity}; one of {known} expected")
+        scale[quantity] = exact.get(unit) or kinds[quantity][unit.lower()]
+    return scale
+
+
+def _measurements(path: Path, rows: list, where: dict[str, int], scale: dict[str, float], width: int) -> Measurements:
+    """Return the rows as complex moduli; DataError names the first line that cannot be one."""
+    values = []
+    for number, words in rows:
+        if len(words) < width:
+            raise DataError(f"{path}:{number}: {len(words)} values, {width} expected")
+        row = {}
+        for quantity, k in where.items():
+            if not _is_number(words[k]) or not np.isfinite(float(words[k])):
+                raise DataError(f"{path}:{number}: {words[k]!r} is no finite number ({quantity})")
+            row[quantity] = float(words[k]) * (1.0 if quantity == "temperature" else scale[quantity])
+            if quantity != "temperature" and row[quantity] <= 0.0:
+                raise DataError(f"{path}:{number}: {quantity} = {words[k]}, a positive value expected")
+        kelvin = row["temperature"] + scale["temperature"] if "temperature" in row else np.nan
+        if kelvin <= 0.0:
+            raise DataError(f"{path}:{number}: {kelvin:g} K lies below absolute zero: is the unit right?")
+        loss = row["loss"] if "loss" in row else row["factor"] * row["storage"]
+        values.append((kelvin, row["frequency"], row["storage"], loss, number))
+    values.sort(key=lambda value: value[:2])
+    for one, two in zip(values, values[1:]):
+        if one[1] == two[1] and (one[0] == two[0] or np.isnan(one[0])):
+            raise DataError(f"{path}:{two[4]}: the frequency {two[1]:g} Hz stands there twice (temperatures in a column T?)")
+    if len(values) < 2:
+        raise DataError(f"{path}: {len(values)} rows of numbers, two or more frequencies expected")
+    table = np.array([value[:4] for value in values])
+    return Measurements(table[:, 1], table[:, 2] + 1j * table[:, 3], table[:, 0])
