@@ -125,7 +125,8 @@ def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
     worst = int(np.argmax(fall))
     if fall[worst] < 0.01:
         return []
-    return [f"the storage modulus falls by {100 * fall[worst]:.2g} % up to {wide[worst]:.3g} Hz: an under-damped term; try Maxwell terms"]
+    words = f"the storage modulus falls by {100 * fall[worst]:.2g} % up to {wide[worst]:.3g} Hz"
+    return [f"{words}: an under-damped term; try Maxwell terms"]
 
 
 def material_lines(material: Material, name: str, density: float | None, notes: list[str]) -> str:
