@@ -22,7 +22,7 @@ JOBS    = auto
 
 # gfortran 12 takes the descriptors of allocatable variables for uninitialised: those two warnings are off; the checked
 # build (-finit-real=snan with traps) finds the real ones
-STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra -Wno-uninitialized -Wno-maybe-uninitialized $(WERROR)
+STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra -Wno-unused-dummy-argument -Wno-uninitialized -Wno-maybe-uninitialized $(WERROR)
 # array temporaries are no faults, and telling of them would fill standard error
 CHECKED  = -O0 -g -fcheck=all,no-array-temps -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
 ifeq ($(DEBUG),1)

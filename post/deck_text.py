@@ -186,7 +186,7 @@ def _group(text: str, hidden: str, head: re.Match, end: int) -> Group:
 
 
 def read(path: Path) -> DeckText:
-    """Read a deck with what it includes put in place of its `&include` lines.
+    """Read a deck with what it includes put in place of its `&include` lines, files of tables named by their whole paths.
 
     Raises:
         DeckError: a file is missing or is no text, or includes itself.
@@ -203,8 +203,13 @@ def _inlined(path: Path, above: tuple[Path, ...]) -> str:
         raise DeckError(f"{path}: cannot be read as text ({fault})") from None
     here = (*above, path.resolve())
     deck = parse(text)
-    for group in reversed(deck.all("include")):
+    for group in sorted([*deck.all("include"), *deck.all("history")], key=lambda group: -group.start):
         inner = path.parent / group.values.get("file", "").strip().strip("'\"")
+        if group.kind == "history":
+            if "file" in group.values:  # a table's file lies beside this deck, wherever the copy goes
+                _, first, last = group.spans["file"]
+                text = f"{text[:first]}'{inner.resolve()}'{text[last:]}"
+            continue
         if inner.resolve() in here:
             raise DeckError(f"{path}: {inner} includes itself")
         text = f"{text[: group.start]}! from {inner.name}:\n{_inlined(inner, here)}{text[group.end :]}"

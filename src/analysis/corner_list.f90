@@ -2,7 +2,7 @@
 !> those of the accelerations: 0 where they jump, 1 where their slope jumps.
 module corner_list
   use kinds, only: wp
-  use history, only: corner
+  use history, only: corner, merged
   use load, only: stage_transient
   use scene_model, only: scene
   use text, only: es_text, to_text
@@ -22,49 +22,14 @@ contains
     integer :: k
     allocate (list(0))
     do k = 1, size(s%loads)
-      if (.not. s%loads(k)%timed .or. .not. s%loads(k)%acts(stage_transient)) cycle
-      list = [list, s%loads(k)%factor%corners()]
+      if (.not. allocated(s%loads(k)%factor) .or. .not. s%loads(k)%acts(stage_transient)) cycle
+      list = merged(list, s%loads(k)%factor%corners(t_end))
     end do
     do k = 1, size(s%constraints)
-      list = [list, s%constraints(k)%item%corners()]
+      list = merged(list, s%constraints(k)%item%corners(t_end))
     end do
-    list = pack(list, list%order <= most_order .and. list%time > 0.0_wp .and. list%time < t_end)
-    call sort(list)
-    call merge_equal(list)
+    list = pack(list, list%order <= most_order)
   end subroutine scene_corners
-
-  !> Sorts by time (insertion: lists are short or nearly sorted).
-  pure subroutine sort(list)
-    type(corner), intent(inout) :: list(:)
-    type(corner) :: x
-    integer :: i, j
-    do i = 2, size(list)
-      x = list(i)
-      j = i - 1
-      do while (j > 0)
-        if (list(j)%time <= x%time) exit
-        list(j + 1) = list(j)
-        j = j - 1
-      end do
-      list(j + 1) = x
-    end do
-  end subroutine sort
-
-  !> Keeps one of several corners at the same time.
-  pure subroutine merge_equal(list)
-    type(corner), allocatable, intent(inout) :: list(:)
-    integer :: i, n
-    n = min(1, size(list))
-    do i = 2, size(list)
-      if (list(i)%time - list(n)%time <= 16*spacing(list(i)%time)) then
-        list(n)%order = min(list(n)%order, list(i)%order)
-      else
-        n = n + 1
-        list(n) = list(i)
-      end if
-    end do
-    list = list(1:n)
-  end subroutine merge_equal
 
   !> One sentence on the corners that no fixed step ends at, empty where there are none.
   function off_step(s, t_end, output_step, step, order) result(text)

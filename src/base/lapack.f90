@@ -7,7 +7,7 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgetrf, dgetrs, dgbtrf, dgbtrs
+  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgetrf, dgetrs, dgbtrf, dgbtrs, dgtsv
   public :: zgetrf, zgetrs, zgbtrf, zgbtrs, zgesv, dgesdd, dgelsd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
@@ -98,6 +98,13 @@ module lapack
       real(wp), intent(inout) :: b(ldb, *)
       integer, intent(out) :: info
     end subroutine dgetrs
+    !> Solves with a tridiagonal matrix.
+    subroutine dgtsv(n, nrhs, dl, d, du, b, ldb, info)
+      import :: wp
+      integer, intent(in) :: n, nrhs, ldb
+      real(wp), intent(inout) :: dl(*), d(*), du(*), b(ldb, *)
+      integer, intent(out) :: info
+    end subroutine dgtsv
     !> LU factor of a general band matrix.
     subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
       import :: wp

@@ -7,7 +7,7 @@ module build_constraints
   use deck_records, only: deck, place_record, joint_record, drive_record
   use distance_joint, only: distance_model
   use errors, only: fault_list
-  use history, only: history_function, corner
+  use history, only: history_model, corner
   use line_joint, only: line_model
   use pin_joint, only: pin_model
   use rotation_drive, only: rotation_model
@@ -16,6 +16,8 @@ module build_constraints
   implicit none (type, external)
   private
   public :: build_all_constraints
+
+  integer, parameter :: most_told = 3     !! jumps of a history that are told
 
 contains
 
@@ -101,8 +103,8 @@ contains
     type(fault_list), intent(inout) :: faults
     type(rotation_model) :: rotation
     type(line_model) :: line
-    type(history_function) :: h
-    call make_history(d%histories(r%history), h)
+    class(history_model), allocatable :: h
+    call make_history(d, r%history, h)
     call check_smooth(d, r, h, faults)
     if (r%type == 'rotation') then
       rotation%name = r%name
@@ -128,21 +130,21 @@ contains
   subroutine check_smooth(d, r, h, faults)
     type(deck), intent(in) :: d
     type(drive_record), intent(in) :: r
-    type(history_function), intent(in) :: h
+    class(history_model), intent(in) :: h
     type(fault_list), intent(inout) :: faults
     type(corner), allocatable :: corners(:)
-    real(wp) :: until
+    character(:), allocatable :: remedy
     integer :: k
-    corners = h%corners()
-    until = huge(1.0_wp)
-    if (d%transient%present) until = d%transient%t_end
-    do k = 1, size(corners)
-      if (corners(k)%time <= 0.0_wp .or. corners(k)%time >= until) cycle
-      if (corners(k)%order > merge(0, 1, r%rate)) cycle
+    if (.not. d%transient%present) return            ! nothing else looks beyond t = 0
+    corners = h%corners(d%transient%t_end)
+    corners = pack(corners, corners%order <= merge(0, 1, r%rate))
+    remedy = ''
+    if (len(h%remedy) > 0) remedy = ': '//h%remedy
+    do k = 1, min(size(corners), most_told)
       call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
                       trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '// &
                       trim(adjustl(es_text(corners(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
-                      'history with continuous '//trim(merge('values         ', 'value and slope', r%rate)))
+                      'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
     end do
   end subroutine check_smooth
 end module build_constraints

@@ -1,9 +1,17 @@
-!> Histories of the model from their records.
+!> Histories of the model from their records: the factory of their kinds.
 module build_history
-  use kinds, only: pi
-  use deck_records, only: history_record
-  use history, only: history_function, fit_table, kind_polynomial, kind_sine, kind_ramp, kind_cycloid, kind_table, &
-                     kind_pulse
+  use kinds, only: wp, pi
+  use cycloid_history, only: cycloid_model
+  use deck_records, only: deck, history_record
+  use history, only: history_model
+  use polynomial_history, only: polynomial_model
+  use pulse_history, only: pulse_model
+  use ramp_history, only: ramp_model
+  use sequence_history, only: sequence_model
+  use sine_history, only: sine_model
+  use sum_history, only: sum_model
+  use table_history, only: table_model
+  use table_slopes, only: spline_slopes, monotone_slopes, chord_slopes, ends_free, ends_rest, ends_natural, ends_periodic
   implicit none (type, external)
   private
   public :: make_history
@@ -11,36 +19,105 @@ module build_history
 contains
 
   !> A history of the model from its record.
-  subroutine make_history(r, h)
-    type(history_record), intent(in) :: r
-    type(history_function), intent(out) :: h
-    h%name = r%name
-    h%start = r%start
-    h%finish = r%finish
-    h%v0 = r%start_value
-    h%v1 = r%end_value
-    select case (r%kind)
-    case ('polynomial')
-      h%kind = kind_polynomial
-      h%c = r%coefficients
-    case ('sine')
-      h%kind = kind_sine
-      h%offset = r%offset
-      h%amplitude = r%amplitude
-      h%omega = 2*pi*r%frequency
-      h%phase = r%phase
-    case ('ramp')
-      h%kind = kind_ramp
-    case ('cycloid')
-      h%kind = kind_cycloid
-    case ('table')
-      h%kind = kind_table
-      h%t = r%time
-      h%y = r%values
-      call fit_table(h)
-    case default
-      h%kind = kind_pulse
-      h%v1 = r%value
-    end select
+  recursive subroutine make_history(d, number, h)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: number                         !! of the record
+    class(history_model), allocatable, intent(out) :: h
+    type(polynomial_model) :: polynomial
+    type(sine_model) :: sine
+    type(ramp_model) :: ramp
+    type(cycloid_model) :: cycloid
+    type(pulse_model) :: pulse
+    associate (r => d%histories(number))
+      select case (r%kind)
+      case ('polynomial')
+        polynomial%c = r%coefficients
+        allocate (h, source=polynomial)
+      case ('sine')
+        sine%offset = r%offset
+        sine%amplitude = r%amplitude
+        sine%omega = 2*pi*r%frequency
+        sine%phase = r%phase
+        allocate (h, source=sine)
+      case ('ramp')
+        call ramp%set(r%start_value, r%end_value, r%start, r%finish)
+        allocate (h, source=ramp)
+      case ('cycloid')
+        call cycloid%set(r%start_value, r%end_value, r%start, r%finish)
+        allocate (h, source=cycloid)
+      case ('table')
+        call make_table(r, h)
+      case ('pulse')
+        call pulse%set(r%value, r%start, r%finish)
+        allocate (h, source=pulse)
+      case ('sum')
+        call make_sum(d, r, h)
+      case default
+        call make_sequence(d, r, h)
+      end select
+      h%name = r%name
+      if (.not. allocated(h%remedy)) h%remedy = ''
+    end associate
   end subroutine make_history
+
+  !> A table.
+  subroutine make_table(r, h)
+    type(history_record), intent(in) :: r
+    class(history_model), allocatable, intent(out) :: h
+    type(table_model), allocatable :: table
+    real(wp) :: slopes(2, size(r%time) - 1)
+    integer :: ends
+    ends = ends_free
+    if (r%ends == 'rest') ends = ends_rest
+    if (r%ends == 'natural') ends = ends_natural
+    if (r%periodic) ends = ends_periodic
+    allocate (table)
+    table%remedy = 'ends=''rest'', or periodic=.true. where the motion goes on'
+    select case (r%interpolation)
+    case ('spline')
+      call spline_slopes(r%time, r%values, ends, slopes)
+    case ('pchip')
+      call monotone_slopes(r%time, r%values, ends, slopes)
+    case default
+      call chord_slopes(r%time, r%values, slopes)
+      table%remedy = 'interpolation=''pchip'' ends=''rest'''
+    end select
+    call table%set(r%time, r%values, slopes, r%periodic)
+    call move_alloc(table, h)
+  end subroutine make_table
+
+  !> A weighted sum.
+  recursive subroutine make_sum(d, r, h)
+    type(deck), intent(in) :: d
+    type(history_record), intent(in) :: r
+    class(history_model), allocatable, intent(out) :: h
+    type(sum_model), allocatable :: total
+    integer :: k
+    allocate (total)
+    allocate (total%parts(size(r%parts)))
+    do k = 1, size(r%parts)
+      call make_history(d, r%parts(k), total%parts(k)%item)
+      if (len(total%parts(k)%item%remedy) > 0) total%remedy = 'in "'//trim(total%parts(k)%item%name)//'" '// &
+        total%parts(k)%item%remedy
+    end do
+    total%factors = r%factors
+    call move_alloc(total, h)
+  end subroutine make_sum
+
+  !> One after another.
+  recursive subroutine make_sequence(d, r, h)
+    type(deck), intent(in) :: d
+    type(history_record), intent(in) :: r
+    class(history_model), allocatable, intent(out) :: h
+    type(sequence_model), allocatable :: chain
+    integer :: k
+    allocate (chain)
+    allocate (chain%parts(size(r%parts)))
+    do k = 1, size(r%parts)
+      call make_history(d, r%parts(k), chain%parts(k)%item)
+    end do
+    call chain%set(r%start, r%durations, r%periodic)
+    chain%remedy = 'parts that begin with the value and slope with which the one before ends'
+    call move_alloc(chain, h)
+  end subroutine make_sequence
 end module build_history

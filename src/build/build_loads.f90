@@ -58,8 +58,7 @@ contains
     l%f = [r%fx, r%fy]
     l%moment = r%moment
     l%centre = r%centre
-    l%timed = r%history > 0
-    if (l%timed) call make_history(d%histories(r%history), l%factor)
+    if (r%history > 0) call make_history(d, r%history, l%factor)
     select case (r%type)
     case ('force')
       l%kind = load_force

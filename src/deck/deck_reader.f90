@@ -13,7 +13,8 @@ module deck_reader
   use deck_records, only: deck
   use deck_checks, only: check_inertia, sort_faults
   use deck_properties, only: read_scene, read_material, read_section
-  use deck_loads, only: read_history, read_force
+  use deck_histories, only: read_history, check_histories, table_files
+  use deck_loads, only: read_force
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring
   use deck_sensors, only: read_sensor
@@ -47,6 +48,8 @@ contains
     call allocate_records(source, d, numbers)
     call read_groups(source, list, kinds, d)
     call check_inertia(source, d)
+    call check_histories(source, d%histories, d%transient%t_end)
+    d%text = d%text//table_files(d%histories)
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults(source, faults)
   end subroutine read_deck

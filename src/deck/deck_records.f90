@@ -1,7 +1,7 @@
 !> What a deck says, as plain records: names resolved to indices, defaults filled in, every number checked for
 !> its own range. No mechanics here. SI units, angles in radians. `ground` is body 0.
 module deck_records
-  use kinds, only: wp
+  use kinds, only: wp, ip
   implicit none (type, external)
   private
 
@@ -115,7 +115,7 @@ module deck_records
   type, public :: history_record
     type(origin) :: at
     character(name_length) :: name = ''
-    character(10) :: kind = ''               !! 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse'
+    character(10) :: kind = ''               !! 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', 'sum', 'sequence'
     real(wp), allocatable :: coefficients(:) !! polynomial: c0, c1, ... [unit/s^k]
     real(wp) :: offset = 0.0_wp              !! sine
     real(wp) :: amplitude = 0.0_wp           !! sine
@@ -123,11 +123,19 @@ module deck_records
     real(wp) :: phase = 0.0_wp               !! sine [rad]
     real(wp) :: start_value = 0.0_wp         !! ramp, cycloid
     real(wp) :: end_value = 0.0_wp           !! ramp, cycloid
-    real(wp) :: start = 0.0_wp               !! ramp, cycloid, pulse [s]
+    real(wp) :: start = 0.0_wp               !! ramp, cycloid, pulse, sequence [s]
     real(wp) :: finish = 0.0_wp              !! ramp, cycloid, pulse [s], later than start
     real(wp), allocatable :: time(:)         !! table [s], strictly increasing
     real(wp), allocatable :: values(:)       !! table
+    character(10) :: interpolation = 'spline'   !! table: 'spline', 'pchip', 'linear'
+    character(10) :: ends = 'not-a-knot'     !! table: 'not-a-knot', 'rest', 'natural'
+    logical :: periodic = .false.            !! table, sequence
+    character(:), allocatable :: file        !! table: where it was read from, relative to the current folder
+    integer(ip) :: file_digest = 0_ip        !! table: of that file's text
     real(wp) :: value = 0.0_wp               !! pulse
+    integer, allocatable :: parts(:)         !! sum, sequence: indices of the histories
+    real(wp), allocatable :: factors(:)      !! sum: of each part [-]
+    real(wp), allocatable :: durations(:)    !! sequence: of each part [s]
   end type history_record
 
   !> &force

@@ -103,10 +103,11 @@ contains
   end function always_moves
 
   !> Joints do not depend on time.
-  pure function no_corners(self) result(list)
+  pure function no_corners(self, until) result(list)
     class(constraint_model), intent(in) :: self
+    real(wp), intent(in) :: until                 !! end of the run [s]
     type(corner), allocatable :: list(:)
-    allocate (list(min(0, self%rows)))
+    allocate (list(0))
   end function no_corners
 
   !> One row: the angle of section a minus that of section b stays as it is.

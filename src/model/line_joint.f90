@@ -3,7 +3,7 @@
 module line_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use history, only: history_function, corner, drive_corners
+  use history, only: history_model, corner, drive_corners
   use place, only: place_states, turn
   implicit none (type, external)
   private
@@ -17,7 +17,7 @@ module line_joint
     real(wp) :: angle = 0.0_wp            !! prismatic: angle of section a minus that of section b [rad]
     logical :: rate = .false.             !! position drive: the history gives the rate
     real(wp) :: origin = 0.0_wp           !! position drive by rate: the deck's own value of the distance [m]
-    type(history_function) :: target      !! position drive only
+    class(history_model), allocatable :: target   !! position drive only
   contains
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
@@ -122,11 +122,12 @@ contains
   end subroutine line_begin
 
   !> Corners of a position drive's history; joints have none.
-  pure function line_corners(self) result(list)
+  pure function line_corners(self, until) result(list)
     class(line_model), intent(in) :: self
+    real(wp), intent(in) :: until         !! end of the run [s]
     type(corner), allocatable :: list(:)
     if (self%drive) then
-      list = drive_corners(self%target, self%rate)
+      list = drive_corners(self%target, self%rate, until)
     else
       allocate (list(0))
     end if

@@ -2,7 +2,7 @@
 module load
   use kinds, only: wp
   use place, only: place_states, turn
-  use history, only: history_function
+  use history, only: history_model
   implicit none (type, external)
   private
 
@@ -19,9 +19,8 @@ module load
     integer :: axes = axes_global
     real(wp) :: moment = 0.0_wp            !! [N m]
     real(wp) :: centre(2) = 0.0_wp         !! torque_about: global [m]
-    logical :: timed = .false.             !! has a history
     integer :: stage = stage_all
-    type(history_function) :: factor
+    class(history_model), allocatable :: factor   !! not allocated: the factor is 1
   contains
     procedure :: wrench => load_wrench
     procedure :: acts => load_acts
@@ -45,7 +44,7 @@ contains
     logical, intent(in) :: left            !! a jump at t is not yet felt
     real(wp) :: s, h(0:2)
     s = 1.0_wp
-    if (.not. self%timed) return
+    if (.not. allocated(self%factor)) return
     call self%factor%evaluate(t, left, h)
     s = h(0)
   end function load_scale

@@ -2,7 +2,7 @@
 module rotation_drive
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use history, only: history_function, corner, drive_corners
+  use history, only: history_model, corner, drive_corners
   use place, only: place_states
   implicit none (type, external)
   private
@@ -11,7 +11,7 @@ module rotation_drive
   type, extends(constraint_model), public :: rotation_model
     logical :: rate = .false.             !! the history gives the rate
     real(wp) :: origin = 0.0_wp           !! by rate: the deck's own value of the angle [rad]
-    type(history_function) :: target
+    class(history_model), allocatable :: target
   contains
     procedure :: evaluate => rotation_rows
     procedure :: geometric => rotation_second
@@ -76,9 +76,10 @@ contains
   end subroutine rotation_begin
 
   !> Corners of its history.
-  pure function rotation_corners(self) result(list)
+  pure function rotation_corners(self, until) result(list)
     class(rotation_model), intent(in) :: self
+    real(wp), intent(in) :: until         !! end of the run [s]
     type(corner), allocatable :: list(:)
-    list = drive_corners(self%target, self%rate)
+    list = drive_corners(self%target, self%rate, until)
   end function rotation_corners
 end module rotation_drive

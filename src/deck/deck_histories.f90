@@ -1,0 +1,210 @@
+!> Reader of &history.
+module deck_histories
+  use kinds, only: wp, ip
+  use archive, only: digest, text_words
+  use text, only: to_text, read_file, printable
+  use deck_input, only: deck_source, required, quoted
+  use deck_get, only: get
+  use deck_lists, only: get_list, same_length
+  use deck_words, only: get_name, get_choice, get_word, get_references
+  use deck_kinds, only: in_history
+  use deck_paths, only: beside
+  use deck_records, only: deck_record => deck, history_record
+  use deck_tables, only: read_columns
+  implicit none (type, external)
+  private
+  public :: read_history, check_histories, table_files
+
+  integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
+  integer, parameter :: most_corners = 1000000   !! of a periodic history over a run
+
+contains
+
+  !> &history
+  subroutine read_history(deck, h)
+    class(deck_source), intent(inout) :: deck
+    type(history_record), intent(inout) :: h
+    h%at = deck%at()
+    call get_name(deck, h%name)
+    h%kind = 'polynomial'
+    call get_choice(deck, 'kind', h%kind, [character(10) :: 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', &
+                                           'sum', 'sequence'])
+    call get_list(deck, 'coefficients', h%coefficients, required, kinds='polynomial')
+    call get(deck, 'offset', h%offset, kinds='sine')
+    call get(deck, 'amplitude', h%amplitude, required, kinds='sine')
+    call get(deck, 'frequency', h%frequency, required, least=0.0_wp, kinds='sine')
+    call get(deck, 'phase', h%phase, kinds='sine')
+    call get(deck, 'start_value', h%start_value, required, kinds='ramp cycloid')
+    call get(deck, 'end_value', h%end_value, required, kinds='ramp cycloid')
+    call get(deck, 'start', h%start, required, kinds='ramp cycloid pulse')
+    call get(deck, 'finish', h%finish, required, kinds='ramp cycloid pulse')
+    call read_table(deck, h)
+    if (deck%choice_is_known() .and. .not. deck%is_choice('table')) then
+      call get(deck, 'value', h%value, required, kinds='pulse')
+    end if
+    if (deck%is_set('start') .and. deck%is_set('finish') .and. h%finish <= h%start) call deck%complain('finish', &
+      'finish='//to_text(h%finish)//' is not later than start='//to_text(h%start)//', expected finish > start')
+    call get_references(deck, 'histories', in_history, h%parts, deck%choice_in('sum sequence'), kinds='sum sequence')
+    call get_list(deck, 'factors', h%factors, kinds='sum')
+    call get_list(deck, 'durations', h%durations, required, above=0.0_wp, kinds='sequence')
+    call get(deck, 'start', h%start, kinds='sequence')
+    call get(deck, 'periodic', h%periodic, kinds='table sequence')
+    call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
+    call same_length(deck, 'histories', size(h%parts), 'durations', size(h%durations))
+    if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
+    call check_ends(deck, h)
+  end subroutine read_history
+
+  !> A table: its points, from the deck or a file, and the curve through them.
+  subroutine read_table(deck, h)
+    class(deck_source), intent(inout) :: deck
+    type(history_record), intent(inout) :: h
+    character(:), allocatable :: file
+    integer, allocatable :: columns(:)
+    logical :: here
+    allocate (character(0) :: file)
+    call get(deck, 'file', file, kinds='table')
+    call get_list(deck, 'columns', columns, kinds='table')
+    here = .not. deck%is_given('file')
+    call get_list(deck, 'time', h%time, here, kinds='table')
+    call get_list(deck, 'value', h%values, here, kinds='table')
+    call get_word(deck, 'interpolation', h%interpolation, [character(6) :: 'spline', 'pchip', 'linear'], kinds='table')
+    call get_word(deck, 'ends', h%ends, [character(10) :: 'not-a-knot', 'rest', 'natural'], kinds='table')
+    if (.not. deck%is_choice('table')) return
+    if (here) then
+      call same_length(deck, 'time', size(h%time), 'value', size(h%values))
+      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
+      if (deck%is_set('time')) call check_times(deck, 'time', 'time', h%time)
+    else if (deck%is_given('time') .or. deck%is_given('value')) then
+      call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
+    else
+      if (.not. deck%is_given('columns')) columns = [1, 2]
+      if (deck%is_set('file')) call read_table_file(deck, file, columns, h)
+    end if
+  end subroutine read_table
+
+  !> Points of a table from a file, its path relative to the deck's file.
+  subroutine read_table_file(deck, file, columns, h)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: file       !! as the deck names it
+    integer, intent(in) :: columns(:)      !! of time and value
+    type(history_record), intent(inout) :: h
+    character(:), allocatable :: content, problem
+    if (size(columns) /= 2 .or. any(columns < 1)) then
+      if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
+        'columns=1,2 (time, value)')
+      return
+    end if
+    h%file = beside(h%at%file, file)
+    call read_file(h%file, content, problem)
+    if (len(problem) > 0) then
+      problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
+    else
+      h%file_digest = digest(text_words(content))
+      call read_columns(content, columns, h%time, h%values, problem)
+      if (len(problem) > 0) problem = ' '//problem
+    end if
+    if (len(problem) > 0) then
+      call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
+    else
+      call check_times(deck, 'file', 'time (column '//to_text(columns(1))//')', h%time)
+    end if
+  end subroutine read_table_file
+
+  !> A table needs two points or more, in order of time.
+  subroutine check_times(deck, name, what, time)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name       !! variable that is to blame
+    character(*), intent(in) :: what       !! the times, in words
+    real(wp), intent(in) :: time(:)        !! [s]
+    integer :: k
+    if (size(time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
+    do k = 2, size(time)
+      if (time(k) > time(k - 1)) cycle
+      call deck%complain(name, what//' is not ordered: value '//to_text(k)//', '//to_text(time(k))// &
+        ', is not later than value '//to_text(k - 1)//', '//to_text(time(k - 1))//', expected increasing times')
+      return
+    end do
+  end subroutine check_times
+
+  !> What holds at the ends of a table fits its interpolation.
+  subroutine check_ends(deck, h)
+    class(deck_source), intent(inout) :: deck
+    type(history_record), intent(in) :: h
+    integer :: n
+    if (.not. deck%is_choice('table') .or. .not. deck%is_clean()) return
+    n = size(h%values)
+    if (deck%is_given('ends')) then
+      if (h%periodic) then
+        call deck%complain('ends', 'ends does not apply to periodic=.true., it applies to tables that end')
+      else if (h%interpolation == 'linear') then
+        call deck%complain('ends', 'ends does not apply to interpolation=''linear'', it applies to ''spline'' and ''pchip''')
+      else if (h%interpolation == 'pchip' .and. h%ends /= 'rest') then
+        call deck%complain('ends', 'ends='//quoted(trim(h%ends))//' does not apply to interpolation=''pchip'', expected '// &
+          '''rest'' or no ends')
+      end if
+    end if
+    if (.not. h%periodic) return
+    if (abs(h%values(n) - h%values(1)) <= 1.0e-9_wp*maxval(abs(h%values))) return
+    call deck%complain('periodic', 'the table begins with '//to_text(h%values(1))//' and ends with '//to_text(h%values(n))// &
+      ', expected equal values for periodic=.true.')
+  end subroutine check_ends
+
+  !> Sums and sequences may not lead back to themselves, nor be made of more parts than any deck means.
+  subroutine check_histories(deck, list, t_end)
+    class(deck_source), intent(inout) :: deck
+    type(history_record), intent(in) :: list(:)
+    real(wp), intent(in) :: t_end          !! end of the transient, 0: there is none [s]
+    integer :: parts(size(list))           ! histories that each is made of, 0: not known yet
+    integer :: i, k
+    logical :: more
+    if (deck%faults%count > 0) return
+    parts = 0
+    more = .true.
+    do while (more)
+      more = .false.
+      do k = 1, size(list)
+        if (parts(k) > 0 .or. any(parts(list(k)%parts) == 0)) cycle
+        parts(k) = min(1 + sum(parts(list(k)%parts)), most_parts + 1)
+        more = .true.
+        if (parts(k) > most_parts) call blame(k, 'is made of more than '//to_text(most_parts)//' others, expected fewer')
+      end do
+    end do
+    do k = 1, size(list)
+      if (parts(k) == 0) call blame(k, 'leads back to itself or to one that does, expected histories that do not')
+      if (list(k)%periodic) call check_turns(k, max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
+    end do
+  contains
+    !> Each turn has as many corners as the history has points or parts, and steps end at all of them.
+    subroutine check_turns(number, until)
+      integer, intent(in) :: number        !! the history
+      real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
+      real(wp) :: period
+      period = sum(list(number)%durations)
+      if (size(list(number)%time) > 0) period = list(number)%time(size(list(number)%time)) - list(number)%time(1)
+      if (until*max(size(list(number)%time), size(list(number)%durations)) <= most_corners*period) return
+      call blame(number, 'a turn takes '//to_text(period)//' s, too little against '//to_text(until)//' s: more than '// &
+                 to_text(most_corners)//' corners, expected fewer turns (or kind=''sine'')')
+    end subroutine check_turns
+
+    !> A fault of a history.
+    subroutine blame(number, message)
+      integer, intent(in) :: number        !! the history
+      character(*), intent(in) :: message
+      call deck%faults%add(list(number)%at%file, list(number)%at%line, 'history/'//trim(list(number)%name), message)
+    end subroutine blame
+  end subroutine check_histories
+
+  !> A line for each file that a table was read from, so that a deck's text changes with what the file says.
+  function table_files(list) result(text)
+    type(history_record), intent(in) :: list(:)
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    do k = 1, size(list)
+      if (.not. allocated(list(k)%file)) cycle
+      text = text//'! history '//trim(list(k)%name)//': '//to_text(size(list(k)%time))//' points of '//list(k)%file// &
+        ', digest '//to_text(list(k)%file_digest)//achar(10)
+    end do
+  end function table_files
+end module deck_histories

@@ -1,0 +1,45 @@
+!> A polynomial of time.
+module polynomial_history
+  use kinds, only: wp
+  use history, only: history_model
+  implicit none (type, external)
+  private
+
+  !> c0 + c1 t + c2 t2 + ...
+  type, extends(history_model), public :: polynomial_model
+    real(wp), allocatable :: c(:)       !! coefficients [unit/s^k]
+  contains
+    procedure :: evaluate => polynomial_value
+    procedure :: antiderivative => polynomial_area
+  end type polynomial_model
+
+contains
+
+  !> Value and two derivatives.
+  pure subroutine polynomial_value(self, t, left, h)
+    class(polynomial_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left         !! limit from below: the same
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    integer :: k
+    h = 0.0_wp
+    do k = size(self%c), 1, -1
+      h(2) = h(2)*t + 2*h(1)
+      h(1) = h(1)*t + h(0)
+      h(0) = h(0)*t + self%c(k)
+    end do
+  end subroutine polynomial_value
+
+  !> An antiderivative.
+  pure function polynomial_area(self, t) result(f)
+    class(polynomial_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: f                       !! [unit s]
+    integer :: k
+    f = 0.0_wp
+    do k = size(self%c), 1, -1
+      f = f*t + self%c(k)/k
+    end do
+    f = f*t
+  end function polynomial_area
+end module polynomial_history

@@ -1,0 +1,50 @@
+!> A value between two times, nothing otherwise.
+module pulse_history
+  use kinds, only: wp
+  use history, only: history_model, corner, reached
+  implicit none (type, external)
+  private
+
+  !> The value from start until finish.
+  type, extends(history_model), public :: pulse_model
+    real(wp) :: value = 0.0_wp          !! [unit]
+    real(wp) :: start = 0.0_wp          !! [s]
+    real(wp) :: finish = 0.0_wp         !! [s]
+  contains
+    procedure :: set => set_pulse
+    procedure :: evaluate => pulse_value
+    procedure :: antiderivative => pulse_area
+  end type pulse_model
+
+contains
+
+  !> Its value and times.
+  subroutine set_pulse(self, value, start, finish)
+    class(pulse_model), intent(inout) :: self
+    real(wp), intent(in) :: value            !! [unit]
+    real(wp), intent(in) :: start, finish    !! [s]
+    self%value = value
+    self%start = start
+    self%finish = finish
+    self%breaks = [corner(start, 0), corner(finish, 0)]
+    self%remedy = 'a ramp or a cycloid instead of the pulse'
+  end subroutine set_pulse
+
+  !> Value; the derivatives are zero on both sides of the jumps.
+  pure subroutine pulse_value(self, t, left, h)
+    class(pulse_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left         !! limit from below
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    h = 0.0_wp
+    if (reached(t, self%start, left) .and. .not. reached(t, self%finish, left)) h(0) = self%value
+  end subroutine pulse_value
+
+  !> An antiderivative.
+  pure function pulse_area(self, t) result(f)
+    class(pulse_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: f                       !! [unit s]
+    f = self%value*(min(max(t, self%start), self%finish) - self%start)
+  end function pulse_area
+end module pulse_history

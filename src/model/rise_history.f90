@@ -1,0 +1,74 @@
+!> A smooth rise from one value to another: what ramp and cycloid have in common. Their shapes differ.
+module rise_history
+  use kinds, only: wp
+  use history, only: history_model, corner
+  implicit none (type, external)
+  private
+
+  !> Constant before start and after finish.
+  type, abstract, extends(history_model), public :: rise_model
+    real(wp) :: low = 0.0_wp            !! value before [unit]
+    real(wp) :: high = 0.0_wp           !! value after [unit]
+    real(wp) :: start = 0.0_wp          !! [s]
+    real(wp) :: finish = 1.0_wp         !! [s]
+  contains
+    procedure(shape_of_rise), deferred, nopass :: shape
+    procedure :: set => set_rise
+    procedure :: evaluate => rise_value
+    procedure :: antiderivative => rise_area
+  end type rise_model
+
+  abstract interface
+    !> From (0, 0) to (1, 1): the integral from 0, the value, two derivatives.
+    pure subroutine shape_of_rise(s, f)
+      import :: wp
+      real(wp), intent(in) :: s         !! from 0 to 1 [-]
+      real(wp), intent(out) :: f(-1:2)  !! [-]
+    end subroutine shape_of_rise
+  end interface
+
+contains
+
+  !> Its values and times.
+  subroutine set_rise(self, low, high, start, finish)
+    class(rise_model), intent(inout) :: self
+    real(wp), intent(in) :: low, high        !! values before and after [unit]
+    real(wp), intent(in) :: start, finish    !! [s]
+    self%low = low
+    self%high = high
+    self%start = start
+    self%finish = finish
+    self%breaks = [corner(start, 3), corner(finish, 3)]
+  end subroutine set_rise
+
+  !> Value and two derivatives, both continuous.
+  pure subroutine rise_value(self, t, left, h)
+    class(rise_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left         !! limit from below: the same
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp) :: f(-1:2), width
+    width = self%finish - self%start
+    h = 0.0_wp
+    if (t <= self%start) then
+      h(0) = self%low
+    else if (t >= self%finish) then
+      h(0) = self%high
+    else
+      call self%shape((t - self%start)/width, f)
+      h = (self%high - self%low)*f(0:2)/[1.0_wp, width, width**2]
+      h(0) = self%low + h(0)
+    end if
+  end subroutine rise_value
+
+  !> An antiderivative.
+  pure function rise_area(self, t) result(area)
+    class(rise_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: area                    !! [unit s]
+    real(wp) :: f(-1:2), width
+    width = self%finish - self%start
+    call self%shape(min(max((t - self%start)/width, 0.0_wp), 1.0_wp), f)
+    area = self%low*(t - self%start) + (self%high - self%low)*(width*f(-1) + max(t - self%finish, 0.0_wp))
+  end function rise_area
+end module rise_history

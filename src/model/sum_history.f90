@@ -1,0 +1,72 @@
+!> A weighted sum of other histories.
+module sum_history
+  use kinds, only: wp
+  use history, only: history_model, history_box, corner, corner_order, merged
+  implicit none (type, external)
+  private
+
+  !> The sum of factor times history.
+  type, extends(history_model), public :: sum_model
+    type(history_box), allocatable :: parts(:)
+    real(wp), allocatable :: factors(:)      !! [-]
+  contains
+    procedure :: evaluate => sum_value
+    procedure :: antiderivative => sum_area
+    procedure :: corners => sum_corners
+  end type sum_model
+
+contains
+
+  !> Value and two derivatives.
+  pure subroutine sum_value(self, t, left, h)
+    class(sum_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left         !! limit from below
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp) :: g(0:2)
+    integer :: k
+    h = 0.0_wp
+    do k = 1, size(self%parts)
+      call self%parts(k)%item%evaluate(t, left, g)
+      h = h + self%factors(k)*g
+    end do
+  end subroutine sum_value
+
+  !> An antiderivative.
+  pure function sum_area(self, t) result(f)
+    class(sum_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: f                       !! [unit s]
+    integer :: k
+    f = 0.0_wp
+    do k = 1, size(self%parts)
+      f = f + self%factors(k)*self%parts(k)%item%antiderivative(t)
+    end do
+  end function sum_area
+
+  !> Corners of all parts; where two of them cancel, what is left of them.
+  pure function sum_corners(self, until) result(list)
+    class(sum_model), intent(in) :: self
+    real(wp), intent(in) :: until       !! [s]
+    type(corner), allocatable :: list(:)
+    real(wp), dimension(0:2) :: before, after, one, other, most
+    integer :: i, k
+    allocate (list(0))
+    do k = 1, size(self%parts)
+      list = merged(list, self%parts(k)%item%corners(until))
+    end do
+    do i = 1, size(list)
+      before = 0.0_wp
+      after = 0.0_wp
+      most = 0.0_wp
+      do k = 1, size(self%parts)
+        call self%parts(k)%item%evaluate(list(i)%time, .true., one)
+        call self%parts(k)%item%evaluate(list(i)%time, .false., other)
+        before = before + self%factors(k)*one
+        after = after + self%factors(k)*other
+        most = max(most, abs(self%factors(k))*max(abs(one), abs(other)))
+      end do
+      list(i)%order = max(list(i)%order, corner_order(before, after, most))
+    end do
+  end function sum_corners
+end module sum_history

@@ -1,0 +1,125 @@
+!> A table of points with a cubic (or straight) piece between each two of them; constant outside, or periodic.
+module table_history
+  use kinds, only: wp
+  use history, only: history_model, corner, corner_order, rounding_of
+  implicit none (type, external)
+  private
+
+  !> Pieces c1 + c2 x + c3 x2 + c4 x3, x from the piece's first time.
+  type, extends(history_model), public :: table_model
+    real(wp), allocatable :: t(:)       !! times of the points [s]
+    real(wp), allocatable :: c(:, :)    !! (4, 0:points) coefficients; 0 and the last: constant before and after [unit/s^k]
+    real(wp), allocatable :: area(:)    !! integral from the first time to each point [unit s]
+  contains
+    procedure :: set => set_table
+    procedure :: evaluate => table_value
+    procedure :: antiderivative => table_area
+    procedure, private :: locate
+  end type table_model
+
+contains
+
+  !> Pieces through the points (t, y) with given slopes at their ends; orders of the corners from what differs there.
+  subroutine set_table(self, t, y, slopes, periodic)
+    class(table_model), intent(inout) :: self
+    real(wp), intent(in) :: t(:)             !! [s]
+    real(wp), intent(in) :: y(:)             !! values [unit]
+    real(wp), intent(in) :: slopes(:, :)     !! (2, points - 1) at both ends of each piece [unit/s]
+    logical, intent(in) :: periodic          !! the last point is the first of the next turn
+    real(wp) :: w, chord, before(0:2), after(0:2), size_of(0:2)
+    integer :: i, n
+    n = size(t)
+    self%t = t
+    if (periodic) self%period = t(n) - t(1)
+    allocate (self%c(4, 0:n), self%area(n), source=0.0_wp)
+    self%c(1, 0) = y(1)
+    self%c(1, n) = y(n)
+    do i = 1, n - 1
+      w = t(i + 1) - t(i)
+      chord = (y(i + 1) - y(i))/w
+      self%c(:, i) = [y(i), slopes(1, i), (3*chord - 2*slopes(1, i) - slopes(2, i))/w, &
+                      (slopes(1, i) + slopes(2, i) - 2*chord)/w**2]
+      self%area(i + 1) = self%area(i) + piece_area(self%c(:, i), w)
+    end do
+    size_of(0) = maxval(abs(y))
+    size_of(1) = maxval(abs(y - y(1)))/(t(n) - t(1))
+    size_of(2) = 2*maxval(abs(self%c(3, :)))
+    allocate (self%breaks(n))
+    do i = 1, n
+      before = piece(self%c(:, i - 1), t(i) - t(max(1, i - 1)))
+      after = piece(self%c(:, i), 0.0_wp)
+      if (periodic .and. i == 1) before = piece(self%c(:, n - 1), t(n) - t(n - 1))
+      if (periodic .and. i == n) after = piece(self%c(:, 1), 0.0_wp)
+      self%breaks(i) = corner(t(i), corner_order(before, after, size_of))
+    end do
+    if (periodic) self%breaks = self%breaks(1:n - 1)
+  end subroutine set_table
+
+  !> The piece in which a time lies, and how far into it; 0: before the first point, the number of points: after the last one.
+  pure subroutine locate(self, t, shift, turn, i, x)
+    class(table_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp), intent(in) :: shift       !! added where the piece is chosen: to see a point from one side [s]
+    integer, intent(out) :: turn        !! periods before
+    integer, intent(out) :: i           !! the piece
+    real(wp), intent(out) :: x          !! time since it began [s]
+    integer :: j, k
+    turn = 0
+    i = 0
+    j = size(self%t) + 1
+    if (self%period > 0.0_wp) then
+      turn = floor((t + shift - self%t(1))/self%period)
+      i = 1                             ! within a period, whatever rounding says
+      j = j - 1
+    end if
+    x = t - turn*self%period
+    do while (j - i > 1)
+      k = (i + j)/2
+      if (self%t(k) <= x + shift) then
+        i = k
+      else
+        j = k
+      end if
+    end do
+    x = x - self%t(max(1, i))
+  end subroutine locate
+
+  !> Value and two derivatives.
+  pure subroutine table_value(self, t, left, h)
+    class(table_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left         !! limit from below
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp) :: x
+    integer :: turn, i
+    call self%locate(t, merge(-1, 1, left)*rounding_of(t), turn, i, x)
+    h = piece(self%c(:, i), x)
+  end subroutine table_value
+
+  !> An antiderivative.
+  pure function table_area(self, t) result(f)
+    class(table_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: f                       !! [unit s]
+    real(wp) :: x
+    integer :: turn, i
+    call self%locate(t, 0.0_wp, turn, i, x)
+    f = turn*self%area(size(self%area)) + self%area(max(1, i)) + piece_area(self%c(:, i), x)
+  end function table_area
+
+  !> Value and two derivatives of a cubic.
+  pure function piece(c, x) result(h)
+    real(wp), intent(in) :: c(4)        !! coefficients [unit/s^k]
+    real(wp), intent(in) :: x           !! [s]
+    real(wp) :: h(0:2)                  !! [unit, unit/s, unit/s2]
+    h = [c(1) + x*(c(2) + x*(c(3) + x*c(4))), c(2) + x*(2*c(3) + 3*x*c(4)), 2*c(3) + 6*x*c(4)]
+  end function piece
+
+  !> Integral of a cubic from 0 to x.
+  pure function piece_area(c, x) result(f)
+    real(wp), intent(in) :: c(4)        !! coefficients [unit/s^k]
+    real(wp), intent(in) :: x           !! [s]
+    real(wp) :: f                       !! [unit s]
+    f = x*(c(1) + x*(c(2)/2 + x*(c(3)/3 + x*c(4)/4)))
+  end function piece_area
+end module table_history
