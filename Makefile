@@ -77,6 +77,7 @@ bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, s
 	@BIELA=$(BIELA) $(RUN) $<
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
+	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py
 
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests

@@ -1,17 +1,19 @@
 !> Which explicit step is stable, what limits it and what removing that would buy (theory.md, section 8). Safe bound: joints
 !> and drives released, for the whole run of linear bodies. Current bound: the constrained mechanism as it stands.
 module step_advice
-  use kinds, only: wp, pi
+  use kinds, only: wp
+  use assembly, only: assemble
+  use assembly_reports, only: assembly_report
   use build_scene, only: build
   use deck_records, only: deck
   use dynamics, only: evaluate
-  use errors, only: fault_list
+  use errors, only: failure, fault_list
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use scene_model, only: scene
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names
-  use step_bounds, only: step_bound, find_bound
+  use step_bounds, only: step_bound, find_bound, find_safe_bound, take_smaller
   use text, only: es_text, fixed_text, to_text
   implicit none (type, external)
   private
@@ -31,6 +33,17 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions
     type(stability_advice), intent(out) :: advice
+    call both_bounds(d, m, q, advice%safe, advice%current)
+    call advice_lines(d, m, advice)
+  end subroutine advise
+
+  !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
+  !> damps it.
+  subroutine both_bounds(d, m, q, safe, current)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
+    type(step_bound), intent(out) :: safe, current
     type(mechanism_model) :: work
     type(fast_spectrum) :: fast
     real(wp), allocatable :: rest(:), none(:)
@@ -38,11 +51,11 @@ contains
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(work, 0.0_wp, q, rest, none, none)
     call fast%set_up(work, q)
-    call find_bound(d, work, .false., fast, advice%safe)
+    call find_safe_bound(d, work, fast, safe)
     call evaluate(work, 0.0_wp, q, rest, none, none)
-    call find_bound(d, work, .true., fast, advice%current)
-    call advice_lines(d, m, advice)
-  end subroutine advise
+    call find_bound(d, work, .true., fast, current)
+    call take_smaller(current, safe)
+  end subroutine both_bounds
 
   !> The advice in words: bounds, what limits, what removing it buys.
   subroutine advice_lines(d, m, advice)
@@ -164,16 +177,17 @@ contains
     type(mechanism_model) :: m
     type(scene) :: s
     type(fault_list) :: faults
-    type(fast_spectrum) :: fast
-    type(step_bound) :: bound
-    real(wp), allocatable :: rest(:), none(:)
+    type(assembly_report) :: report
+    type(failure) :: fail
+    type(step_bound) :: bound, current
+    real(wp), allocatable :: q(:), v(:)
     call build(other, s, faults)
     if (faults%count > 0) return
     call set_up_mechanism(m, s)
-    allocate (rest(s%nq), none(s%nz), source=0.0_wp)
-    call evaluate(m, 0.0_wp, s%q0, rest, none, none)
-    call fast%set_up(m, s%q0)
-    call find_bound(other, m, .false., fast, bound)
+    allocate (q(s%nq), v(s%nq))
+    call assemble(m, q, v, report, fail)
+    if (fail%happened()) return
+    call both_bounds(other, m, q, bound, current)
     if (bound%step(1) >= huge(1.0_wp)) then
       advice%text = advice%text//text//': no limit'//new_line('a')
     else

@@ -7,10 +7,11 @@ module step_bounds
   use lapack, only: dgeev
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode
+  use spring_directions, only: bound_directions, turning_stiffness
   use stability_region, only: largest_step, method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, material_poles
+  public :: step_bound, find_bound, find_safe_bound, take_smaller, material_poles
 
   integer, parameter :: modes_looked_at = 6      !! fastest modes whose eigenvalues are computed
 
@@ -22,6 +23,41 @@ module step_bounds
   end type step_bound
 
 contains
+
+  !> Bound that holds for every direction that springs take in a run, joints released: with damped springs that act in all
+  !> directions, and turned away from whatever else vibrates.
+  subroutine find_safe_bound(d, m, fast, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(inout) :: fast !! set up
+    type(step_bound), intent(out) :: bound
+    type(step_bound) :: other
+    real(wp) :: ends(2, size(m%s%springs))
+    fast%turning = turning_stiffness(m)
+    call bound_directions(m, .true., fast%ends)
+    call find_bound(d, m, .false., fast, bound)
+    ends = fast%ends
+    call bound_directions(m, .false., fast%ends)
+    if (any(abs(fast%ends - ends) > 0.0_wp)) then
+      call find_bound(d, m, .false., fast, other)
+      call take_smaller(other, bound)
+    end if
+    fast%ends = -1.0_wp
+    fast%turning = 0.0_wp
+  end subroutine find_safe_bound
+
+  !> Keeps the smaller bound of each method.
+  pure subroutine take_smaller(other, bound)
+    type(step_bound), intent(in) :: other
+    type(step_bound), intent(inout) :: bound
+    integer :: k
+    do k = 1, size(method_names)
+      if (other%step(k) >= bound%step(k)*(1 - 1.0e-9_wp)) cycle
+      bound%step(k) = other%step(k)
+      bound%mu(k) = other%mu(k)
+      bound%cause(k) = other%cause(k)
+    end do
+  end subroutine take_smaller
 
   !> Bound at an evaluated state of a mechanism, joints held or released.
   subroutine find_bound(d, m, held, fast, bound, lambda, force)

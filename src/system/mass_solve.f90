@@ -8,7 +8,7 @@ module mass_solve
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: solve_mass
+  public :: solve_mass, solve_body
 
 contains
 
@@ -33,38 +33,49 @@ contains
     u = u + m%a
   end subroutine solve_mass
 
-  !> u = M^-1 r, joints released: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
+  !> u = M^-1 r, joints released.
   subroutine solve_bodies(m, r, u)
     type(mechanism_model), intent(inout) :: m
-    real(wp), intent(in) :: r(:)               !! (n) forces
-    real(wp), intent(out) :: u(:)              !! (n)
-    real(wp) :: x(3)
-    integer :: b, i, n, k
+    real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
+    real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
+    integer :: b, i, n
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      n = m%s%bodies(b)%nf
-      associate (bo => m%s%bodies(b))
-        x = r(i + 1:i + 3)
-        if (bo%flexible) then
-          u(i + 4:i + 3 + n) = r(i + 4:i + 3 + n)
-          do k = 1, n
-            x(1:2) = x(1:2) - bo%pmat(k, :)*u(i + 3 + k)
-            x(3) = x(3) - bo%tx(k)*u(i + 3 + k)
-          end do
-          if (.not. bo%modal) call band_solve(bo%mff, u(i + 4:i + 3 + n))
-        end if
-        x(2) = x(2) - m%low(1, b)*x(1)
-        x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
-        x = x*m%dinv(:, b)
-        x(2) = x(2) - m%low(3, b)*x(3)
-        x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
-        u(i + 1:i + 3) = x
-        do k = 1, n
-          u(i + 3 + k) = u(i + 3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
-        end do
-      end associate
+      n = 3 + m%s%bodies(b)%nf
+      call solve_body(m, b, r(i + 1:i + n), u(i + 1:i + n))
     end do
   end subroutine solve_bodies
+
+  !> The same for one body alone: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
+  subroutine solve_body(m, b, r, u)
+    type(mechanism_model), intent(inout) :: m
+    integer, intent(in) :: b                   !! body
+    real(wp), intent(in) :: r(:)               !! (3+nf) forces [N], moments [N m]
+    real(wp), intent(out) :: u(:)              !! (3+nf) accelerations [m/s2], [rad/s2]
+    real(wp) :: x(3)
+    integer :: n, k
+    associate (bo => m%s%bodies(b))
+      n = bo%nf
+      x = r(1:3)
+      if (bo%flexible) then
+        u(4:) = r(4:)
+        do k = 1, n
+          x(1:2) = x(1:2) - bo%pmat(k, :)*u(3 + k)
+          x(3) = x(3) - bo%tx(k)*u(3 + k)
+        end do
+        if (.not. bo%modal) call band_solve(bo%mff, u(4:))
+      end if
+      x(2) = x(2) - m%low(1, b)*x(1)
+      x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
+      x = x*m%dinv(:, b)
+      x(2) = x(2) - m%low(3, b)*x(3)
+      x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
+      u(1:3) = x
+      do k = 1, n
+        u(3 + k) = u(3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
+      end do
+    end associate
+  end subroutine solve_body
 
   !> w . (place displacement in body axes) of one end.
   pure function row_shift(m, b, e, u) result(s)

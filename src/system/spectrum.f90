@@ -8,7 +8,7 @@ module spectrum
   use elastic_blocks, only: elastic_matrices
   use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
-  use spring_products, only: spring_stretch, spring_push
+  use spring_products, only: spring_square, spring_pull
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
@@ -28,6 +28,8 @@ module spectrum
   type :: fast_spectrum
     type(linear_mechanism) :: lin              !! elastic matrices of the bodies
     real(wp), allocatable :: spring_static(:), spring_fast(:)   !! [N/m] or [N m/rad]
+    real(wp), allocatable :: ends(:, :)        !! (2, springs) factors of their ends, negative: present direction [-]
+    real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
     real(wp), allocatable :: value(:)          !! its entries [N/m, N, N m]
     real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass
@@ -60,6 +62,8 @@ contains
     do k = 1, size(m%s%springs)
       self%spring_fast(k) = self%spring_static(k)*(1 + sum(m%s%springs(k)%alpha))
     end do
+    allocate (self%ends(2, size(m%s%springs)), source=-1.0_wp)
+    allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
     allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%start(n), self%alpha(most), &
               self%beta(0:most), self%t(most, most), self%e(most), self%work(4*most + 8))
@@ -186,13 +190,16 @@ contains
     integer, intent(in) :: k                 !! 1: the fastest
     type(fast_mode), intent(out) :: f
     real(wp), allocatable :: y(:)
-    real(wp) :: d(2)
+    real(wp) :: square                       ! of a spring's deformation [m2] or [rad2]
     integer :: j, r
     f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
     allocate (y(size(f%x)), f%runs(size(self%lin%runs)))
     y = 0.0_wp
     call self%lin%stiffness%times(1.0_wp, f%x, y)
     f%stiffness = dot_product(f%x, y)
+    do j = 1, size(self%turning)
+      f%stiffness = f%stiffness + self%turning(j)*f%x(m%s%qo(j) + 3)**2
+    end do
     y = 0.0_wp
     call self%lin%damping%times(1.0_wp, f%x, y)
     f%damping = dot_product(f%x, y)
@@ -204,11 +211,11 @@ contains
       f%runs(r) = dot_product(f%x, y)
     end do
     do j = 1, size(m%s%springs)
-      d = spring_stretch(m, j, f%x)
-      f%stiffness = f%stiffness + self%spring_static(j)*sum(d**2)
-      f%damping = f%damping + m%s%springs(j)%damping*sum(d**2)
+      square = spring_square(m, j, self%ends(:, j), f%x)
+      f%stiffness = f%stiffness + self%spring_static(j)*square
+      f%damping = f%damping + m%s%springs(j)%damping*square
       do r = 1, size(self%lin%runs)
-        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*sum(d**2)
+        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*square
       end do
     end do
   end subroutine mode
@@ -220,7 +227,7 @@ contains
     logical, intent(in) :: damping
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: y(:)
-    real(wp) :: s, pull(2)
+    real(wp) :: s
     integer :: i, k
     if (self%only > 0) then
       call multiply_run(self, m, x, y)
@@ -236,10 +243,13 @@ contains
         end do
         y(i) = s
       end do
+      do k = 1, size(self%turning)
+        i = m%s%qo(k) + 3
+        y(i) = y(i) + self%turning(k)*x(i)
+      end do
     end if
     do k = 1, size(m%s%springs)
-      pull = spring_stretch(m, k, x)*merge(m%s%springs(k)%damping, self%spring_fast(k), damping)
-      if (any(abs(pull) > 0.0_wp)) call spring_push(m, k, pull, y)
+      call spring_pull(m, k, merge(m%s%springs(k)%damping, self%spring_fast(k), damping), self%ends(:, k), x, y)
     end do
   end subroutine multiply
 
@@ -253,7 +263,7 @@ contains
     y = 0.0_wp
     associate (runs => self%lin%runs, r => self%lin%runs(self%only))
       if (r%spring > 0) then
-        call spring_push(m, r%spring, self%spring_static(r%spring)*spring_stretch(m, r%spring, x), y)
+        call spring_pull(m, r%spring, self%spring_static(r%spring), self%ends(:, r%spring), x, y)
         return
       end if
       do k = 1, size(runs)

@@ -5,52 +5,83 @@ module spring_products
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: spring_stretch, spring_push
+  public :: spring_square, spring_pull
 
 contains
 
-  !> Change of a spring's deformation, as a vector along it; of a bush in whatever direction; of a torsional one (turn, 0).
-  pure function spring_stretch(m, k, x) result(s)
+  !> Square of a spring's change of deformation; with factors for its ends (`spring_directions`) the bound of it that holds for
+  !> all directions.
+  pure real(wp) function spring_square(m, k, ends, x) result(square)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: x(:)
-    real(wp) :: s(2), d(3), e(2), now, rate
+    integer, intent(in) :: k                   !! spring
+    real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
+    real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
+    real(wp) :: a(3), b(3)
+    call shifts(m, k, x, a, b)
+    if (all(ends >= 0.0_wp)) then
+      square = ends(1)*sum(a(1:2)**2) + ends(2)*sum(b(1:2)**2)
+    else
+      square = sum(stretch(m, k, a - b)**2)
+    end if
+  end function spring_square
+
+  !> Adds the forces of a spring of the given stiffness, or of the bound of it that holds for all directions.
+  pure subroutine spring_pull(m, k, stiffness, ends, x, y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                   !! spring
+    real(wp), intent(in) :: stiffness          !! or damping [N/m, N m/rad; N s/m, N m s/rad]
+    real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
+    real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
+    real(wp), intent(inout) :: y(:)            !! (n) forces [N], [N m]
+    real(wp) :: a(3), b(3)
+    if (.not. stiffness > 0.0_wp) return
+    call shifts(m, k, x, a, b)
+    if (all(ends >= 0.0_wp)) then
+      a = [ends(1)*a(1:2), 0.0_wp]
+      b = [-ends(2)*b(1:2), 0.0_wp]
+    else
+      a = stretch(m, k, a - b)
+      b = a
+    end if
+    if (any(abs(a) > 0.0_wp)) call place_push(m, m%s%springs(k)%ia, stiffness*a, y)
+    if (any(abs(b) > 0.0_wp)) call place_push(m, m%s%springs(k)%ib, -stiffness*b, y)
+  end subroutine spring_pull
+
+  !> Displacements and turns of a spring's ends, global axes.
+  pure subroutine shifts(m, k, x, a, b)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                   !! spring
+    real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
+    real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
+    a = place_shift(m, m%s%springs(k)%ia, x)
+    b = place_shift(m, m%s%springs(k)%ib, x)
+  end subroutine shifts
+
+  !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
+  pure function stretch(m, k, d) result(s)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                   !! spring
+    real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
+    real(wp) :: s(3), e(2), now, rate
     associate (sp => m%s%springs(k))
-      d = place_shift(m, sp%ia, x) - place_shift(m, sp%ib, x)
+      s = 0.0_wp
       if (sp%torsional) then
-        s = [d(3), 0.0_wp]
+        s(3) = d(3)
       else if (sp%every_way()) then
-        s = d(1:2)
+        s(1:2) = d(1:2)
       else
         call sp%deformation(m%p, now, rate, e)
-        s = dot_product(e, d(1:2))*e
+        s(1:2) = dot_product(e, d(1:2))*e
       end if
     end associate
-  end function spring_stretch
-
-  !> Adds the forces of a spring pulling with s, a vector as `spring_stretch` gives it.
-  pure subroutine spring_push(m, k, s, y)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k
-    real(wp), intent(in) :: s(2)
-    real(wp), intent(inout) :: y(:)
-    associate (sp => m%s%springs(k))
-      if (sp%torsional) then
-        call place_push(m, sp%ia, [0.0_wp, 0.0_wp, s(1)], y)
-        call place_push(m, sp%ib, [0.0_wp, 0.0_wp, -s(1)], y)
-      else
-        call place_push(m, sp%ia, [s(1), s(2), 0.0_wp], y)
-        call place_push(m, sp%ib, [-s(1), -s(2), 0.0_wp], y)
-      end if
-    end associate
-  end subroutine spring_push
+  end function stretch
 
   !> Displacement of a place, global, and turn of its section, from the unknowns.
   pure function place_shift(m, k, x) result(d)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                   !! place
-    real(wp), intent(in) :: x(:)               !! (n)
-    real(wp) :: d(3), u(3)
+    real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
+    real(wp) :: d(3), u(3)                     !! [m], [m], [rad]
     integer :: b, i
     d = 0.0_wp
     b = m%s%places(k)%body
@@ -65,7 +96,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                   !! place
     real(wp), intent(in) :: f(3)               !! [N], [N m]
-    real(wp), intent(inout) :: y(:)            !! (n)
+    real(wp), intent(inout) :: y(:)            !! (n) [N], [N m]
     real(wp) :: w(3)
     integer :: b, i
     b = m%s%places(k)%body

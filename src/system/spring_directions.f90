@@ -1,0 +1,108 @@
+!> Springs turn with the bodies that they join. A bound that holds wherever bodies come to in a run must not depend on the
+!> direction in which a spring pulls, seen from either body: with u_a and u_b the displacements of its ends,
+!>
+!>   (e_a.u_a - e_b.u_b)^2 <= (1 + s) |u_a|^2 + (1 + 1/s) |u_b|^2   for all unit vectors e_a, e_b and every s > 0,
+!>
+!> so that its stiffness k is at most that of two springs which pull whatever way their ends move, (1 + s) k from a and
+!> (1 + 1/s) k from b to the ground. With s = rho_b/rho_a, the ratio of what the ends yield to a force (largest
+!> eigenvalues of J M^-1 J^T), this is exact for one spring between two bodies: k (rho_a + rho_b). Its tension F adds
+!> F/length <= k across it, which is covered, too, and |F| |lever| against turns of a body about its mass centre.
+module spring_directions
+  use kinds, only: wp
+  use mass_solve, only: solve_body
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: bound_directions, turning_stiffness
+
+  real(wp), parameter :: parallel = 1.0e-6_wp    !! sine of the angle between a guide and a spring along it [-]
+
+contains
+
+  !> The factors 1 + s and 1 + 1/s of every spring's ends; negative where the spring cannot turn and its present direction
+  !> stays. Damped springs may turn away from what they damp: without them the factors of these are 0.
+  subroutine bound_directions(m, with_damped, ends)
+    type(mechanism_model), intent(inout) :: m    !! evaluated
+    logical, intent(in) :: with_damped           !! springs that turn and are damped count
+    real(wp), intent(out) :: ends(:, :)          !! (2, springs) [-]
+    real(wp) :: ra, rb
+    integer :: k
+    ends = -1.0_wp
+    do k = 1, size(m%s%springs)
+      associate (sp => m%s%springs(k))
+        if (sp%torsional .or. is_guided(m, k)) cycle
+        ends(:, k) = 0.0_wp
+        if (.not. with_damped .and. (sp%damping > 0.0_wp .or. size(sp%alpha) > 0)) cycle
+        ra = yield(m, sp%ia)
+        rb = yield(m, sp%ib)
+        if (ra > 0.0_wp) ends(1, k) = 1 + rb/ra
+        if (rb > 0.0_wp) ends(2, k) = 1 + ra/rb
+      end associate
+    end do
+  end subroutine bound_directions
+
+  !> What the present forces of linear springs add at most to the stiffness against turns of every body.
+  pure function turning_stiffness(m) result(stiffness)
+    type(mechanism_model), intent(in) :: m       !! evaluated
+    real(wp) :: stiffness(size(m%s%bodies))      !! [N m/rad]
+    integer :: k, i, b, place
+    stiffness = 0.0_wp
+    do k = 1, size(m%s%springs)
+      if (m%s%springs(k)%torsional) cycle
+      do i = 1, 2
+        place = merge(m%s%springs(k)%ia, m%s%springs(k)%ib, i == 1)
+        b = m%s%places(place)%body
+        if (b == 0) cycle
+        stiffness(b) = stiffness(b) + abs(m%spring_force(k))*norm2(m%p%rho(:, place) - m%pin(:, b)/m%s%bodies(b)%mass)
+      end do
+    end do
+  end function turning_stiffness
+
+  !> Whether a spring's direction is fixed in both its bodies: welds, or guides along the spring, join them.
+  pure logical function is_guided(m, k)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                     !! spring
+    real(wp) :: now, rate, e(2)
+    integer :: group(0:size(m%s%bodies)), j, a, b
+    logical :: welded
+    group = [(j, j=0, size(m%s%bodies))]
+    call m%s%springs(k)%deformation(m%p, now, rate, e)
+    do j = 1, m%s%joints
+      associate (c => m%s%constraints(j)%item)
+        a = group(m%s%places(c%ia)%body)
+        b = group(m%s%places(c%ib)%body)
+        welded = c%rows == 3
+        associate (last => c%first + c%rows - 1)
+          if (norm2(m%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
+        end associate
+        if (welded .or. abs(dot_product(m%rows%na(:, c%first), e)) <= parallel) where (group == a) group = b
+      end associate
+    end do
+    is_guided = group(m%s%places(m%s%springs(k)%ia)%body) == group(m%s%places(m%s%springs(k)%ib)%body)
+  end function is_guided
+
+  !> How a place yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
+  real(wp) function yield(m, k) result(rho)
+    type(mechanism_model), intent(inout) :: m
+    integer, intent(in) :: k                     !! place
+    real(wp), allocatable :: f(:), u(:)
+    real(wp) :: c(2, 2), w(3)
+    integer :: b, j
+    rho = 0.0_wp
+    b = m%s%places(k)%body
+    if (b == 0) return
+    associate (p => m%s%places(k), n => m%s%bodies(b)%nf)
+      allocate (f(3 + n), u(3 + n))
+      do j = 1, 2
+        f = 0.0_wp
+        w = 0.0_wp
+        w(j) = 1.0_wp
+        call p%push(m%p%rho(:, k), w, f(1:3), f(4:))
+        call solve_body(m, b, f, u)
+        w = p%shift(m%p%rho(:, k), u(1:3), u(4:))
+        c(:, j) = w(1:2)
+      end do
+    end associate
+    rho = 0.5_wp*(c(1, 1) + c(2, 2)) + hypot(0.5_wp*(c(1, 1) - c(2, 2)), 0.5_wp*(c(1, 2) + c(2, 1)))   ! [1/kg]
+  end function yield
+end module spring_directions
