@@ -195,6 +195,7 @@ contains
     logical, intent(in) :: exact
     integer :: i, j, c, n
     n = t%nf
+    t%exact_columns = exact
     t%xs = bo%sbar
     t%xe = 0.0_wp
     do j = 1, size(t%seat, 2)

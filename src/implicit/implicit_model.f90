@@ -42,6 +42,7 @@ module implicit_model
     integer, allocatable :: place(:)         !! (na)
     integer, allocatable :: column(:, :)     !! (3, na) column of E_k^T, 0: none
     integer, allocatable :: seat(:, :)       !! (2, nc) place and component of each column
+    logical :: exact_columns = .false.       !! xs, xe and their products were solved with the exact block
     real(wp), allocatable :: xs(:, :)        !! (nf, 2) B^-1 S-bar^T
     real(wp), allocatable :: xe(:, :)        !! (nf, nc) B^-1 E^T
     real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i B^-1 E_j^T

@@ -150,8 +150,9 @@ contains
           call exact_block(self%b(b), m%s%bodies(b), self%now, self%v1(i + 3), self%vd1(i + 3), bad)
           if (bad) return
           self%exact_factors = self%exact_factors + 1
-          call elastic_columns(self%b(b), m%s%bodies(b), m%s%places, .true.)
         end if
+        ! columns that an earlier step solved with its exact block do not fit the constant one
+        if (self%exact .or. self%b(b)%exact_columns) call elastic_columns(self%b(b), m%s%bodies(b), m%s%places, self%exact)
         call elastic_solve(self%b(b), m%s%bodies(b), self%exact, .true.)
       end if
       call condense_frame(self%b(b), m, b, self%now%c1, bad)

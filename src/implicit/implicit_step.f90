@@ -91,10 +91,10 @@ contains
     before_whole = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
-    reach = extent(self, m)
-    blur = noise*reach
     do k = 1, most_iterations
       call trial_residual(self, m, t1)
+      if (k == 1) reach = extent(self, m)
+      blur = noise*reach
       if (k == 1 .or. slowly) then
         call trial_tangent(self, m, t1, bad)
         if (bad) return

@@ -1,0 +1,154 @@
+"""Restart of random scenes by every method: cut off anywhere and continued, a run leaves the bytes of the uninterrupted one.
+
+A limit on the size of files cuts a run off where its history reaches it: at a place that the seed alone decides.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+import resource
+import shutil
+import subprocess
+from math import cos, sin
+
+import pytest
+from conftest import TIMEOUT
+
+ROWS = 100
+CUTS = 2  # of each scene
+MATERIALS = ["", "ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0", "rayleigh_stiffness=1e-4"]
+METHODS = {
+    "fixed generalized_alpha": "method='generalized_alpha' step={step:.17g}",
+    "controlled generalized_alpha": "method='generalized_alpha' tolerance=1e-3",
+    "rk4": "method='rk4' step={small:.17g}",
+    "fixed dopri5": "method='dopri5' step={small:.17g}",
+    "controlled dopri5": "method='dopri5' tolerance=1e-5",
+}
+
+
+def scene(dice: random.Random) -> str:
+    """Return a chain of one to three links of random kinds, some hinges with a spring that is not at rest."""
+    lines = ["&scene gravity=0.0,-9.81 /"]
+    damping = dice.choice(MATERIALS)
+    lines.append(f"&material name='m' density={dice.uniform(8e2, 3e3):.17g} young={10 ** dice.uniform(8.5, 10.5):.17g} {damping} /")
+    lines.append("&section name='s' shape='rectangle' width=0.02 height=0.02 /")
+    x = y = 0.0
+    on, at = "", ""
+    for k in range(dice.randint(1, 3)):
+        length, angle = dice.uniform(0.2, 0.5), dice.uniform(-3.0, 3.0)
+        rest = f"position={x:.17g},{y:.17g} angle={angle:.17g} angular_velocity={dice.uniform(-5.0, 5.0):.17g}"
+        kind = dice.choice(["rigid", "", "modes=3 reference='clamped'", "reference='clamped'", "stiffening=.true."])
+        if kind == "rigid":
+            lines.append(f"&body name='b{k}' kind='rigid' mass=0.2 inertia=2e-3 com={length / 2:.17g},0.0 {rest} /")
+            near, far, end = "", f"point_b={length:.17g},0.0", f"point={length:.17g},0.0"
+        else:
+            elements = dice.randint(2, 4)
+            lines.append(f"&body name='b{k}' kind='beam' length={length:.17g} elements={elements} material='m' section='s'")
+            lines.append(f"  {kind} {rest} /")
+            near, far, end = "node_a=1", "node_b=-1", "node=-1"
+        lines.append(f"&joint name='j{k}' type='revolute' body_a='b{k}' {near} {on} {at} /")
+        if dice.random() < 0.7:
+            spring = f"stiffness={10 ** dice.uniform(1.0, 3.0):.17g} free_angle={dice.uniform(-0.6, 0.6):.17g}"
+            spring += dice.choice(["", " ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0"])
+            lines.append(f"&spring name='k{k}' type='torsional' body_a='b{k}' {near} {on} {at if 'node' in at else ''} {spring} /")
+        for quantity in ("position", "velocity", "acceleration"):
+            lines.append(f"&sensor name='{quantity}{k}' quantity='{quantity}' body='b{k}' {end} /")
+        on, at = f"body_b='b{k}'", far
+        x, y = x + length * cos(angle), y + length * sin(angle)
+    return "\n".join(lines) + "\n"
+
+
+def transient(dice: random.Random, method: str) -> str:
+    """Return the &transient group: outputs at or between steps, a few checkpoints (each waits for the disk)."""
+    output = dice.choice([1e-3, 2e-3, 5e-3]) if method.endswith("alpha") else 1e-4
+    words = METHODS[method].format(step=output / dice.choice([1, 2, 3, 10]), small=output / 120)
+    end = ROWS * output
+    interval = end / dice.uniform(4, 9)
+    return f"&transient t_end={end:.17g} output_step={output:.17g} checkpoint_interval={interval:.17g} {words} /\n"
+
+
+class Runner:
+    """A folder with a deck, and runs of it."""
+
+    def __init__(self, biela, folder, deck):
+        """Write the deck."""
+        self.biela, self.folder, self.results = biela, folder, folder / "results" / "scene"
+        (folder / "scene.nml").write_text(deck, encoding="utf-8")
+
+    def run(self, *options: str, limit: int | None = None) -> int:
+        """Return the exit status of a run whose files may not grow beyond the limit."""
+
+        def hold():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+        return subprocess.run(
+            [str(self.biela), "--quiet", *options, "scene.nml"],
+            cwd=self.folder,
+            capture_output=True,
+            timeout=TIMEOUT,
+            check=False,
+            preexec_fn=hold if limit else None,
+        ).returncode
+
+    def files(self) -> dict[str, bytes]:
+        """Return the bytes of every result, without the lines of times; a checkpoint knows how often the run was restarted."""
+        found = {path.name: path.read_bytes() for path in self.results.iterdir() if path.name not in (".lock", "checkpoint")}
+        return {name: re.sub(rb"(?m)^timing:.*\n", b"", text) for name, text in found.items()}
+
+
+def restarted(biela, folder, seed: int, method: str) -> int:
+    """Cut a scene off at random places and continue it each time; return how often a checkpoint was there to continue from."""
+    dice = random.Random(seed)
+    place = Runner(biela, folder, scene(dice) + transient(dice, method))
+    status = place.run()
+    assert status in (0, 1), f"seed {seed}"
+    whole = place.files()
+    continued = 0
+    for _ in range(CUTS):
+        shutil.rmtree(place.results)
+        cut = place.run(limit=int(dice.uniform(0.3, 0.95) * len(whole["history.txt"])))
+        if not (place.results / "checkpoint").exists():
+            continue
+        assert cut != 0, f"seed {seed}"
+        assert place.run("--restart") == status, f"seed {seed}"
+        found = place.files()
+        assert [name for name in whole if found.get(name) != whole[name]] == [], f"seed {seed}"
+        continued += 1
+    return continued
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_random_scenes_cut_off_anywhere(method, biela, tmp_path):
+    seeds = range(309, 319) if method == "fixed generalized_alpha" else range(300, 303)
+    continued = 0
+    for seed in seeds:
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        continued += restarted(biela, folder, seed, method)
+    assert continued >= len(seeds)
+
+
+@pytest.mark.parametrize("stiffness", [150.0, 300.0])
+def test_steps_after_the_exact_elastic_block_was_used(stiffness, biela, tmp_path):
+    """A beam whose spring pulls it round: Newton's method needs the exact block for a while and then leaves it."""
+    deck = f"""&scene gravity=0.0,-9.81 /
+&material name='m' density=1500.0 young=3.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='b' kind='beam' length=0.4 elements=3 material='m' section='s' reference='clamped' /
+&joint name='j' type='revolute' body_a='b' node_a=1 /
+&spring name='k' type='torsional' body_a='b' node_a=1 stiffness={stiffness} free_angle=0.5 /
+&sensor name='p' quantity='position' body='b' node=-1 /
+&sensor name='a' quantity='acceleration' body='b' node=-1 /
+&sensor name='r' quantity='reaction' joint='j' /
+&transient t_end=0.6 output_step=2e-3 checkpoint_interval=0.083 method='generalized_alpha' step=2e-3 /
+"""
+    place = Runner(biela, tmp_path, deck)
+    assert place.run() == 0
+    whole = place.files()
+    assert int(re.search(rb"exact (\d+)", whole["summary.txt"])[1]) > 0
+    for tenth in (3, 5, 7, 9):
+        shutil.rmtree(place.results)
+        assert place.run(limit=len(whole["history.txt"]) * tenth // 10) != 0
+        assert place.run("--restart") == 0
+        assert place.files() == whole, f"cut at {tenth} tenths"
