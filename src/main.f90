@@ -2,12 +2,14 @@
 !> highest exit status. The only place that stops the program.
 program biela
   use command_line, only: parse_arguments, print_ending, command
-  use errors, only: status_ok
+  use errors, only: status_ok, status_signal
   use lapack, only: use_one_blas_thread
+  use process, only: begin_process, caught_signal
   use run_deck, only: run_one_deck
   implicit none (type, external)
   type(command) :: asked
   integer :: k, status, ended
+  call begin_process()
   call parse_arguments(asked, status)
   if (status == status_ok .and. allocated(asked%decks)) then
     call use_one_blas_thread()
@@ -15,7 +17,8 @@ program biela
       ended = run_one_deck(trim(asked%decks(k)), asked%options)
       if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended)
       status = max(status, ended)
-      if (status > 128) exit
+      if (k < size(asked%decks) .and. caught_signal() > 0) status = status_signal + caught_signal()
+      if (status > status_signal) exit
     end do
   end if
   if (status /= status_ok) stop status, quiet=.true.

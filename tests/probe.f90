@@ -27,7 +27,7 @@ program probe
   call read_deck(trim(path), run%d, faults)
   if (faults%count == 0) call prepare_run(run, faults, fail)
   if (faults%count > 0) then
-    call faults%print(error_unit)
+    call faults%print()
     error stop 2, quiet=.true.
   end if
   if (fail%happened()) then

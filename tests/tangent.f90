@@ -16,7 +16,6 @@ program tangent
   use implicit_start, only: start_method
   use implicit_step, only: try_step, accept_step
   use scene_run, only: run_state, prepare_run
-  use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
   type(run_state) :: run
   type(implicit_solver) :: solver
@@ -36,7 +35,7 @@ program tangent
   call read_deck(trim(word(1)), run%d, faults)
   if (faults%count == 0) call prepare_run(run, faults, fail)
   if (faults%count > 0) then
-    call faults%print(error_unit)
+    call faults%print()
     error stop 2, quiet=.true.
   end if
   if (fail%happened()) error stop 2, quiet=.true.

@@ -35,7 +35,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("acceleration1", "change", "dq", "fp", "lambda1", "old", "pairs", "pre", "q1", "v1", "vd1", "zk"),
         *("spring_z", "spring_zd", "ended", "exact", "stale", "steps"),
     },
-    ("output/results", "result_set", "output/results", "self"): {"energy_floor", "nodes", "values"},
+    ("output/results", "result_set", "output/results", "self"): {"energy_floor", "incomplete", "nodes", "values"},
     ("output/text_file", "result_file", "output/text_file", "self"): {"buffer", "failed", "handle", "path", "used"},
     ("output/validity", "validity_watch", "output/validity", "self"): {"weight"},
     ("analysis/step_monitor", "stability_monitor", "analysis/step_monitor", "self"): {

@@ -5,7 +5,7 @@ module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words
   use errors, only: failure, status_bad_input
-  use posix, only: close_file, create_file, remove_file, replace_file, sync_file, write_bytes
+  use posix, only: close_file, create_file, file_size, remove_file, replace_file, sync_file, write_bytes
   use summary, only: version
   use, intrinsic :: iso_fortran_env, only: compiler_version, compiler_options
   implicit none (type, external)
@@ -53,25 +53,36 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip), allocatable :: words(:)
     integer :: unit, status
-    integer(ip) :: bytes
+    integer(ip) :: bytes, head(4)
     logical :: exists
-    inquire (file=folder//name, exist=exists, size=bytes)
+    inquire (file=folder//name, exist=exists)
     if (.not. exists) then
       call fail%raise(status_bad_input, 'there is no checkpoint to restart from in "'//folder// &
                       '": the run ended well, or never wrote one; run without --restart to start at t = 0')
       return
     end if
-    allocate (words(max(0_ip, bytes/8)), source=0_ip)
+    bytes = file_size(folder//name)
+    if (bytes < 0) then                       ! a pipe would be waited for
+      call refuse('cannot be read')
+      return
+    else if (bytes < 8*frame .or. mod(bytes, 8_ip) /= 0) then
+      call refuse('is damaged: it is cut off')
+      return
+    end if
     open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
-    if (status == 0) read (unit, iostat=status) words
-    if (status == 0) close (unit)
+    if (status == 0) read (unit, iostat=status) head
+    if (status == 0 .and. head(4) == bytes/8 - frame) then
+      allocate (words(bytes/8), stat=status)
+      if (status == 0) read (unit, pos=1, iostat=status) words
+    end if
+    close (unit)
     if (status /= 0) then
       call refuse('cannot be read')
-    else if (size(words) < frame .or. mod(bytes, 8_ip) /= 0) then
-      call refuse('is damaged: it is cut off')
-    else if (words(1) /= mark) then
+    else if (head(1) /= mark) then
       call refuse('is not a checkpoint of biela, or its beginning is damaged')
-    else if (words(size(words)) /= digest(words(1:size(words) - 1)) .or. words(4) /= size(words) - frame) then
+    else if (.not. allocated(words)) then
+      call refuse('is damaged: its length does not fit')
+    else if (words(size(words)) /= digest(words(1:size(words) - 1))) then
       call refuse('is damaged: its checksum does not fit')
     else if (words(2) /= program_digest()) then
       call refuse('was written by another version or build of biela')

@@ -3,11 +3,10 @@
 module command_line
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
-  use posix, only: write_bytes, standard_output
+  use posix, only: write_bytes, standard_output, tell
   use run_deck, only: run_options
   use summary, only: version
   use text, only: nearest_word
-  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   implicit none (type, external)
   private
   public :: command, parse_arguments, print_ending
@@ -53,14 +52,18 @@ contains
       case ('--output', '-o')
         output_next = .true.
       case ('--version')
-        write (output_unit, '(a)') 'biela '//version
+        call print_out('biela '//version//new_line('a'), status)
         return
       case ('--help', '-h')
-        call print_help()
+        call print_help(status)
         return
       case default
         if (index(word, '-') == 1 .and. word /= '-') then
           call complain('unknown option '//word//suggestion(word), status)
+          return
+        end if
+        if (len_trim(word) < len(word)) then       ! the run-time library would open the file without the blank
+          call complain('the path "'//word//'" ends with a blank, expected a file name without one at its end', status)
           return
         end if
         n = n + 1
@@ -83,8 +86,8 @@ contains
     do k = 2, size(decks)
       do j = 1, k - 1
         if (deck_name(trim(decks(j))) /= deck_name(trim(decks(k)))) cycle
-        write (error_unit, '(a)') 'biela: warning: the results of '//trim(decks(k))//' replace those of '// &
-          trim(decks(j))//', both are written into results/'//deck_name(trim(decks(k)))//' (one deck and --output keeps both)'
+        call tell('biela: warning: the results of '//trim(decks(k))//' replace those of '// &
+          trim(decks(j))//', both are written into results/'//deck_name(trim(decks(k)))//' (one deck and --output keeps both)')
         exit
       end do
     end do
@@ -124,7 +127,7 @@ contains
   subroutine complain(text, status)
     character(*), intent(in) :: text
     integer, intent(inout) :: status
-    if (status == status_ok) write (error_unit, '(a)') 'biela: '//text//' (biela --help)'
+    if (status == status_ok) call tell('biela: '//text//' (biela --help)')
     status = status_bad_input
   end subroutine complain
 
@@ -149,17 +152,28 @@ contains
   end subroutine print_ending
 
   !> The help text.
-  subroutine print_help()
-    write (output_unit, '(a)') &
-      'biela: planar flexible mechanisms with viscoelastic damping', '', &
-      '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard', &
-      '                                 input, with results in results/stdin/', &
-      '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing', &
-      '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o', &
-      '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint', &
-      '  biela --quiet ...              no progress, warnings and errors only', &
-      '  biela --version | --help (-h)', '', &
-      'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or', &
-      'a deck is wrong, nothing was written; 3 results could not be written; 128 + signal when stopped by a signal.'
+  subroutine print_help(status)
+    integer, intent(inout) :: status
+    character(*), parameter :: lf = new_line('a')
+    call print_out('biela: planar flexible mechanisms with viscoelastic damping'//lf//lf// &
+      '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard'//lf// &
+      '                                 input, with results in results/stdin/'//lf// &
+      '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
+      '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
+      '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
+      '  biela --quiet ...              no progress, warnings and errors only'//lf// &
+      '  biela --version | --help (-h)'//lf//lf// &
+      'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or'//lf// &
+      'a deck is wrong, nothing was written; 3 results could not be written; 128 + signal when stopped by a signal.'// &
+      lf, status)
   end subroutine print_help
+
+  !> Prints to standard output; the status tells where that is not possible.
+  subroutine print_out(words, status)
+    character(*), intent(in) :: words
+    integer, intent(inout) :: status
+    if (write_bytes(standard_output, words)) return
+    status = max(status, status_no_output)
+    call tell('biela: standard output cannot be written')
+  end subroutine print_out
 end module command_line

@@ -16,6 +16,7 @@ module equilibrium
   use linear_matrices, only: linear_mechanism
   use place, only: turn
   use prescribed_motion, only: prescribe, rotations
+  use process, only: caught_signal
   use scene_run, only: run_state, relax
   implicit none (type, external)
   private
@@ -53,7 +54,7 @@ contains
     lambda = run%sys%m%lambda
     do
       report%converged = report%residual <= tolerance .and. report%gap <= closed
-      if (report%converged .or. report%steps == most_newton) return
+      if (report%converged .or. report%steps == most_newton .or. caught_signal() > 0) return
       report%steps = report%steps + 1
       call ds%set((0.0_wp, 0.0_wp), 1.0_wp)
       call ds%factor()

@@ -2,8 +2,8 @@
 module idle_parts
   use kinds, only: wp
   use deck_records, only: deck, origin
+  use posix, only: tell
   use text, only: to_text
-  use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
   private
   public :: warn_of_idle_parts
@@ -28,6 +28,6 @@ contains
   subroutine warn(at, what, why)
     type(origin), intent(in) :: at
     character(*), intent(in) :: what, why
-    write (error_unit, '(a)') at%file//':'//to_text(at%line)//': '//what//': warning: '//why
+    call tell(at%file//':'//to_text(at%line)//': '//what//': warning: '//why)
   end subroutine warn
 end module idle_parts

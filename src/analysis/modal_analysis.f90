@@ -4,12 +4,13 @@ module modal_analysis
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
+  use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
+  use posix, only: remove_file, tell
   use scene_run, only: run_state
   use summary, only: add_line, number
-  use, intrinsic :: iso_fortran_env, only: error_unit
   use text, only: es_text
   implicit none (type, external)
   private
@@ -27,11 +28,13 @@ contains
     type(stiffness_system) :: ds
     type(mode_set) :: modes
     logical :: ok, failed
+    call remove_file(run%folder//'/modes.txt')
     call linear_system(run, ds)
     call refuse_uneven(run, 'modal analysis', fail)
     if (fail%happened()) return
     call warn_of_motion(run, text)
     call find_modes(ds, run%d%modal%modes, modes, ok)
+    call stop_if_signalled('modal analysis', fail)
     if (.not. ok) then
       call fail%raise(status_failed, 'the modal analysis did not converge: the mass matrix or the stiffness about the '// &
                       'present state is not fit for it (check masses and static state)')
@@ -55,7 +58,7 @@ contains
       if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%s%gravity), maxval(abs(m%free)))) return
     end associate
     call add_line(text, words)
-    write (error_unit, '(a)') run%d%path//': '//words
+    call tell(run%d%path//': '//words)
   end subroutine warn_of_motion
 
   !> The table of modes for the summary.

@@ -5,6 +5,7 @@ module response_analysis
   use column_names, only: joined, suffixed
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
+  use interruption, only: stop_if_signalled
   use line_joint, only: line_model
   use linear_sensors, only: read_linear_sensors
   use linear_state, only: linear_system, refuse_uneven
@@ -44,6 +45,8 @@ contains
       call file%open(run%folder//'/frequency_response.txt')
       call write_header(run, file)
       do k = 1, r%points
+        call stop_if_signalled('frequency response', fail)
+        if (fail%happened()) exit
         f = frequency(run, k)
         call respond(run, ds, cmplx(0.0_wp, 2*pi*f, wp), values)
         if (.not. all(abs(values) <= huge(1.0_wp))) then

@@ -6,7 +6,8 @@ module run_deck
   use idle_parts, only: warn_of_idle_parts
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, survive_size_limits, write_bytes, standard_output
+  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, write_bytes, standard_output, tell
+  use process, only: hold_signals
   use response_analysis, only: run_response
   use lapack, only: refused_routine
   use load, only: stage_transient
@@ -21,7 +22,7 @@ module run_deck
   use time_stepper, only: step_count
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
-  use, intrinsic :: iso_fortran_env, only: compiler_version, error_unit
+  use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
   private
   public :: run_one_deck, run_options
@@ -50,17 +51,17 @@ contains
     call read_deck(path, run%d, faults)
     if (faults%count == 0) call prepare_run(run, faults, fail)
     if (faults%count > 0) then
-      call faults%print(error_unit)
+      call faults%print()
       return
     end if
     if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
     if (fail%happened()) then
-      write (error_unit, '(a)') path//': '//fail%message
+      call tell(path//': '//fail%message)
       status = fail%status
       return
     end if
     do k = 1, size(run%assembly%warnings)
-      write (error_unit, '(a)') path//': warning: '//trim(run%assembly%warnings(k))
+      call tell(path//': warning: '//trim(run%assembly%warnings(k)))
     end do
     call warn_of_idle_parts(run%d)
     text = model_lines(run%d, run%sys%m, run%assembly)
@@ -71,7 +72,7 @@ contains
     if (options%check) then
       status = status_ok
       if (.not. write_bytes(standard_output, text)) then
-        write (error_unit, '(a)') path//': the check cannot be written to standard output'
+        call tell(path//': the check cannot be written to standard output')
         status = status_no_output
       end if
       return
@@ -83,7 +84,7 @@ contains
     if (run%restart) then
       call read_restart(run, fail)
       status = fail%status
-      if (fail%happened()) write (error_unit, '(a)') path//': '//fail%message
+      if (fail%happened()) call tell(path//': '//fail%message)
       if (fail%happened()) return
     end if
     status = run_in_folder(run, text)
@@ -120,9 +121,8 @@ contains
     line = 'step = '//es_text(h, 3)//' s is above the safe bound of '//trim(method_names(k))//', '// &
            es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
            es_text(0.98_wp*advice%safe%step(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
-    write (error_unit, '(a, i0, a)') run%d%transient%at%file//':', run%d%transient%at%line, ': transient/step: '//prefix//line
-    if (refused) write (error_unit, '(a)') advice%text(:len(advice%text) - 1)
-    flush (error_unit)
+    call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
+    if (refused) call tell(advice%text(:len(advice%text) - 1))
   end function step_refused
 
   !> The fixed step in use.
@@ -169,11 +169,12 @@ contains
     integer(ip) :: t0, t1, rate
     real(wp) :: p0, p1                        !! time of the processor [s]
     status = status_no_output
-    call survive_size_limits()
+    call hold_signals(.true.)
     call make_folder(run%folder)
     lock = lock_file(run%folder//'/.lock')
-    if (lock < 0) write (error_unit, '(a)') run%d%path//': results cannot be written into "'//run%folder//'"'
-    if (lock == 0) write (error_unit, '(a)') run%d%path//': another run is writing into "'//run%folder//'"'
+    if (lock < 0) call tell(run%d%path//': results cannot be written into "'//run%folder//'"')
+    if (lock == 0) call tell(run%d%path//': another run is writing into "'//run%folder//'"')
+    if (lock <= 0) call hold_signals(.false.)
     if (lock <= 0) return
     call system_clock(t0, rate)
     call cpu_time(p0)
@@ -201,12 +202,13 @@ contains
     end if
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
+    call hold_signals(.false.)
     status = fail%status
     if (.not. ok .and. status == status_ok) then
       status = status_no_output
-      write (error_unit, '(a)') run%d%path//': results cannot be written into "'//run%folder//'"'
+      call tell(run%d%path//': results cannot be written into "'//run%folder//'"')
     end if
-    if (fail%happened()) write (error_unit, '(a)') run%d%path//': '//fail%message
+    if (fail%happened()) call tell(run%d%path//': '//fail%message)
   end function run_in_folder
 
   !> Fails where a LAPACK or BLAS routine has refused its arguments: what was computed from it means nothing.

@@ -8,6 +8,7 @@ module static_analysis
   use errors, only: failure, status_failed, status_bad_input, status_no_output
   use linear_state, only: linear_system, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
+  use interruption, only: stop_if_signalled
   use load, only: stage_static
   use natural_modes, only: natural_subspace, rounding_level
   use results, only: motion_row
@@ -108,12 +109,16 @@ contains
     call write_header(run, file)
     steps = 0
     do k = 1, run%d%static%load_steps
+      call stop_if_signalled('static analysis', fail)
+      if (fail%happened()) exit
       factor = real(k, wp)/run%d%static%load_steps
       run%sys%m%load_factor = factor
       run%sys%m%s%gravity = factor*gravity
       call find_equilibrium(run, run%d%static%tolerance, report)
       steps = steps + report%steps
       if (.not. report%converged) then
+        call stop_if_signalled('static analysis', fail)
+        if (fail%happened()) exit
         call refuse_uneven(run, 'static analysis', fail)
         if (fail%happened()) exit
         call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//number(k)//' of '// &

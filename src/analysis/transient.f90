@@ -12,7 +12,7 @@ module transient
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use mechanism, only: mechanism_model
   use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
-  use posix, only: catch_signals, caught_signal
+  use process, only: caught_signal
   use progress, only: progress_line
   use results, only: result_set
   use scene_run, only: run_state
@@ -50,7 +50,6 @@ contains
     type(progress_line) :: line
     call prepare(run, march, fail)
     if (fail%happened()) return
-    call catch_signals()
     if (run%restart) then
       call continue_run(run, march, fail)
     else
@@ -131,8 +130,12 @@ contains
     end if
     march%restarts = march%restarts + 1
     call march%files%resume(run%folder, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
-    if (march%files%failed()) call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter '// &
-                                              'than its checkpoint says; run without --restart to start at t = 0')
+    if (march%files%incomplete) then
+      call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter than its checkpoint says; '// &
+                      'run without --restart to start at t = 0')
+    else if (march%files%failed()) then
+      call no_output(run, fail)
+    end if
   end subroutine continue_run
 
   !> Marches to the next output time and writes its row.

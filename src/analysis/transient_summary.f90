@@ -1,12 +1,12 @@
 !> What the summary says of a transient: steps, evaluations, drift, and energy as a witness of how far to trust it.
 module transient_summary
   use kinds, only: wp
+  use posix, only: tell
   use scene_run, only: run_state
   use summary, only: add_line
   use text, only: es_text, fixed_text, to_text
   use time_stepper, only: step_count
   use transient, only: transient_march
-  use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
   private
   public :: transient_lines
@@ -64,7 +64,7 @@ contains
     character(*), intent(in) :: words
     character(:), allocatable, intent(inout) :: text
     call add_line(text, '  warning: '//words)
-    write (error_unit, '(a)') run%d%path//': warning: '//words
+    call tell(run%d%path//': warning: '//words)
   end subroutine warn
 
   !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
@@ -156,7 +156,7 @@ contains
       from = 1
       do while (from <= len(warnings))
         to = from + index(warnings(from:), new_line('a')) - 2
-        write (error_unit, '(a)') run%d%path//': '//warnings(from:to)
+        call tell(run%d%path//': '//warnings(from:to))
         from = to + 2
       end do
     end if

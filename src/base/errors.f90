@@ -1,6 +1,7 @@
 !> Errors as values: a run-time failure travels up as `failure`, deck faults are collected in a `fault_list`
 !> and shown all at once. Nothing here stops the program; only the main program does.
 module errors
+  use posix, only: tell
   use text, only: to_text
   implicit none (type, external)
   private
@@ -76,13 +77,12 @@ contains
     text = text//self%items(k)%message
   end function fault_line
 
-  !> Writes every fault, one a line, to an open unit.
-  subroutine print_faults(self, unit)
+  !> Writes every fault, one a line, to standard error.
+  subroutine print_faults(self)
     class(fault_list), intent(in) :: self
-    integer, intent(in) :: unit
     integer :: k
     do k = 1, self%count
-      write (unit, '(a)') self%line_of(k)
+      call tell(self%line_of(k))
     end do
   end subroutine print_faults
 

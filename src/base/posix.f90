@@ -1,19 +1,21 @@
-!> The few calls of the operating system that Fortran lacks: folders, locks, atomic replacement, terminals, signals.
+!> The few calls of the operating system on files that Fortran lacks: folders, locks, atomic replacement, writes that tell
+!> whether they succeeded.
 module posix
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_funptr, c_funloc, c_ptr, c_intptr_t, c_null_funptr, &
-                                         c_size_t
+  use kinds, only: ip
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_size_t
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
-  public :: create_file, extend_file, write_bytes, close_file
-  public :: catch_signals, caught_signal, survive_size_limits, standard_output
+  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, standard_output, standard_error, c_open
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: read_only = 0, write_only = 1   !! O_RDONLY, O_WRONLY
+  integer, parameter :: at_once = 2048              !! O_NONBLOCK: a pipe that nobody reads is refused, not waited for
   integer, parameter :: from_end = 2                !! SEEK_END
-  integer, parameter :: standard_output = 1         !! handle for write_bytes
-  integer, parameter :: signal_interrupt = 2, signal_terminate = 15, signal_file_size = 25
-  integer(c_int), volatile :: received = 0    !! the last signal caught
+  integer, parameter :: exists = 0                  !! F_OK
+  integer, parameter :: was_interrupted = 4         !! EINTR
+  integer, parameter :: standard_output = 1, standard_error = 2   !! handles for write_bytes
+  character(kind=c_char), allocatable :: locked(:)  !! path of the lock that this process holds
 
   interface
     !> mkdir(2): makes one folder.
@@ -30,7 +32,19 @@ module posix
       integer(c_int), value :: mode
       integer(c_int) :: fd
     end function c_creat
-    !> flock(2): locks an open file.
+    !> access(2): 0 where there is such a file.
+    function c_access(path, mode) bind(c, name='access') result(status)
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), value :: mode
+      integer(c_int) :: status
+    end function c_access
+    !> The last system call's errno.
+    function c_errno() bind(c, name='_gfortran_ierrno_i4') result(code)
+      import :: c_int
+      integer(c_int) :: code
+    end function c_errno
+    !> open(2): opens a file that exists.
     function c_open(path, flags) bind(c, name='open') result(fd)
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
@@ -95,13 +109,6 @@ module posix
       integer(c_long), value :: length
       integer(c_int) :: status
     end function c_truncate
-    !> signal(2): sets a handler.
-    function c_signal(number, handler) bind(c, name='signal') result(old)
-      import :: c_int, c_funptr
-      integer(c_int), value :: number
-      type(c_funptr), value :: handler
-      type(c_funptr) :: old
-    end function c_signal
   end interface
 
 contains
@@ -123,12 +130,14 @@ contains
     character(*), intent(in) :: path
     integer :: handle
     integer(c_int) :: status
-    handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
+    handle = create_file(path)
     if (handle < 0) return
     status = c_flock(int(handle, c_int), int(lock_exclusive_now, c_int))
     if (status /= 0) then
       status = c_close(int(handle, c_int))
       handle = 0
+    else
+      locked = transfer(path//c_null_char, [c_char_'a'])
     end if
   end function lock_file
 
@@ -140,7 +149,14 @@ contains
     if (handle <= 0) return
     status = c_unlink(path//c_null_char)
     status = c_close(int(handle, c_int))
+    deallocate (locked)
   end subroutine close_lock
+
+  !> Removes the file of the lock that this process holds, if it holds one, before the process ends in haste.
+  subroutine drop_lock()
+    integer(c_int) :: status
+    if (allocated(locked)) status = c_unlink(locked)
+  end subroutine drop_lock
 
   !> Renames a file over another in one step.
   function replace_file(from, to) result(ok)
@@ -156,11 +172,17 @@ contains
     status = c_unlink(path//c_null_char)
   end subroutine remove_file
 
-  !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails. The run-time library's
-  !> own files do not report a full disk reliably: what it could not write is lost in silence.
+  !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails or where a pipe stands
+  !> there. The run-time library's own files do not report a full disk reliably: what it could not write is lost in silence.
   function create_file(path) result(handle)
     character(*), intent(in) :: path
     integer :: handle
+    integer(c_int) :: status
+    if (c_access(path//c_null_char, int(exists, c_int)) == 0) then
+      handle = extend_file(path)
+      if (handle < 0) return
+      status = c_close(int(handle, c_int))
+    end if
     handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
   end function create_file
 
@@ -168,10 +190,26 @@ contains
   function extend_file(path) result(handle)
     character(*), intent(in) :: path
     integer :: handle
-    handle = int(c_open(path//c_null_char, int(write_only, c_int)))
+    integer(c_int) :: status
+    handle = int(c_open(path//c_null_char, int(ior(write_only, at_once), c_int)))
     if (handle < 0) return
-    if (c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int)) < 0) handle = -1
+    if (c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int)) >= 0) return
+    status = c_close(int(handle, c_int))
+    handle = -1
   end function extend_file
+
+  !> Bytes of a file; -1 where it cannot be read, or is a pipe or a folder.
+  function file_size(path) result(bytes)
+    character(*), intent(in) :: path
+    integer(ip) :: bytes
+    integer(c_int) :: fd, status
+    bytes = -1
+    if (c_access(path//'/.'//c_null_char, int(exists, c_int)) == 0) return
+    fd = c_open(path//c_null_char, int(ior(read_only, at_once), c_int))
+    if (fd < 0) return
+    bytes = c_lseek(fd, 0_c_long, int(from_end, c_int))
+    status = c_close(fd)
+  end function file_size
 
   !> Writes bytes; ok only where all of them are written.
   function write_bytes(handle, bytes) result(ok)
@@ -179,14 +217,25 @@ contains
     character(*), intent(in) :: bytes
     logical :: ok
     integer(c_long) :: done, here
+    integer(c_int) :: code
     done = 0
     do while (done < len(bytes))
       here = c_write(int(handle, c_int), bytes(done + 1:), int(len(bytes) - done, c_size_t))
+      code = 0
+      if (here < 0) code = c_errno()
+      if (code == was_interrupted) cycle
       if (here <= 0) exit
       done = done + here
     end do
     ok = done == len(bytes)
   end function write_bytes
+
+  !> A line of text to standard error. The run-time library's unit would end the program where that is closed.
+  subroutine tell(line)
+    character(*), intent(in) :: line
+    logical :: told
+    told = write_bytes(standard_error, line//new_line('a'))
+  end subroutine tell
 
   !> Closes a file; ok only where nothing written to it was lost.
   function close_file(handle) result(ok)
@@ -221,30 +270,4 @@ contains
     ok = c_fsync(fd) == 0
     status = c_close(fd)
   end function sync_file
-
-  !> From now on SIGINT and SIGTERM are only noted.
-  subroutine catch_signals()
-    type(c_funptr) :: old
-    received = 0
-    old = c_signal(int(signal_interrupt, c_int), c_funloc(note_signal))
-    old = c_signal(int(signal_terminate, c_int), c_funloc(note_signal))
-  end subroutine catch_signals
-
-  !> A write beyond a limit on file sizes fails like one on a full disk, instead of ending the program (SIG_IGN is 1).
-  subroutine survive_size_limits()
-    type(c_funptr) :: old
-    old = c_signal(int(signal_file_size, c_int), transfer(1_c_intptr_t, c_null_funptr))
-  end subroutine survive_size_limits
-
-  !> The handler: notes the signal's number, nothing else.
-  subroutine note_signal(number) bind(c)
-    integer(c_int), value :: number
-    received = number
-  end subroutine note_signal
-
-  !> Number of the signal caught, 0: none.
-  function caught_signal() result(number)
-    integer :: number
-    number = int(received)
-  end function caught_signal
 end module posix

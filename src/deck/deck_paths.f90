@@ -15,7 +15,8 @@ contains
     folder = path(1:index(path, '/', back=.true.))
   end function folder_of
 
-  !> File name without folder and `.nml`; `stdin` for a deck from standard input.
+  !> File name without folder and `.nml`, or with it where the rest would be a folder's `.` or `..`; `stdin` for a deck from
+  !> standard input.
   pure function deck_name(path) result(name)
     character(*), intent(in) :: path
     character(:), allocatable :: name
@@ -26,9 +27,8 @@ contains
     end if
     name = path(index(path, '/', back=.true.) + 1:)
     last = len(name) - 4
-    if (last > 0) then
-      if (name(last + 1:) == '.nml') name = name(1:last)
-    end if
+    if (last <= 0 .or. name == '..nml' .or. name == '...nml') return
+    if (name(last + 1:) == '.nml') name = name(1:last)
   end function deck_name
 
   !> Path of a file that another one names relative to itself, without needless `.` and `..`.

@@ -1,8 +1,8 @@
 !> A progress line on a terminal: fraction, simulated time, estimated time left. Nothing in a pipe or when quiet.
 module progress
   use kinds, only: wp, ip
-  use posix, only: is_terminal
-  use, intrinsic :: iso_fortran_env, only: error_unit
+  use posix, only: is_terminal, standard_error, write_bytes
+  use text, only: es_text, fixed_text
   implicit none (type, external)
   private
   public :: progress_line
@@ -35,22 +35,23 @@ contains
     real(wp), intent(in) :: t, t_end          !! simulated time reached and wanted [s]
     integer(ip) :: now
     real(wp) :: seconds, left
+    logical :: told
     if (.not. self%shown) return
     call system_clock(now)
     if (real(now - self%last, wp) < 0.2_wp*real(self%rate, wp)) return
     self%last = now
     seconds = real(now - self%start, wp)/real(self%rate, wp)
     left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
-    write (error_unit, '(a, f5.1, a, es11.4, a, f0.0, a)', advance='no') char(13), 100*t/t_end, ' %   t = ', t, &
-      ' s   about ', min(left, 9.9e6_wp), ' s left   '
-    flush (error_unit)
+    told = write_bytes(standard_error, char(13)//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '// &
+                       fixed_text(min(left, 9.9e6_wp), 0)//' s left   ')
   end subroutine report
 
   !> Clears the line.
   subroutine finish(self)
     class(progress_line), intent(inout) :: self
+    logical :: told
     if (self%shown .and. self%last > self%start) then
-      write (error_unit, '(a, a, a)', advance='no') char(13), repeat(' ', 60), char(13)
+      told = write_bytes(standard_error, char(13)//repeat(' ', 60)//char(13))
     end if
   end subroutine finish
 end module progress

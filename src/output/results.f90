@@ -18,6 +18,7 @@ module results
     type(result_file) :: history, energy, motion
     real(wp), allocatable :: values(:)        !! columns of the sensors
     real(wp), allocatable :: nodes(:)         !! a row of motion
+    logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
     real(wp) :: energy_start = 0.0_wp         !! T + V at t = 0 [J]
     real(wp) :: energy_floor = 0.0_wp         !! energies below it mean nothing [J]
     real(wp) :: trusted_energy = 0.0_wp       !! largest energy of the rows whose balance is not lost [J]
@@ -82,10 +83,10 @@ contains
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
     call allocate_rows(self, m, list, with_motion)
-    self%history%failed = .not. self%history%covers(folder//'/history.txt')
-    if (.not. self%history%failed) self%history%failed = .not. self%energy%covers(folder//'/energy.txt')
-    if (with_motion .and. .not. self%history%failed) self%history%failed = .not. self%motion%covers(folder//'/motion.txt')
-    if (self%history%failed) return           ! before anything is cut
+    self%incomplete = .not. self%history%covers(folder//'/history.txt')
+    if (.not. self%incomplete) self%incomplete = .not. self%energy%covers(folder//'/energy.txt')
+    if (with_motion .and. .not. self%incomplete) self%incomplete = .not. self%motion%covers(folder//'/motion.txt')
+    if (self%incomplete) return               ! before anything is cut
     call self%history%resume(folder//'/history.txt')
     call self%energy%resume(folder//'/energy.txt')
     if (with_motion) call self%motion%resume(folder//'/motion.txt')

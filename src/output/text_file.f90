@@ -4,7 +4,7 @@ module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: create_file, extend_file, write_bytes, close_file, sync_file, truncate_file
+  use posix, only: create_file, extend_file, write_bytes, close_file, file_size, sync_file, truncate_file
   use, intrinsic :: iso_c_binding, only: c_long
   implicit none (type, external)
   private
@@ -52,9 +52,7 @@ contains
     class(result_file), intent(in) :: self
     character(*), intent(in) :: path
     logical :: yes
-    integer(ip) :: bytes
-    inquire (file=path, size=bytes)
-    yes = bytes >= self%written
+    yes = file_size(path) >= self%written
   end function covers
 
   !> Opens a file of an interrupted run and cuts it to the bytes (`written`) that its checkpoint counts on.
@@ -64,8 +62,6 @@ contains
     self%path = path
     self%used = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
-    self%failed = .not. self%covers(path)
-    if (self%failed) return
     self%failed = .not. truncate_file(path, int(self%written, c_long))
     if (self%failed) return
     self%handle = extend_file(path)

@@ -9,6 +9,7 @@ module complex_modes
   use mode_list, only: mode_set, padded, residual_of, known_slope, undamped_mode, vibration_mode, further_mode, real_pole
   use natural_modes, only: natural_subspace, rounding_level
   use pole_newton, only: newton_pole, grow_damping
+  use process, only: caught_signal
   use reduced_poles, only: reduced_system_poles
   use scalar_modes, only: scalar_roots
   implicit none (type, external)
@@ -45,7 +46,7 @@ contains
       call add_gyroscopic(ds, x, wanted, modes, ok)
     end if
     if (ok .and. ds%damped) call damped_poles(ds, modes)
-    if (ok .and. modes%lost > 0) call missing_poles(ds, x, modes)
+    if (ok .and. modes%lost > 0 .and. caught_signal() == 0) call missing_poles(ds, x, modes)
   end subroutine find_modes
 
   !> A mode of the symmetric system; a frequency within rounding of zero is a rigid motion.
@@ -74,6 +75,7 @@ contains
     do pass = 1, 2                                     ! vibrations first, so that further poles cannot take their place
       do j = 1, undamped
         x0 = modes%x(:, j)
+        if (caught_signal() > 0) return
         if (abs(modes%lambda(j)%im) <= 0.0_wp) cycle   ! rigid or diverging: no vibration to damp
         call project(ds, x0, mass, damping, part)
         call scalar_roots(mass, damping, mass*modes%lambda(j)%im**2, part, ds%groups, roots, vibration)

@@ -5,6 +5,7 @@ module natural_modes
   use kinds, only: wp, ip
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeqp3, dorgqr, dsygvd, dsyev
+  use process, only: caught_signal
   implicit none (type, external)
   private
   public :: natural_subspace, rounding_level
@@ -47,6 +48,8 @@ contains
     settled_yet = .false.
     change = huge(1.0_wp)
     do pass = 1, most_passes
+      ok = caught_signal() == 0
+      if (.not. ok) return
       before = omega2
       call iterate(ds, omega2, x, ok)
       if (.not. ok) return

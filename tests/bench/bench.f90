@@ -46,7 +46,7 @@ contains
     dense = command_argument_count() > 2
     call read_deck(trim(path), run%d, faults)
     if (faults%count == 0) return
-    call faults%print(error_unit)
+    call faults%print()
     error stop 2, quiet=.true.
   end subroutine read_arguments
 
@@ -78,7 +78,7 @@ contains
     seconds = -clock()
     call prepare_run(run, faults, fail)
     seconds = seconds + clock()
-    if (faults%count > 0) call faults%print(error_unit)
+    if (faults%count > 0) call faults%print()
     if (fail%happened()) write (error_unit, '(a)') fail%message
     if (faults%count > 0 .or. fail%happened()) error stop 2, quiet=.true.
     call show('set_up', 1)

@@ -1,0 +1,142 @@
+!> What the program owes the system that runs it: signals, the three standard streams, memory and stack that end. Nothing of
+!> that may end a run without a word, or leave a lock behind.
+module process
+  use errors, only: status_failed, status_signal
+  use posix, only: c_open, drop_lock, standard_error, tell
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_loc, c_intptr_t, c_null_funptr
+  implicit none (type, external)
+  private
+  public :: begin_process, hold_signals, caught_signal
+
+  integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_terminate = 15, signal_file_size = 25
+  integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
+  integer(c_intptr_t), parameter :: on_own_stack = 134217728_c_intptr_t   !! SA_ONSTACK
+  integer(c_int), volatile :: received = 0                 !! the last signal caught
+  logical, volatile :: held = .false.                      !! signals are noted; else they end the program
+  character(kind=c_char), target :: own_stack(65536)       !! of the handler of memory faults
+
+  interface
+    !> signal(2): sets a handler.
+    function c_signal(number, handler) bind(c, name='signal') result(old)
+      import :: c_int, c_funptr
+      integer(c_int), value :: number
+      type(c_funptr), value :: handler
+      type(c_funptr) :: old
+    end function c_signal
+    !> _exit(2): ends the process at once.
+    subroutine c_exit(status) bind(c, name='_exit')
+      import :: c_int
+      integer(c_int), value :: status
+    end subroutine c_exit
+    !> dup(2): a second handle; -1 where the first is none.
+    function c_dup(fd) bind(c, name='dup') result(other)
+      import :: c_int
+      integer(c_int), value :: fd
+      integer(c_int) :: other
+    end function c_dup
+    !> close(2).
+    function c_close(fd) bind(c, name='close') result(status)
+      import :: c_int
+      integer(c_int), value :: fd
+      integer(c_int) :: status
+    end function c_close
+    !> sigaltstack(2): where handlers run that ask for it.
+    function c_sigaltstack(stack, old) bind(c, name='sigaltstack') result(status)
+      import :: c_int, c_intptr_t
+      integer(c_intptr_t), intent(in) :: stack(3)
+      integer(c_intptr_t), intent(out), optional :: old(3)
+      integer(c_int) :: status
+    end function c_sigaltstack
+    !> sigaction(2): sets a handler with its flags.
+    function c_sigaction(number, action, old) bind(c, name='sigaction') result(status)
+      import :: c_int, c_intptr_t
+      integer(c_int), value :: number
+      integer(c_intptr_t), intent(in) :: action(19)
+      integer(c_intptr_t), intent(out), optional :: old(19)
+      integer(c_int) :: status
+    end function c_sigaction
+  end interface
+
+contains
+
+  !> To be called before anything else.
+  subroutine begin_process()
+    type(c_funptr) :: old
+    call fill_standard_handles()
+    call watch_memory()
+    old = c_signal(int(signal_interrupt, c_int), c_funloc(note_signal))
+    old = c_signal(int(signal_terminate, c_int), c_funloc(note_signal))
+    ! a write beyond a limit on file sizes then fails like one on a full disk, instead of ending the program (SIG_IGN is 1)
+    old = c_signal(int(signal_file_size, c_int), transfer(1_c_intptr_t, c_null_funptr))
+  end subroutine begin_process
+
+  !> A standard stream that is closed would give its number to the next file opened, a result file perhaps. Instead nothing
+  !> can be read from the input or written to the output, and messages are lost.
+  subroutine fill_standard_handles()
+    integer(c_int) :: fd, other
+    do fd = 0, standard_error
+      other = c_dup(fd)
+      if (other >= 0) then
+        other = c_close(other)
+        cycle
+      end if
+      other = c_open('/dev/null'//c_null_char, int(merge(write_only, read_only, fd == standard_error), c_int))
+    end do
+  end subroutine fill_standard_handles
+
+  !> Gives the handler of memory faults a stack of its own: what it is called for is that the other one has ended.
+  subroutine watch_memory()
+    integer(c_intptr_t) :: stack(3), action(19)            ! stack_t: address, flags, bytes; sigaction: handler first
+    integer(c_int) :: status
+    action = 0
+    action(1) = transfer(c_funloc(memory_fault), action(1))
+    action(18) = on_own_stack                              ! behind the handler and 128 bytes of a signal mask
+    stack = [transfer(c_loc(own_stack), stack(1)), 0_c_intptr_t, int(size(own_stack), c_intptr_t)]
+    status = c_sigaltstack(stack)
+    if (status == 0) status = c_sigaction(int(signal_memory, c_int), action)
+  end subroutine watch_memory
+
+  !> The handler of memory faults.
+  subroutine memory_fault() bind(c)
+    call end_now('the stack or the memory has ended (ulimit -s, ulimit -v), or the program has a fault', status_failed)
+  end subroutine memory_fault
+
+  !> While results are written signals are noted, to be asked for; at other times they end the program.
+  subroutine hold_signals(yes)
+    logical, intent(in) :: yes
+    held = yes
+  end subroutine hold_signals
+
+  !> The handler of signals.
+  subroutine note_signal(number) bind(c)
+    integer(c_int), value :: number
+    received = number
+    if (.not. held) call c_exit(int(status_signal + number, c_int))
+  end subroutine note_signal
+
+  !> Number of the signal caught, 0: none.
+  function caught_signal() result(number)
+    integer :: number
+    number = int(received)
+  end function caught_signal
+
+  !> One line, and the end.
+  subroutine end_now(words, status)
+    character(*), intent(in) :: words
+    integer, intent(in) :: status                          !! exit status
+    call drop_lock()
+    call tell('biela: '//words)
+    call c_exit(int(status, c_int))
+  end subroutine end_now
+
+  !> In place of the run-time library's procedure of this name, which compiled code calls where memory cannot be had; its
+  !> arguments, a source line and words for programmers, are left alone.
+  subroutine allocation_failed() bind(c, name='_gfortran_os_error_at')
+    call end_now('memory has ended: the deck needs more than the system gives; rows on disk are complete', status_failed)
+  end subroutine allocation_failed
+
+  !> The same for temporary variables.
+  subroutine temporary_failed() bind(c, name='_gfortran_os_error')
+    call allocation_failed()
+  end subroutine temporary_failed
+end module process

@@ -1,0 +1,225 @@
+"""Signals, closed streams, pipes in place of files, memory and stack that end: a status, one line, no lock left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import wait_for
+
+PENDULUM = """&body name='a' mass=1.0 inertia=0.1 com=0.0,-0.5 /
+&scene gravity=0.0,-9.81 /
+&joint name='j' type='revolute' body_a='a' /
+&spring name='k' type='torsional' body_a='a' stiffness=1.0 damping=0.1 /
+&force name='f' type='torque' body='a' moment=0.1 /
+&sensor name='angle' quantity='angle' body='a' /
+"""
+BEAM = """&material name='m' density=1600.0 young=2.1e10 rayleigh_stiffness=1e-5 /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=1.0 elements=300 material='m' section='s' reference='clamped' /
+&joint name='j' type='weld' body_a='rod' node_a=1 /
+"""
+TRANSIENT = "&transient t_end=0.1 step=0.01 method='generalized_alpha' checkpoint_interval=0.02 /\n"
+ENDLESS = {
+    "static analysis": (PENDULUM + "&static load_steps=20000000 /\n", "static.txt"),
+    "modal analysis": (BEAM + "&modal modes=40 /\n", ".lock"),
+    "frequency response": (
+        PENDULUM + "&frequency_response from=0.1 to=10.0 points=20000000 input='f' /\n",
+        "frequency_response.txt",
+    ),
+}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("analysis", ENDLESS)
+def test_a_signal_ends_every_analysis_and_the_decks_after_it(analysis, number, biela, tmp_path):
+    deck, file = ENDLESS[analysis]
+    (tmp_path / "first.nml").write_text(PENDULUM + TRANSIENT)
+    (tmp_path / "second.nml").write_text(deck + TRANSIENT)
+    (tmp_path / "third.nml").write_text(PENDULUM + TRANSIENT)
+    command = [biela, "--quiet", "first.nml", "second.nml", "third.nml"]
+    results = tmp_path / "results"
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    wait_for(results / "second" / file, process)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=600)
+    assert process.returncode == 128 + number
+    said = f"stopped by signal {int(number)} in the {analysis}, whose results may be incomplete; run the deck again"
+    assert f"second.nml: {said}\n" in told
+    assert f"outcome: {said}\n" in (results / "second" / "summary.txt").read_text()
+    assert "outcome: done" in (results / "first" / "summary.txt").read_text()
+    assert not list(results.glob("*/.lock"))
+    assert not (results / "third").exists()
+    for path in (results / "second").glob("*.txt"):
+        assert path.read_bytes().endswith(b"\n")
+
+
+def test_a_signal_before_anything_is_written_ends_at_once(biela, tmp_path):
+    pipe = tmp_path / "deck.nml"
+    os.mkfifo(pipe)
+    process = subprocess.Popen([biela, "deck.nml"], cwd=tmp_path)
+    with pipe.open("w"):  # the run waits for its deck now
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=600) == 128 + signal.SIGTERM
+    assert [path.name for path in tmp_path.iterdir()] == ["deck.nml"]
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_closed_streams_change_no_result(closed, biela, tmp_path):
+    def close():
+        for number in closed:
+            os.close(number)
+
+    (tmp_path / "a.nml").write_text(PENDULUM + "&force name='idle' body='a' /\n&static /\n&modal modes=1 /\n" + TRANSIENT)
+    subprocess.run([biela, "-o", "plain", "a.nml"], cwd=tmp_path, check=True, capture_output=True)
+    done = subprocess.run([biela, "-o", "closed", "a.nml"], cwd=tmp_path, preexec_fn=close, check=False)
+    assert done.returncode == 0
+    names = {path.name for path in (tmp_path / "plain").iterdir()}
+    assert {path.name for path in (tmp_path / "closed").iterdir()} == names
+    for name in names - {"summary.txt"}:
+        assert (tmp_path / "closed" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
+
+
+@pytest.mark.parametrize("option", ["--help", "--version", "--check"])
+def test_what_cannot_be_printed_is_told(option, biela, tmp_path):
+    (tmp_path / "a.nml").write_text(PENDULUM)
+    for close in (None, lambda: os.close(1)):
+        with Path("/dev/full").open("w") as full:
+            done = subprocess.run(
+                [biela, option, "a.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, preexec_fn=close, check=False
+            )
+        assert done.returncode == 3
+        assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["energy.txt", "history.txt", "summary.txt.new", ".lock"])
+def test_a_pipe_in_place_of_a_result_is_refused(name, run_deck, tmp_path):
+    folder = tmp_path / "results" / "scene"
+    folder.mkdir(parents=True)
+    os.mkfifo(folder / name)
+    done = run_deck(PENDULUM + TRANSIENT, expect=3)
+    assert "results cannot be written into" in done.stderr
+    assert name == ".lock" or not (folder / ".lock").exists()
+
+
+@pytest.fixture
+def checkpoint(biela, tmp_path):
+    """Return the checkpoint of a run stopped by a limit on the size of its files."""
+    (tmp_path / "a.nml").write_text(PENDULUM + TRANSIENT.replace("0.01", "1e-4"))
+    limit = (100000, 100000)
+    command = [biela, "--quiet", "a.nml"]
+    done = subprocess.run(command, cwd=tmp_path, check=False, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
+    assert done.returncode == 3
+    path = tmp_path / "results" / "a" / "checkpoint"
+    assert path.exists()
+    return path
+
+
+def restart(biela, folder, **keywords):
+    """Restart deck a.nml; return status and what it says."""
+    command = [biela, "--quiet", "--restart", "a.nml"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=600, **keywords)
+    return done.returncode, done.stderr
+
+
+def test_a_pipe_in_place_of_a_checkpoint_is_refused(checkpoint, biela, tmp_path):
+    checkpoint.unlink()
+    os.mkfifo(checkpoint)
+    status, told = restart(biela, tmp_path)
+    assert (status, len(told.splitlines())) == (2, 1)
+    assert "cannot be read" in told
+
+
+def test_an_enlarged_checkpoint_is_refused_before_it_is_read(checkpoint, biela, tmp_path):
+    os.truncate(checkpoint, 40 * 2**30)
+    limit = (2**30, 2**30)
+    status, told = restart(biela, tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit))
+    assert (status, len(told.splitlines())) == (2, 1)
+    assert "is damaged: its length does not fit" in told
+
+
+@pytest.mark.parametrize("name", ["history.txt", "energy.txt"])
+def test_results_that_a_restart_cannot_extend(name, checkpoint, biela, tmp_path):
+    """A program that runs is a file that may be read, not written, whoever asks."""
+    path = checkpoint.with_name(name)
+    program = tmp_path / "busy"
+    program.write_bytes(Path("/bin/sleep").read_bytes() + bytes(200000))
+    program.chmod(0o755)
+    path.unlink()
+    os.link(program, path)
+    busy = subprocess.Popen([program, "600"])
+    try:
+        status, told = restart(biela, tmp_path)
+    finally:
+        busy.kill()
+        busy.wait()
+    assert (status, len(told.splitlines())) == (3, 1)
+    assert "results cannot be written into" in told
+
+
+@pytest.mark.parametrize(
+    ("what", "limits"),
+    [(resource.RLIMIT_AS, range(20, 44, 4)), (resource.RLIMIT_STACK, [0.032, 0.064, 0.128])],
+)
+def test_memory_that_ends_is_told_in_one_line(what, limits, biela, tmp_path):
+    (tmp_path / "a.nml").write_text(BEAM.replace("300", "1500") + TRANSIENT)
+    outcomes = []
+    for megabytes in limits:
+        limit = (int(megabytes * 2**20), int(megabytes * 2**20))
+        done = subprocess.run(
+            [biela, "--quiet", "a.nml"], cwd=tmp_path, capture_output=True, text=True, check=False,
+            preexec_fn=lambda limit=limit: resource.setrlimit(what, limit),
+        )
+        assert not (tmp_path / "results" / "a" / ".lock").exists()
+        if "loading shared libraries" in done.stderr:
+            continue
+        outcomes.append(done.returncode)
+        assert done.returncode in (0, 1)
+        assert done.returncode == 0 or re.fullmatch(r"biela: the (stack|memory) .*\n|biela: memory has ended: .*\n", done.stderr)
+    assert 1 in outcomes
+
+
+@pytest.mark.parametrize("name", ["...nml", "..nml", ".nml"])
+def test_names_that_leave_only_dots_keep_their_ending(name, biela, tmp_path):
+    (tmp_path / name).write_text(PENDULUM + TRANSIENT)
+    subprocess.run([biela, "--quiet", name], cwd=tmp_path, check=True)
+    assert {path.name for path in tmp_path.iterdir()} == {name, "results"}
+    assert {path.name for path in (tmp_path / "results").iterdir()} == {name}
+    assert (tmp_path / "results" / name / "history.txt").exists()
+
+
+def test_a_path_with_a_blank_at_its_end_is_refused(biela, tmp_path):
+    for name in ("a.nml", "a.nml "):
+        (tmp_path / name).write_text(PENDULUM + TRANSIENT)
+    done = subprocess.run([biela, "a.nml "], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith('biela: the path "a.nml " ends with a blank')
+    assert not (tmp_path / "results").exists()
+
+
+INTERRUPTED_WRITE = r"""
+#include <errno.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+ssize_t write(int fd, const void *bytes, size_t count)
+{
+  static int calls = 0;
+  if (fd > 2 && ++calls % 2) { errno = EINTR; return -1; }
+  return syscall(SYS_write, fd, bytes, count);
+}
+"""
+
+
+def test_an_interrupted_write_is_repeated(biela, tmp_path):
+    (tmp_path / "write.c").write_text(INTERRUPTED_WRITE)
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", "write.so", "write.c"], cwd=tmp_path, check=True)
+    (tmp_path / "a.nml").write_text(PENDULUM + TRANSIENT)
+    for folder, environment in (("plain", {}), ("again", {"LD_PRELOAD": str(tmp_path / "write.so")})):
+        subprocess.run([biela, "-o", folder, "a.nml"], cwd=tmp_path, env={**os.environ, **environment}, check=True)
+    for name in ("history.txt", "energy.txt"):
+        assert (tmp_path / "plain" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
