@@ -12,7 +12,7 @@ from pathlib import Path
 import command
 import matplotlib.pyplot as plt
 import numpy as np
-from demo import RESULTS, run, size
+from demo import RESULTS, deck, run, size
 from histories import History, HistoryError, read
 from plot import COLOURS, LOOK, pretty_unit, save
 
@@ -78,7 +78,7 @@ def picture(runs: dict[str, History], columns: dict[str, str]) -> list[Path]:
 
 def tabulate(biela: Path) -> int:
     """Run the four cases, print the table, draw the picture; raises HistoryError."""
-    run(biela, [deck_name(case) for case in CASES])
+    run(biela, [deck(deck_name(case)) for case in CASES])
     runs = {case: read(RESULTS / deck_name(case)) for case in CASES}
     if any(not np.array_equal(h.time, runs["none"].time) for h in runs.values()):
         raise HistoryError("the four decks do not have the same output times")

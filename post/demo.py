@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import command
+import deck_text
 import numpy as np
 from animate import write as write_motion
 from compare import differences
@@ -47,14 +48,14 @@ def deck(name: str) -> Path:
     return Path("input") / f"{name}.nml"
 
 
-def run(biela: Path, names: list[str]) -> None:
-    """Run the solver on the named decks.
+def run(biela: Path, decks: list[Path]) -> None:
+    """Run the solver on decks.
 
     Raises:
         HistoryError: the solver is missing or one of the runs failed; its own message stands above.
     """
     try:
-        done = subprocess.run([str(biela.resolve()), "--quiet", *(str(deck(name)) for name in names)], check=False)
+        done = subprocess.run([str(biela.resolve()), "--quiet", *map(str, decks)], check=False)
     except OSError as fault:
         raise HistoryError(f"{biela}: cannot be started ({fault.strerror}); `make` builds it") from None
     if done.returncode:
@@ -66,14 +67,36 @@ def size(values: np.ndarray) -> tuple[float, float]:
     return float(np.abs(values).max()), float(np.sqrt(np.mean(values**2)))
 
 
-def attenuation(pair: Pair) -> list[str]:
-    """Return the lines of text that compare the two runs of a pair."""
-    before, after = read(RESULTS / pair.elastic), read(RESULTS / pair.viscoelastic)
-    lines = [f"{pair.title:44}{'undamped':>11}{'viscoelastic':>14}{'ratio':>8}"]
+def stiff_twin(pair: Pair) -> tuple[Path, float, float]:
+    """Write the undamped twin whose rod has the modulus of fast motion; its deck, the frequency [Hz], the modulus over E_R.
+
+    The frequency is the one at which the sensor of the elastic run moves fastest.
+    """
+    run = read(RESULTS / pair.elastic)
+    swing = run[f"{SENSOR}.qd"]
+    frequency = float(np.fft.rfftfreq(len(swing), run.time[1])[np.abs(np.fft.rfft(swing - swing.mean())).argmax()])
+    text = deck_text.read(deck(pair.viscoelastic))
+    alpha, zeta, omega = (np.array(text.one("material", "rod").numbers(f"ghm_{word}")) for word in ("alpha", "zeta", "omega"))
+    s = 2j * np.pi * frequency
+    modulus = 1.0 + float((alpha * (s**2 + 2 * zeta * omega * s) / (s**2 + 2 * zeta * omega * s + omega**2)).sum().real)
+    path = RESULTS / "demo" / f"{pair.stem}_stiff_twin.nml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text.set(text.one("body", "rod"), viscoelastic=".false.", modulus_at=f"{frequency!r}").text, encoding="utf-8")
+    return path, frequency, modulus
+
+
+def attenuation(pair: Pair, twin: tuple[Path, float, float]) -> list[str]:
+    """Return the lines of text that compare the viscoelastic run of a pair with both undamped ones."""
+    path, frequency, modulus = twin
+    before, after, stiff = (read(RESULTS / name) for name in (pair.elastic, pair.viscoelastic, path.stem))
+    lines = [f"{pair.title:44}{'undamped':>11}{'viscoelastic':>14}{'ratio':>8}{'stiff twin':>13}{'ratio':>8}"]
     for word, column in (("velocity", f"{SENSOR}.qd"), ("acceleration", f"{SENSOR}.qdd")):
         label = f"{word} of {SENSOR} [{pretty_unit(before.units[column])}]"
-        for measure, a, b in zip(("peak", "RMS"), size(before[column]), size(after[column])):
-            lines.append(f"  {label:34}{measure:8}{a:>11.4g}{b:>14.4g}{b / a:>8.3f}")
+        for measure, a, b, c in zip(("peak", "RMS"), size(before[column]), size(after[column]), size(stiff[column])):
+            lines.append(f"  {label:34}{measure:8}{a:>11.4g}{b:>14.4g}{b / a:>8.3f}{c:>13.4g}{b / c:>8.3f}")
+    lines.append("  undamped: the static modulus E_R;")
+    lines[-1] += f" stiff twin: {modulus:.3g} E_R, the rod's storage modulus at {frequency:.4g} Hz,"
+    lines.append(f"  where {SENSOR} moves fastest (viscoelastic=.false. modulus_at={frequency:.4g})")
     energy = read(RESULTS / pair.viscoelastic, "energy")
     lost, work = energy["dissipated"][-1], energy["work"][-1]
     lines.append(
@@ -111,11 +134,13 @@ def mesh() -> list[str]:
 
 def demonstrate(biela: Path) -> int:
     """Run the demonstration and print its figures; raises HistoryError."""
-    run(biela, [name for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [FINE])
+    run(biela, [deck(name) for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [deck(FINE)])
+    twins = [stiff_twin(pair) for pair in PAIRS]
+    run(biela, [path for path, _, _ in twins])
     print("Slider-crank of Vaz, Rade & Lima: rod of two elements, 10 ms, RK4 with a step of 4 µs\n")
     drawn = []
-    for pair in PAIRS:
-        print("\n".join(attenuation(pair)) + "\n")
+    for pair, twin in zip(PAIRS, twins):
+        print("\n".join(attenuation(pair, twin)) + "\n")
         drawn += pictures(pair)
     print("\n".join(mesh()) + "\n")
     drawn += motion(PAIRS[1].elastic)

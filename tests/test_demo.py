@@ -24,18 +24,25 @@ def test_the_demonstration(biela, place, capfd):
     assert demo.main(["--biela", str(biela)]) == 0
     told, warned = capfd.readouterr()
     # the solver tells of the paper's two elements what the demonstration measures: once for each deck that has them
-    assert len(warned.splitlines()) == 2 * len(demo.PAIRS)
+    assert len(warned.splitlines()) == 3 * len(demo.PAIRS)
     assert all('body "rod" moves elastically at' in line for line in warned.splitlines())
-    figures = re.findall(r"acceleration of qf4 \[rad/s²\] +peak +(\S+) +(\S+) +(\S+)", told)
+    figures = re.findall(r"acceleration of qf4 \[rad/s²\] +peak +(\S+) +(\S+) +(\S+) +(\S+) +(\S+)", told)
     assert len(figures) == len(demo.PAIRS)
     for pair, row in zip(demo.PAIRS, figures):
-        before, after = (np.abs(read(place / "results" / name)["qf4.qdd"]).max() for name in (pair.elastic, pair.viscoelastic))
-        assert [float(word) for word in row] == pytest.approx([before, after, after / before], rel=2.0e-3)
+        names = (pair.elastic, pair.viscoelastic, f"{pair.stem}_stiff_twin")
+        before, after, stiff = (np.abs(read(place / "results" / name)["qf4.qdd"]).max() for name in names)
+        assert [float(word) for word in row] == pytest.approx([before, after, after / before, stiff, after / stiff], rel=2.0e-3)
         assert after < before
     dissipated = read(place / "results" / demo.PAIRS[0].viscoelastic, "energy")["dissipated"]
     assert dissipated[-1] > 0.0
     assert f"energy dissipated by the rod: {dissipated[-1]:.4g} J" in told
     percent = re.search(r"rotation of the middle node \(qf4\) is off by (\d+) % of its range", told)
+    twins = re.findall(r"stiff twin: (\S+) E_R, the rod's storage modulus at (\S+) Hz", told)
+    assert len(twins) == len(demo.PAIRS)
+    for modulus, frequency in twins:
+        s = 2j * np.pi * float(frequency)
+        expected = 1 + 0.5 * (s**2 + 4e4 * s) / (s**2 + 4e4 * s + 4e8)
+        assert float(modulus) == pytest.approx(expected.real, rel=5e-3)
     assert 60 <= int(percent.group(1)) <= 80
     drawn = re.search(r"Pictures in results/demo/: (.*)", told).group(1).split(", ")
     assert len(drawn) == 2 * len(demo.PAIRS) + 2
@@ -48,7 +55,7 @@ def test_the_demonstration(biela, place, capfd):
 
 def test_the_elastic_twin_dissipates_nothing(biela, place):
     pair = demo.PAIRS[0]
-    demo.run(biela, [pair.elastic])
+    demo.run(biela, [demo.deck(pair.elastic)])
     assert not read(place / "results" / pair.elastic, "energy")["dissipated"].any()
 
 

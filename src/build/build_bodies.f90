@@ -1,6 +1,7 @@
 !> Deck records of bodies, materials, sections and lumps into bodies of the model.
 module build_bodies
-  use kinds, only: wp
+  use kinds, only: wp, pi
+  use complex_modulus, only: modulus_ratio
   use errors, only: fault_list
   use deck_records, only: deck, body_record, lump_record
   use beam_element, only: beam_geometry
@@ -121,7 +122,7 @@ contains
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
-    real(wp) :: dx(2)
+    real(wp) :: dx(2), young
     integer :: e
     allocate (b%elements(b%ne), b%fibre(b%ne), b%area(b%ne), b%second(b%ne), b%material(b%ne))
     b%straight = .true.
@@ -133,8 +134,11 @@ contains
         g%s = dx(2)/g%length
         if (abs(g%s) > 0.0_wp .or. g%c < 0.0_wp) b%straight = .false.
         g%mass = m%density*s%area*g%length
-        g%ea_l = m%young*s%area/g%length
-        g%ei_l = m%young*s%inertia/g%length
+        young = m%young
+        if (.not. r%viscoelastic) young = young*(1 + real(modulus_ratio(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, &
+                                                                       cmplx(0.0_wp, 2*pi*r%modulus_at, wp)), wp))
+        g%ea_l = young*s%area/g%length
+        g%ei_l = young*s%inertia/g%length
         g%ray_m = m%rayleigh_mass
         g%ray_k = m%rayleigh_stiffness
         b%material(e) = r%element_material(e)

@@ -141,6 +141,9 @@ contains
     type(body_record), intent(inout) :: b
     call get(deck, 'flexible', b%flexible, kinds=elastic)
     call get(deck, 'viscoelastic', b%viscoelastic, kinds=elastic)
+    call get(deck, 'modulus_at', b%modulus_at, least=0.0_wp, kinds=elastic)
+    if (deck%is_set('modulus_at') .and. b%viscoelastic) call deck%complain('modulus_at', 'modulus_at is the frequency of '// &
+      'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
     call get(deck, 'axial', b%axial, kinds=elastic)
     call get(deck, 'stiffening', b%stiffening, kinds=elastic)
     call get(deck, 'modes', b%modes, least=0, kinds=elastic)

@@ -66,6 +66,7 @@ module deck_records
     integer, allocatable :: element_section(:)    !! index of the section of each element
     logical :: flexible = .true.
     logical :: viscoelastic = .true.
+    real(wp) :: modulus_at = 0.0_wp          !! not viscoelastic: frequency of the modulus that is kept [Hz]
     logical :: axial = .true.
     logical :: stiffening = .false.
     character(8) :: reference = 'pinned'     !! 'pinned', 'clamped', 'free', 'explicit' (reference_node/_dof given)

@@ -103,7 +103,9 @@ contains
     else if (d%bodies(k)%viscoelastic) then
       text = 'no dissipative coordinates (no GHM in its materials)'
     else
-      text = 'no dissipative coordinates (viscoelastic=.false.)'
+      text = 'no dissipative coordinates (viscoelastic=.false., '
+      if (d%bodies(k)%modulus_at > 0.0_wp) text = text//'modulus at '//to_text(d%bodies(k)%modulus_at)//' Hz)'
+      if (.not. d%bodies(k)%modulus_at > 0.0_wp) text = text//'static modulus E_R)'
     end if
     text = trim(text)
     if (b%rayleigh) text = text//', Rayleigh damping'
