@@ -1,0 +1,214 @@
+"""Sweeps: designs, expressions, numbers of runs, failures, resuming, a cluster that loses a worker."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweep
+import sweep_scalars
+import sweep_study
+from conftest import ROOT
+from histories import read
+from sweep_scalars import Scalar
+
+DECK = """&include file='steel.nml' /
+&section name='strip' shape='rectangle' width=0.02 height=0.004 /
+&body name='arm' kind='beam' length=0.5 elements=2 material='steel' section='strip' reference='clamped' /
+&joint name='wall' type='weld' body_a='arm' node_a=1 point_b=0.0,0.0 /
+&force name='push' type='force' body='arm' node=-1 fx=0.0 fy=1.0 /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+&sensor name='other' quantity='deflection' body='arm' node=2 /
+&transient t_end=0.02 method='rk4' step=2.0e-6 output_step=1.0e-4 motion_step=0.01 /
+"""
+STUDY = """deck = 'arm.nml'
+[[parameter]]
+name = 'height'
+set = 'section/strip/height'
+values = [0.004, 0.006]
+[[parameter]]
+name = 'force'
+set = ['force/push/fy']
+from = 1.0
+to = 3.0
+points = 3
+[[parameter]]
+name = 'width'
+set = ['section/strip/width']
+expression = '0.08e-3/height'
+[[result]]
+name = 'peak'
+measure = 'peak'
+column = 'tip.v'
+[[result]]
+name = 'loss'
+measure = 'max'
+column = 'residual'
+file = 'energy'
+"""
+
+
+@pytest.fixture
+def study(tmp_path, biela, monkeypatch):
+    """Return a function that runs the study in tmp_path and returns status and the table's rows."""
+    (tmp_path / "arm.nml").write_text(DECK, encoding="utf-8")
+    (tmp_path / "steel.nml").write_text("&material name='steel' density=7800.0 young=2.1e11 /\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    def run(text: str, *words: str) -> tuple[int, list[dict]]:
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+        status = sweep.main(["study.toml", "--biela", str(biela), *words])
+        with (tmp_path / "results" / "sweep" / "study" / "table.csv").open(encoding="utf-8") as file:
+            return status, list(csv.DictReader(file))
+
+    return run
+
+
+def test_a_grid_with_a_linked_parameter(study, run_deck, capsys):
+    status, rows = study(STUDY, "--best", "min peak", "--where", "force > 1.5", "--jobs", "2")
+    assert status == 0
+    assert [(row["height"], row["force"]) for row in rows] == [(h, f) for h in ("0.004", "0.006") for f in ("1.0", "2.0", "3.0")]
+    assert all(row["failure"] == "" for row in rows)
+    peaks = np.array([float(row["peak[m]"]) for row in rows])
+    np.testing.assert_allclose(peaks[1:3] / peaks[0], [2.0, 3.0], rtol=1.0e-9)
+    width = float(rows[3]["width"])
+    np.testing.assert_allclose(width, 0.08e-3 / 0.006)
+    alone = run_deck(DECK.replace("height=0.004", "height=0.006").replace("width=0.02", f"width={width!r}"), name="alone")
+    np.testing.assert_allclose(peaks[3], np.abs(alone.history["tip.v"]).max(), rtol=1.0e-12)
+    assert "best of 4 runs (min peak, force > 1.5): height = 0.006, force = 2" in capsys.readouterr().out
+    assert Path("results/sweep/study/map_peak.png").exists()
+
+
+def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch):
+    _, whole = study(STUDY, "--no-pictures")
+    journal = Path("results/sweep/study/journal.jsonl")
+    lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    journal.write_text("".join(lines[:4]) + lines[4][:20], encoding="utf-8")
+    ran = []
+    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    _, rest = study(STUDY, "--no-pictures")
+    assert rest == whole
+    assert sum(len(batch.assignments) for batch in ran) == 2
+
+
+class Inline:
+    """An executor that works at once and remembers what it was given."""
+
+    def __init__(self, ran: list) -> None:
+        self.ran = ran
+
+    def submit(self, work, batch):
+        """Work at once."""
+        self.ran.append(batch)
+        future = sweep.Future()
+        future.set_result(work(batch))
+        return future
+
+    def shutdown(self, **_: object) -> None:
+        """There is nothing to end."""
+
+
+def test_runs_that_fail_stand_in_the_table(study):
+    text = STUDY.replace("[0.004, 0.006]", "[0.004, -1.0, 'thick']").replace("'0.08e-3/height'", "'0.02'")
+    status, rows = study(text)
+    assert status == 0
+    assert [row["failure"] != "" for row in rows] == [False] * 3 + [True] * 6
+    assert "height" in rows[3]["failure"]
+
+
+def test_all_runs_failed_is_status_1(study):
+    assert study(STUDY.replace("[0.004, 0.006]", "[-0.004]"))[0] == 1
+
+
+def test_a_latin_hypercube_covers_every_stratum(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text("design = 'latin_hypercube'\nsamples = 12\nseed = 3\n" + STUDY, encoding="utf-8")
+    points = sweep_study.read(path).points
+    strata = sorted(int((point["force"] - 1.0) / 2.0 * 12) for point in points)
+    assert strata == list(range(12))
+    assert all(point["width"] == 0.08e-3 / point["height"] for point in points)
+    assert points == sweep_study.read(path).points
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("deck = 'arm.nml'", "deck = 'none.nml'"), "no such file"),
+        (("values = [0.004, 0.006]", "value = [1.0]"), "'value' is not known"),
+        (("'0.08e-3/height'", "'__import__(\"os\")'"), "is not known"),
+        (("'0.08e-3/height'", "'1/(height-0.004)'"), "has no value"),
+        (("section/strip/height", "section/plate/height"), "section/plate: the deck has 0 such groups"),
+        (("measure = 'peak'", "measure = 'height'"), "one of peak"),
+        (("deck = 'arm.nml'", "deck = "), "cannot be read as TOML"),
+        (("deck = 'arm.nml'", "deck = 'arm.nml'\ndesign = 'zip'"), "as many values"),
+        (("name = 'peak'", "name = 'height'"), "stands there twice"),
+    ],
+)
+def test_faulty_studies_end_in_one_line(study, capsys, change, told):
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    assert study(STUDY.replace(*change))[0] == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
+
+
+def test_a_column_that_is_missing_is_the_reason_of_each_run(study):
+    status, rows = study(STUDY.replace("tip.v", "tip.q"))
+    assert status == 1
+    assert rows[0]["failure"].startswith("history.txt has no column 'tip.q'")
+
+
+def test_numbers_are_read_as_float_reads_them(run_deck):
+    run = run_deck(ROOT / "input" / "slider_crank_viscoelastic.nml")
+    columns, units, axis, unit = sweep_scalars._read_columns(run.folder / "history.txt", set(run.history.names[1:]))
+    assert (unit, units["mid.v"]) == ("s", "m")
+    np.testing.assert_array_equal(axis.shape, run.history.time.shape)
+    for name in run.history.names[1:]:
+        np.testing.assert_allclose(columns[name], run.history[name], rtol=5.0e-16, atol=0.0)
+
+
+def test_measures_against_closed_forms():
+    time = np.linspace(0.0, 4.0, 8001)
+    swing = np.exp(-0.7 * time) * np.cos(2.0 * np.pi * 12.5 * time)
+    expected = {"decay_rate": 0.7, "spectral_peak": 12.5, "peak": 1.0, "final": swing[-1], "range": 1.0 - swing.min()}
+    for measure, value in expected.items():
+        assert Scalar("x", measure, "c").of(time, swing) == pytest.approx(value, rel=2.0e-3)
+    assert Scalar("x", "rms", "c").of(time, np.sin(2.0 * np.pi * time)) == pytest.approx(np.sqrt(0.5), rel=1.0e-6)
+    assert Scalar("x", "value", "c", at=1.2345).of(time, 3.0 * time) == pytest.approx(3.7035)
+    assert Scalar("x", "settling_time", "c", band=0.1).of(time, np.minimum(time, 1.0)) == pytest.approx(0.9, abs=1.0e-3)
+    assert np.isnan(Scalar("x", "decay_rate", "c").of(time, time))
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_table(study):
+    distributed = pytest.importorskip("distributed")
+    text = STUDY.replace("points = 3", "points = 30")
+    _, here = study(text, "--no-pictures")
+    Path("results/sweep/study/journal.jsonl").unlink()
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        victim = next(iter(cluster.workers.values())).pid
+        child = os.fork()
+        if child == 0:
+            time.sleep(0.4)
+            os.kill(victim, signal.SIGKILL)
+            os._exit(0)
+        _, there = study(text, "--no-pictures", "--dask", cluster.scheduler_address)
+        os.waitpid(child, 0)
+    assert there == here
+
+
+def test_no_scheduler_is_told_in_one_line(study, capsys):
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    assert study(STUDY, "--dask", "tcp://127.0.0.1:9")[0] == 2
+    assert "no scheduler answers" in capsys.readouterr().err
+
+
+def test_histories_are_read_by_their_own_reader_too(study):
+    study(STUDY, "--keep", "--no-pictures")
+    assert "other.v" in read("results/sweep/study/runs/results/000000")
