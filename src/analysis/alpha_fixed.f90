@@ -5,7 +5,8 @@ module alpha_fixed
   use implicit_start, only: reported_state
   use implicit_step, only: try_step
   use mechanism, only: mechanism_model
-  use time_stepper, only: step_count, paused, lost, trouble_none
+  use step_counts, only: step_count
+  use time_stepper, only: paused, lost, trouble_none
   implicit none (type, external)
   private
   public :: advance_fixed
@@ -27,7 +28,7 @@ contains
     integer :: attempt
     real(wp) :: h
     logical :: ok
-    n = step_count(to - from, self%step)
+    n = step_count(from, to, self%step)
     h = (to - from)/real(n, wp)
     outcome = paused
     do attempt = 1, most

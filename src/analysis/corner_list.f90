@@ -6,7 +6,7 @@ module corner_list
   use load, only: stage_transient
   use scene_model, only: scene
   use text, only: es_text, to_text
-  use time_stepper, only: step_count
+  use step_counts, only: actual_step
   implicit none (type, external)
   private
   public :: scene_corners, off_step
@@ -41,7 +41,7 @@ contains
     real(wp) :: h, x
     integer :: k, n
     call scene_corners(s, t_end, order - 2, list)
-    h = output_step/real(step_count(output_step, step), wp)
+    h = actual_step(output_step, step)
     text = ''
     n = 0
     do k = 1, size(list)

@@ -15,11 +15,11 @@ module run_deck
   use stability_region, only: method_names
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
+  use step_counts, only: actual_step
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines, version, add_line
   use text, only: es_text, fixed_text, to_text
   use text_file, only: result_file
-  use time_stepper, only: step_count
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   use, intrinsic :: iso_fortran_env, only: compiler_version
@@ -129,7 +129,7 @@ contains
   function fixed_step_of(run) result(h)
     type(run_state), intent(in) :: run
     real(wp) :: h                           !! [s]
-    h = run%d%transient%output_step/real(step_count(run%d%transient%output_step, run%d%transient%step), wp)
+    h = actual_step(run%d%transient%output_step, run%d%transient%step)
   end function fixed_step_of
 
   !> Whether the step that the deck asks for is stable, in words.

@@ -17,6 +17,7 @@ module transient
   use results, only: result_set
   use scene_run, only: run_state
   use step_control, only: error_norm
+  use step_counts, only: step_count
   use text, only: es_text, to_text
   use time_stepper, only: stepper, reached, paused, lost, trouble_shape
   implicit none (type, external)
@@ -83,7 +84,7 @@ contains
         return
       end if
       call group_unknowns(s, march%norm)
-      march%outputs = max(1_ip, ceiling(r%t_end/r%output_step*(1.0_wp - 1.0e-12_wp), ip))
+      march%outputs = step_count(0.0_wp, r%t_end, r%output_step)
       march%warning = ''
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       march%files%energy_floor = sum(s%bodies%mass)*(1.0e-6_wp*s%size/r%t_end)**2

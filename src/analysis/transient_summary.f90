@@ -3,9 +3,9 @@ module transient_summary
   use kinds, only: wp
   use posix, only: tell
   use scene_run, only: run_state
+  use step_counts, only: actual_step
   use summary, only: add_line
   use text, only: es_text, fixed_text, to_text
-  use time_stepper, only: step_count
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -27,7 +27,7 @@ contains
         call add_line(text, '  tolerance: '//es_text(r%tolerance, 3)//', accepted steps from '// &
                       es_text(min(method%shortest, method%longest), 3)//' to '//es_text(method%longest, 3)//' s')
       else
-        call add_line(text, '  step: '//es_text(r%output_step/real(step_count(r%output_step, r%step), wp), 9)//' s')
+        call add_line(text, '  step: '//es_text(actual_step(r%output_step, r%step), 9)//' s')
       end if
       call add_line(text, '  reached: t = '//es_text(method%t, 9)//' s')
       call add_line(text, '  steps: '//to_text(method%steps)//', rejected: '//to_text(method%rejected))
@@ -51,7 +51,7 @@ contains
     character(:), allocatable, intent(inout) :: text
     real(wp) :: share                          ! of the bound [-]
     associate (r => run%d%transient)
-      share = r%output_step/real(step_count(r%output_step, r%step), wp)/run%monitor%smallest
+      share = actual_step(r%output_step, r%step)/run%monitor%smallest
     end associate
     if (share <= 1.0_wp) return
     call warn(run, 'the step was '//fixed_text(share, 3)//' times the smallest current bound: what limits it grew, '// &

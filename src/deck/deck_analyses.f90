@@ -1,6 +1,7 @@
 !> Readers of &static, &modal, &frequency_response and &transient.
 module deck_analyses
   use kinds, only: wp
+  use step_counts, only: actual_step, most_counted
   use text, only: to_text
   use deck_input, only: deck_source, required, quoted
   use deck_get, only: get
@@ -117,9 +118,21 @@ contains
       call ordered(deck, 'first_step', t%first_step, 'max_step', t%max_step*slack)
       call ordered(deck, 'first_step', t%first_step, 't_end', t%t_end*slack)
     end if
-    if (deck%is_given('output_step')) return
-    t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
+    if (.not. deck%is_given('output_step')) t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
+    if (stepped) call countable(deck, 'step', t%step, 't_end', t%t_end)
+    if (deck%is_set('output_step')) call countable(deck, 'output_step', t%output_step, 't_end', t%t_end)
+    call countable(deck, 'output_step', t%output_step, 'motion_step', t%motion_step)
   end subroutine check_steps
+
+  !> Reports an interval that holds more steps than can be counted.
+  subroutine countable(deck, name, time, other, interval)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name, other   !! the variables of step and interval
+    real(wp), intent(in) :: time, interval    !! their values [s]
+    if (.not. (deck%is_set(other) .and. time > 0.0_wp) .or. interval <= most_counted*time) return
+    call deck%complain(other, other//'='//to_text(interval)//' is '//to_text(interval/time)//' times '//name//'='// &
+      to_text(time)//', expected at most '//to_text(most_counted)//' times, as many as can be counted')
+  end subroutine countable
 
   !> Reports a time that is longer than another one.
   subroutine ordered(deck, name, time, other, limit)
@@ -162,18 +175,7 @@ contains
         quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
     else if (.not. deck%is_given(name)) then
       if (t%adaptive) call deck%miss(name, name//' >= 0 (adaptive steps have no default)')
-      if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t)
+      if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)
     end if
   end subroutine rate
-
-  !> The fixed step in use: output_step/ceiling(output_step/step); a ratio that is whole but for rounding counts as whole.
-  pure function actual_step(t) result(h)
-    type(transient_record), intent(in) :: t   !! step > 0 and output_step > 0
-    real(wp) :: h                             !! [s]
-    real(wp) :: ratio
-    ratio = t%output_step/t%step
-    if (abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) ratio = anint(ratio)
-    if (ratio > aint(ratio)) ratio = aint(ratio) + 1.0_wp
-    h = t%output_step/max(1.0_wp, ratio)
-  end function actual_step
 end module deck_analyses

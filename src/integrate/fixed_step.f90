@@ -4,7 +4,8 @@ module fixed_step
   use archive, only: value_archive
   use ode_system, only: ode, sane
   use runge_kutta, only: tableau, explicit_stepper
-  use time_stepper, only: stepper, exchange_common, step_count, reached, paused, lost, trouble_size, trouble_manifold
+  use step_counts, only: step_count
+  use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold
   implicit none (type, external)
   private
 
@@ -46,7 +47,7 @@ contains
     integer(ip) :: n
     integer :: attempt
     real(wp) :: h
-    n = step_count(to - from, self%step)
+    n = step_count(from, to, self%step)
     h = (to - from)/real(n, wp)
     outcome = paused
     do attempt = 1, most

@@ -6,7 +6,7 @@ module time_stepper
   use ode_system, only: ode
   implicit none (type, external)
   private
-  public :: step_count, step_end, exchange_common
+  public :: step_end, exchange_common
 
   !> How a portion of the march ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
@@ -124,12 +124,4 @@ contains
     text = ''
     if (self%steps < 0) text = 'steps overflowed'
   end function nothing_more
-
-  !> Number of fixed steps in an output interval: the step used is interval/ceiling(interval/step) (input/README.md).
-  pure function step_count(interval, step) result(n)
-    real(wp), intent(in) :: interval          !! [s]
-    real(wp), intent(in) :: step              !! as written in the deck [s]
-    integer(ip) :: n
-    n = max(1_ip, ceiling(interval/step*(1.0_wp - 1.0e-12_wp), ip))
-  end function step_count
 end module time_stepper

@@ -1,0 +1,31 @@
+!> How many steps make an interval: one rule for the deck, the integrators and the summary.
+module step_counts
+  use kinds, only: wp, ip
+  implicit none (type, external)
+  private
+  public :: step_count, actual_step
+
+  real(wp), parameter, public :: most_counted = 1.0e18_wp   !! steps that an integer of 64 bits counts [-]
+
+contains
+
+  !> Number of equal steps between two times, none longer than the step that is asked for. A ratio that is whole but for
+  !> rounding, of written numbers or of the times, counts as whole.
+  pure function step_count(from, to, step) result(n)
+    real(wp), intent(in) :: from, to          !! [s]
+    real(wp), intent(in) :: step              !! as written in the deck [s]
+    integer(ip) :: n
+    real(wp) :: ratio, slack
+    ratio = min((to - from)/step, most_counted)
+    slack = 1.0e-9_wp + 2*spacing(to)/(to - from)
+    n = max(1_ip, ceiling(ratio*(1.0_wp - slack), ip))
+  end function step_count
+
+  !> The fixed step in use: such that a whole number of them makes an output interval.
+  pure function actual_step(output_step, step) result(h)
+    real(wp), intent(in) :: output_step       !! [s]
+    real(wp), intent(in) :: step              !! as written in the deck [s]
+    real(wp) :: h                             !! [s]
+    h = output_step/real(step_count(0.0_wp, output_step, step), wp)
+  end function actual_step
+end module step_counts
