@@ -9,16 +9,13 @@ program tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use generalized_alpha, only: chung_hulbert
-  use implicit_condensation, only: trial_correction
-  use implicit_ghm, only: begin_terms
-  use implicit_model, only: implicit_solver, set_up_implicit
-  use implicit_newton, only: trial_residual, trial_tangent
-  use implicit_start, only: start_method
-  use implicit_step, only: try_step, accept_step
+  use alpha_newton, only: try_step, accept_step
+  use alpha_start, only: start_method
+  use alpha_state, only: alpha_solver, set_up_alpha
   use scene_run, only: run_state, prepare_run
   implicit none (type, external)
   type(run_state) :: run
-  type(implicit_solver) :: solver
+  type(alpha_solver) :: solver
   type(fault_list) :: faults
   type(failure) :: fail
   character(512) :: word(6)
@@ -39,8 +36,9 @@ program tangent
     error stop 2, quiet=.true.
   end if
   if (fail%happened()) error stop 2, quiet=.true.
-  call set_up_implicit(solver, run%sys%m, chung_hulbert(rho))
-  call start_method(solver, run%sys%m, 0.0_wp, h, run%y)
+  call run%sys%start_implicit()
+  call set_up_alpha(solver, run%sys, chung_hulbert(rho))
+  call start_method(solver, run%sys, 0.0_wp, h, run%y)
   if (word(4) == 'march') then
     call march()
   else
@@ -59,13 +57,13 @@ contains
     read (word(6), *) interval
     each = nint(interval/h)
     do i = 1, times*each
-      call try_step(solver, run%sys%m, i*h, ok)
+      call try_step(solver, run%sys, i*h, ok)
       if (.not. ok) error stop 3, quiet=.true.
-      call accept_step(solver, run%sys%m, i*h)
+      call accept_step(solver, run%sys, i*h)
       if (mod(i, each) > 0) cycle
-      write (*, '(a, *(1x, es23.16))') 'q', solver%q
-      write (*, '(a, *(1x, es23.16))') 'v', solver%v
-      write (*, '(a, *(1x, es23.16))') 'acceleration', solver%vd
+      write (*, '(a, *(1x, es23.16))') 'q', solver%x(1:solver%nq)
+      write (*, '(a, *(1x, es23.16))') 'v', solver%v(1:solver%nq)
+      write (*, '(a, *(1x, es23.16))') 'acceleration', solver%vd(1:solver%nq)
       write (*, '(a, *(1x, es23.16))') 'multiplier', solver%lambda
     end do
   end subroutine march
@@ -88,11 +86,11 @@ contains
     n = run%sys%m%s%nq
     nz = run%sys%m%s%nz
     speed = 30.0_wp
-    solver%z = solver%z + 1.0e-3_wp*random(nz)
-    call begin_terms(solver, run%sys%m)
-    solver%q1 = solver%q + 0.01_wp*random(n)
-    solver%v1 = solver%v + speed*random(n)
-    solver%vd1 = solver%vd + 10*speed**2*random(n)
+    solver%x(n + 1:) = solver%x(n + 1:) + 1.0e-3_wp*random(nz)
+    call run%sys%predict_internal(solver%x(n + 1:), solver%v(n + 1:), solver%vd(n + 1:))
+    solver%x1(1:n) = solver%x(1:n) + 0.01_wp*random(n)
+    solver%v1(1:n) = solver%v(1:n) + speed*random(n)
+    solver%vd1(1:n) = solver%vd(1:n) + 10*speed**2*random(n)
     solver%lambda1 = solver%lambda + 100*random(size(solver%lambda))
   end subroutine disturb
 
@@ -100,15 +98,15 @@ contains
   function residual() result(r)
     real(wp) :: r(run%sys%m%s%nq + run%sys%m%s%rows)
     integer :: b, i
-    call trial_residual(solver, run%sys%m, h)
-    associate (m => run%sys%m)
-      do b = 1, size(solver%b)
+    associate (m => run%sys%m, n => solver%nq)
+      call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true.)
+      do b = 1, size(run%sys%t%b)
         i = m%s%qo(b)
-        associate (t => solver%b(b))
-          r(i + 1) = m%c(b)*t%rr(1) - m%sn(b)*t%rr(2)
-          r(i + 2) = m%sn(b)*t%rr(1) + m%c(b)*t%rr(2)
-          r(i + 3) = t%rr(3)
-          if (t%nf > 0) r(i + 4:i + 3 + t%nf) = t%ff(1:t%nf)
+        associate (t => run%sys%t%b(b)%eq)
+          r(i + 1) = m%c(b)*t%frame(1) - m%sn(b)*t%frame(2)
+          r(i + 2) = m%sn(b)*t%frame(1) + m%c(b)*t%frame(2)
+          r(i + 3) = t%frame(3)
+          if (t%n > 0) r(i + 4:i + 3 + t%n) = t%elastic(1:t%n)
         end associate
       end do
       r(m%s%nq + 1:) = m%rows%phi
@@ -120,21 +118,19 @@ contains
     real(wp), allocatable :: r0(:), sum(:), size_of(:), column(:), dq(:), dl(:)
     real(wp) :: e
     integer :: j, n, nr
-    logical :: bad
+    logical :: ok
     n = run%sys%m%s%nq
     nr = run%sys%m%s%rows
-    q = solver%q1
-    v = solver%v1
-    vd = solver%vd1
+    q = solver%x1(1:n)
+    v = solver%v1(1:n)
+    vd = solver%vd1(1:n)
     lambda = solver%lambda1
     allocate (size_of(n + nr), source=0.0_wp)
     r0 = residual()
-    solver%exact = .true.
-    call trial_tangent(solver, run%sys%m, h, bad)
-    if (bad) error stop 3, quiet=.true.
-    call trial_correction(solver, run%sys%m)
-    dq = solver%dq
-    dl = solver%rows%y(1:nr)
+    call run%sys%renew(h, q, v, vd, lambda, .true., .false., ok)
+    if (.not. ok) error stop 3, quiet=.true.
+    allocate (dq(n), dl(nr))
+    call run%sys%correction(dq, dl)
     sum = r0
     do j = 1, n + nr
       e = 1.0e-5_wp
@@ -159,12 +155,12 @@ contains
     real(wp), intent(in) :: e
     integer :: n
     n = size(q)
-    solver%q1 = q
-    solver%v1 = v
-    solver%vd1 = vd
+    solver%x1(1:n) = q
+    solver%v1(1:n) = v
+    solver%vd1(1:n) = vd
     solver%lambda1 = lambda
     if (j <= n) then
-      solver%q1(j) = q(j) + e
+      solver%x1(j) = q(j) + e
       solver%v1(j) = v(j) + solver%now%c2*e
       solver%vd1(j) = vd(j) + solver%now%c1*e
     else

@@ -25,16 +25,17 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("tolerance", "first_step", "max_step", "stops", "jumps"),
         *("error", "k7", "moved", "slope"),
     },
-    ("integrate/generalized_alpha", "step_memory", "analysis/alpha_march", "self%memory"): set(),
-    ("analysis/alpha_march", "alpha_steps", "analysis/alpha_march", "self"): {
+    ("integrate/generalized_alpha", "step_memory", "integrate/alpha_march", "self%memory"): set(),
+    ("integrate/alpha_march", "alpha_steps", "integrate/alpha_march", "self"): {
         *("spectral_radius", "adaptive", "step", "tolerance", "first_step", "max_step", "stops", "jumps"),
         "error",
     },
-    ("implicit/implicit_model", "implicit_solver", "implicit/implicit_step", "self"): {
-        *("method", "group", "weight", "whole", "terms", "rows", "b"),
-        *("acceleration1", "change", "dq", "fp", "lambda1", "old", "pairs", "pre", "q1", "v1", "vd1", "zk"),
-        *("spring_z", "spring_zd", "ended", "exact", "stale", "steps"),
+    ("integrate/alpha_state", "alpha_solver", "integrate/alpha_state", "self"): {
+        *("method", "nq", "nz", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
     },
+    ("integrate/alpha_state", "position_measures", "integrate/alpha_state", "self%measure"): {"group", "grows", "weight", "whole"},
+    ("integrate/alpha_state", "newton_memory", "integrate/alpha_state", "self%newton"): set(),
+    ("integrate/alpha_state", "error_memory", "integrate/alpha_state", "self%error"): {"next"},
     ("output/results", "result_set", "output/results", "self"): {"energy_floor", "incomplete", "nodes", "values"},
     ("output/text_file", "result_file", "output/text_file", "self"): {"buffer", "failed", "handle", "path", "used"},
     ("output/validity", "validity_watch", "output/validity", "self"): {"weight"},

@@ -16,10 +16,9 @@ MAY_USE = {
     "build": {"base", "deck", "model"},
     "system": {"base", "deck", "model", "build"},
     "integrate": {"base"},
-    "implicit": {"base", "deck", "model", "build", "system", "integrate"},
-    "output": {"base", "deck", "model", "build", "system", "integrate", "implicit"},
-    "analysis": {"base", "deck", "model", "build", "system", "integrate", "implicit", "output"},
-    ".": {"base", "deck", "model", "build", "system", "integrate", "implicit", "output", "analysis"},
+    "output": {"base", "deck", "model", "build", "system", "integrate"},
+    "analysis": {"base", "deck", "model", "build", "system", "integrate", "output"},
+    ".": {"base", "deck", "model", "build", "system", "integrate", "output", "analysis"},
 }
 MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
 USE = re.compile(r"^\s*use\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)

@@ -1,21 +1,57 @@
-!> The mechanism as the system of first-order equations that integrators see. State: q, v, z, z', dissipated energy, work
-!> (layout in `scene_model`).
+!> The mechanism as integrators see it: first-order equations for explicit methods, second-order ones for implicit methods. State:
+!> q, v, z, z', dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
-  use kinds, only: wp
+  use kinds, only: wp, ip
+  use border_rows, only: hold_weak_rows, light_shift, strong_shift
+  use dynamics, only: evaluate
   use mechanism, only: mechanism_model
-  use ode_system, only: ode, largest_value, sane
+  use newton_condensation, only: correction
+  use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
+  use newton_results, only: term_increments, find_powers, mass_product, resolved_part, position_groups, scene_reach
+  use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
+  use newton_system, only: newton_matrix, set_up_newton
+  use ode_system, only: largest_value, sane
   use projection, only: project
+  use second_order_system, only: second_order_ode, sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
   implicit none (type, external)
   private
 
   integer, parameter, public :: stabilise_none = 0, stabilise_projection = 1, stabilise_baumgarte = 2
 
+  real(wp), parameter :: most_shape = 1.0e3_wp     !! deflections, of the scene's size, and rotations of sections [-], [rad]
+  real(wp), parameter :: most_angle = 1.0e12_wp    !! of a frame: its sine then has four digits left [rad]
+  real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
+
   !> The system.
-  type, extends(ode), public :: mechanism_system
+  type, extends(second_order_ode), public :: mechanism_system
     type(mechanism_model) :: m
     integer :: stabilisation = stabilise_projection
+    type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
+    real(wp), allocatable, private :: closed(:), rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
+    procedure :: start_implicit
+    procedure :: prepare => mechanism_prepare
+    procedure :: predict_internal => mechanism_predict
+    procedure :: residual => mechanism_residual
+    procedure :: renew => mechanism_renew
+    procedure :: correction => mechanism_correction
+    procedure :: internal_increments => mechanism_increments
+    procedure :: powers => mechanism_powers
+    procedure :: mass_product => mechanism_mass
+    procedure :: accelerations => mechanism_accelerations
+    procedure :: report => mechanism_report
+    procedure :: smooth => mechanism_smooth
+    procedure :: gaps => mechanism_gaps
+    procedure :: slopes => mechanism_slopes
+    procedure :: along_rows => mechanism_along
+    procedure :: resolve => mechanism_resolve
+    procedure :: measures => mechanism_measures
+    procedure :: weakest_row => mechanism_weakest
+    procedure :: reach => mechanism_reach
+    procedure :: health => mechanism_health
+    procedure :: nearly_dependent => mechanism_dependent
+    procedure :: factors => mechanism_factors
     procedure :: derivative => mechanism_derivative
     procedure :: accept => mechanism_accept
   end type mechanism_system
@@ -72,4 +108,273 @@ contains
     call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
     if (ok) ok = sane(y(1:2*nq))
   end subroutine project_state
+
+  !> Makes ready for an implicit method.
+  subroutine start_implicit(self)
+    class(mechanism_system), intent(inout) :: self
+    self%nq = self%m%s%nq
+    self%nz = self%m%s%nz
+    self%rows = self%m%s%rows
+    if (allocated(self%t)) deallocate (self%t)
+    if (allocated(self%closed)) deallocate (self%closed, self%rates)
+    allocate (self%t, self%closed(self%nq), self%rates(self%nq))
+    call set_up_newton(self%t, self%m)
+  end subroutine start_implicit
+
+  !> Takes the constants of a step.
+  subroutine mechanism_prepare(self, c1, c2, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: c1                !! [1/s2]
+    real(wp), intent(in) :: c2                !! [1/s]
+    logical, intent(out) :: ok
+    logical :: bad
+    call prepare(self%t, self%m, c1, c2, bad)
+    ok = .not. bad
+  end subroutine mechanism_prepare
+
+  !> Takes what the dissipative coordinates' past predicts.
+  subroutine mechanism_predict(self, z, zd, zdd)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) [m, rad] and per second
+    call predict_terms(self%t, self%m, z, zd, zdd)
+  end subroutine mechanism_predict
+
+  !> Residuals at a trial state.
+  subroutine mechanism_residual(self, t, q, v, a, lambda, left)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+    logical, intent(in) :: left
+    self%m%left = left
+    call residual(self%t, self%m, t, q, v, a, lambda)
+  end subroutine mechanism_residual
+
+  !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
+  !> stronger shift within a step (exact or not), the weak ones at its start.
+  subroutine mechanism_renew(self, t, q, v, a, lambda, exact, hold, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+    logical, intent(in) :: exact, hold
+    logical, intent(out) :: ok
+    logical :: bad
+    if (hold .and. self%m%left) self%t%rows%shift = strong_shift
+    call renew(self%t, self%m, t, q, v, a, lambda, exact, bad)
+    if (hold .and. .not. self%m%left) call hold_weak_rows(self%t%rows)
+    self%t%rows%shift = light_shift
+    ok = .not. bad
+  end subroutine mechanism_renew
+
+  !> Corrections by the matrix that stands.
+  subroutine mechanism_correction(self, dq, dlambda)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
+    real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
+    call solve_elastic(self%t)
+    call correction(self%t, self%m, dq)
+    dlambda = self%t%rows%y(1:self%rows)
+  end subroutine mechanism_correction
+
+  !> What dissipative coordinates move by to the end of a step.
+  subroutine mechanism_increments(self, q, v, z, zd, zdd, dz)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad], rates
+    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
+    real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
+    call term_increments(self%t, self%m, q, v, z, zd, zdd, dz)
+  end subroutine mechanism_increments
+
+  !> Powers at the end of a step.
+  subroutine mechanism_powers(self, t, q, v, lambda, z, zd, power)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
+    real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
+    real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
+    call find_powers(self%t, self%m, t, q, v, lambda, z, zd, power)
+  end subroutine mechanism_powers
+
+  !> Products with the mass.
+  function mechanism_mass(self, q, x) result(product)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:)      !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: x(:, :)   !! (nq + nz, 4) [any]
+    real(wp) :: product                           !! [J] for rates
+    product = mass_product(self%t, self%m, q, x)
+  end function mechanism_mass
+
+  !> Accelerations, multipliers and powers of the equations.
+  subroutine mechanism_accelerations(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) [m, rad] and per second
+    logical, intent(in) :: end_of_step
+    real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
+    real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
+    real(wp), intent(out) :: powers(2)        !! dissipated, put in [W]
+    logical :: ok
+    self%m%left = end_of_step
+    self%rates = v
+    if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
+      call closing_rates(self%t, self%m, t, q, v, self%closed)
+      self%rates = v + self%closed
+    end if
+    call evaluate(self%m, t, q, self%rates, z, zd)
+    if (end_of_step .and. self%nearly_dependent()) then   ! there accelerations amplify the rest of the offset, too
+      self%closed = q
+      call project(self%m, t, self%closed, self%rates, z, zd, ok)
+      call evaluate_branch(self%m, t, self%closed, self%rates, z, zd)
+    end if
+    a(1:self%nq) = self%m%a
+    a(self%nq + 1:) = self%m%zdd
+    lambda = self%m%lambda
+    powers = [self%m%dissipated_power, self%m%input_power]
+  end subroutine mechanism_accelerations
+
+  !> A state put onto the constraints, with its evaluation.
+  subroutine mechanism_report(self, t, y, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout), contiguous :: y(:)      !! (n)
+    logical, intent(out) :: ok
+    self%m%left = .false.
+    self%m%broken = .false.
+    call report_state(self%m, self%m%s%nq, self%m%s%nz, t, y, ok)
+    ok = ok .and. .not. self%m%broken
+  end subroutine mechanism_report
+
+  !> The same, with the parts of the state apart.
+  subroutine report_state(m, nq, nz, t, y, ok)
+    type(mechanism_model), intent(inout) :: m
+    integer, intent(in) :: nq, nz
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
+    logical, intent(out) :: ok
+    ok = .true.
+    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    if (m%s%rows == 0) return
+    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
+    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+  end subroutine report_state
+
+  !> Accelerations that a step resolves.
+  subroutine mechanism_smooth(self, t, q, v, lambda, a, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
+    real(wp), intent(inout), contiguous :: a(:)                 !! (nq + nz) [m/s2, rad/s2]
+    logical, intent(out) :: ok
+    logical :: bad
+    integer :: k
+    self%m%left = .false.
+    call smooth_accelerations(self%t, self%m, t, q, v, lambda, a(1:self%nq), bad)
+    ok = .not. bad
+    if (bad) return
+    do k = 1, size(self%t%terms)
+      associate (g => self%t%terms(k), i => self%nq + self%t%terms(k)%first, n => self%nq + self%t%terms(k)%last)
+        a(i:n) = g%filtered(self%t%c1)*a(i:n)
+      end associate
+    end do
+  end subroutine mechanism_smooth
+
+  !> Derivatives of the constraints.
+  subroutine mechanism_gaps(self, t, q, v, a, rate, acceleration)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)      !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(out), contiguous :: rate(:)              !! (rows) [m/s]
+    real(wp), intent(out), contiguous :: acceleration(:)      !! (rows) [m/s2]
+    call row_gaps(self%m, t, q, v, a, rate, acceleration)
+  end subroutine mechanism_gaps
+
+  !> Slopes of the constraints.
+  subroutine mechanism_slopes(self, q, x, slope)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:), x(:)    !! (nq) [m, rad], [any]
+    real(wp), intent(out), contiguous :: slope(:)     !! (rows) [any]
+    call row_slopes(self%m, q, x, slope)
+  end subroutine mechanism_slopes
+
+  !> Closes gaps in the directions that the constraints hold.
+  subroutine mechanism_along(self, q, gap, dq)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
+    real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
+    call along_rows(self%t, self%m, q, gap, dq)
+  end subroutine mechanism_along
+
+  !> What the step resolves of two vectors.
+  subroutine mechanism_resolve(self, x, y)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq + nz) [any]
+    call resolved_part(self%t, self%m, x, y)
+  end subroutine mechanism_resolve
+
+  !> How positions are measured.
+  subroutine mechanism_measures(self, group, weight, whole, scale, grows)
+    class(mechanism_system), intent(in) :: self
+    integer, allocatable, intent(out) :: group(:)
+    real(wp), allocatable, intent(out) :: weight(:)   !! [m or rad a unit]
+    real(wp), allocatable, intent(out) :: whole(:)    !! weight over the scene's size or one radian
+    real(wp), allocatable, intent(out) :: scale(:)    !! [m, rad]
+    logical, allocatable, intent(out) :: grows(:)
+    call position_groups(self%m, group, weight, whole, scale, grows)
+  end subroutine mechanism_measures
+
+  !> The weakest row of the matrix that stands, and the shift that holds rows.
+  pure function mechanism_weakest(self) result(pivot)
+    class(mechanism_system), intent(in) :: self
+    real(wp) :: pivot(2)                      !! [-]
+    pivot = [self%t%rows%weakest, self%t%rows%shift_used]
+  end function mechanism_weakest
+
+  !> What rounding grows with.
+  pure function mechanism_reach(self, q) result(x)
+    class(mechanism_system), intent(in) :: self
+    real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
+    real(wp) :: x                              !! [-]
+    x = scene_reach(self%m, q)
+  end function mechanism_reach
+
+  !> Whether a body deflects beyond all shape, or has turned beyond the digits of its angle.
+  pure function mechanism_health(self, q, scale) result(what)
+    class(mechanism_system), intent(in) :: self
+    real(wp), intent(in), contiguous :: q(:)       !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
+    integer :: what
+    integer :: b
+    what = sensible
+    do b = 1, size(self%m%s%bodies)                ! groups 4b-1, 4b: elastic translations and rotations
+      if (scale(4*b - 1) > most_shape*self%m%s%size .or. scale(4*b) > most_shape) what = out_of_shape
+      if (abs(q(self%m%s%qo(b) + 3)) > most_angle) what = out_of_turns
+    end do
+  end function mechanism_health
+
+  !> Whether rows were nearly dependent at the last evaluation.
+  pure function mechanism_dependent(self) result(yes)
+    class(mechanism_system), intent(in) :: self
+    logical :: yes
+    integer :: k
+    yes = self%m%schur%singular
+    do k = 1, self%m%schur%n                       ! the factor holds 1/pivot
+      yes = yes .or. self%m%schur%f(0, k)*self%m%schur%s(0, k)*weak_row > 1.0_wp
+    end do
+  end function mechanism_dependent
+
+  !> Counts of factorisations.
+  subroutine mechanism_factors(self, constant, whole, put)
+    class(mechanism_system), intent(inout) :: self
+    integer(ip), intent(inout) :: constant, whole
+    logical, intent(in) :: put
+    if (put) then
+      self%t%base_factors = constant
+      self%t%whole_factors = whole
+    end if
+    constant = self%t%base_factors
+    whole = self%t%whole_factors
+  end subroutine mechanism_factors
 end module mechanism_ode

@@ -2,10 +2,11 @@
 !> element, in element axes: u1 v1 r1 u2 v2 r2. Closed forms of theory.md, section 2 (VRL 17-19).
 module beam_element
   use kinds, only: wp
+  use small_matrices, only: outer
   implicit none (type, external)
   private
   public :: beam_geometry, element_rotation, shape_integral, shape_moment, element_mass, element_gyroscopic
-  public :: element_stiffness, deformation_matrix
+  public :: element_stiffness, deformation_matrix, stiffening_tangent
 
   !> A straight element between two nodes of a body, with what every formula about it needs.
   type :: beam_geometry
@@ -108,15 +109,40 @@ contains
   !> Linear stiffness at E_R (6 x 6), body axes [N/m, N, N m] (VRL 20-22).
   pure function element_stiffness(g) result(k)
     type(beam_geometry), intent(in) :: g
-    real(wp) :: k(6, 6), b(3, 6), d(3, 3), db(3, 6)
-    b = deformation_matrix(g)
+    real(wp) :: k(6, 6)
+    k = deformation_stiffness(g, deformation_matrix(g))
+  end function element_stiffness
+
+  !> B^T D B with D at E_R.
+  pure function deformation_stiffness(g, b) result(k)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: b(3, 6)    !! deformations from coordinates [-], [1/m]
+    real(wp) :: k(6, 6), d(3, 3), db(3, 6)
     d = 0.0_wp
     d(1, 1) = g%ea_l
     d(2, 2:3) = [4.0_wp, 2.0_wp]*g%ei_l
     d(3, 2:3) = [2.0_wp, 4.0_wp]*g%ei_l
     db = matmul(d, b)
     k = matmul(transpose(b), db)
-  end function element_stiffness
+  end function deformation_stiffness
+
+  !> Tangent of an element with geometric stiffening (theory.md, section 4): B^T D B with the deformations' gradient B at the
+  !> present coordinates, and the geometric stiffness of the whole axial stress n, damping terms' part included.
+  pure subroutine stiffening_tangent(g, x, n, material, geometric)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: x(6)               !! coordinates, body axes [m, rad]
+    real(wp), intent(in) :: n                  !! conjugate to the axial deformation [N]
+    real(wp), intent(out) :: material(6, 6)    !! [N/m, N, N m]
+    real(wp), intent(out) :: geometric(6, 6)   !! [N/m, N, N m]
+    real(wp) :: b(3, 6), psi(6), p(3)
+    b = deformation_matrix(g)
+    psi = [g%s, -g%c, 0.0_wp, -g%s, g%c, 0.0_wp]/g%length     ! the chord's turn is psi x
+    p = [dot_product(psi, x), dot_product(b(2, :), x), dot_product(b(3, :), x)]
+    geometric = n*g%length*(outer(psi, psi) + (4*outer(b(2, :), b(2, :)) + 4*outer(b(3, :), b(3, :)) &
+                                               - outer(b(2, :), b(3, :)) - outer(b(3, :), b(2, :)))/30)
+    b(1, :) = b(1, :) + g%length*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
+    material = deformation_stiffness(g, b)
+  end subroutine stiffening_tangent
 
   !> T^T m T: a 6 x 6 matrix from element into body axes.
   pure function congruent(g, m) result(b)

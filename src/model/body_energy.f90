@@ -132,8 +132,8 @@ contains
         end do
       end do
       associate (factors => b%factors(:, run%first:run%last))
-        part = run_product(b%nd, n, factors, b%ds(:, run%first:run%last)) &
-               + run_product(b%nd, n, factors, zd(:, run%first:run%last, k))/run%omega(k)**2
+        part = run_product(b%nd, n, factors, b%ds(:, run%first:run%last), b%ds(:, run%first:run%last)) &
+               + run_product(b%nd, n, factors, zd(:, run%first:run%last, k), zd(:, run%first:run%last, k))/run%omega(k)**2
       end associate
       energy = energy + 0.5_wp*run%alpha(k)*part
     end do

@@ -47,29 +47,30 @@ contains
     power = 0.0_wp
     do k = 1, size(run%alpha)
       power = power + 2*run%alpha(k)*run%zeta(k)/run%omega(k) &
-              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(1 + (k - 1)*run%width))
+              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(1 + (k - 1)*run%width), &
+                           zd(1 + (k - 1)*run%width))
     end do
   end function run_dissipation
 
-  !> x^T D x over neighbouring elements.
-  pure function run_product(nd, n, factors, x) result(total)
+  !> x^T D y over neighbouring elements [J].
+  pure function run_product(nd, n, factors, x, y) result(total)
     integer, intent(in) :: nd, n            !! deformations of an element, elements
     real(wp), intent(in) :: factors(10, n)  !! of the elements (body_model)
-    real(wp), intent(in) :: x(nd, n)        !! deformations, dissipative coordinates or rates
+    real(wp), intent(in) :: x(nd, n), y(nd, n)   !! deformations, dissipative coordinates or rates [m, rad, ...]
     real(wp) :: total, bend, stretch
     integer :: e
     bend = 0.0_wp
     stretch = 0.0_wp
     if (nd == 3) then
       do e = 1, n
-        stretch = stretch + factors(8, e)*x(1, e)**2
-        bend = bend + factors(9, e)*(x(2, e)*(x(2, e) + x(3, e)) + x(3, e)**2)
+        stretch = stretch + factors(8, e)*x(1, e)*y(1, e)
+        bend = bend + factors(9, e)*(x(2, e)*(2*y(2, e) + y(3, e)) + x(3, e)*(y(2, e) + 2*y(3, e)))
       end do
     else
       do e = 1, n
-        bend = bend + factors(9, e)*(x(1, e)*(x(1, e) + x(2, e)) + x(2, e)**2)
+        bend = bend + factors(9, e)*(x(1, e)*(2*y(1, e) + y(2, e)) + x(2, e)*(y(1, e) + 2*y(2, e)))
       end do
     end if
-    total = stretch + 4*bend
+    total = stretch + 2*bend
   end function run_product
 end module ghm_kernel

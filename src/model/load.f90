@@ -23,6 +23,7 @@ module load
     class(history_model), allocatable :: factor   !! not allocated: the factor is 1
   contains
     procedure :: wrench => load_wrench
+    procedure :: tangent => load_tangent
     procedure :: acts => load_acts
     procedure :: scale => load_scale
   end type load_model
@@ -78,4 +79,25 @@ contains
       force = scale*self%moment*turn(arm)/max(dot_product(arm, arm), tiny(1.0_wp))
     end select
   end subroutine load_wrench
+
+  !> Tangent of the residual (minus the wrench, global axes) by the displacement and turn of the place, for a given factor: torques
+  !> about a centre and forces that follow a section. Forces in the frame's axes turn with the frame and are not seen here.
+  pure subroutine load_tangent(self, p, frame_angle, scale, k)
+    class(load_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: frame_angle    !! of the body [rad]
+    real(wp), intent(in) :: scale          !! [-]
+    real(wp), intent(out) :: k(3, 3)       !! [N/m, N]
+    real(wp) :: force(2), moment, d(2), n2
+    k = 0.0_wp
+    if (self%kind == load_about) then
+      d = p%r(:, self%place) - self%centre
+      n2 = max(dot_product(d, d), tiny(1.0_wp))
+      k(1:2, 1) = -scale*self%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*d(1)/n2**2)
+      k(1:2, 2) = -scale*self%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*d(2)/n2**2)
+    else if (self%kind == load_force .and. self%axes == axes_section) then
+      call self%wrench(p, frame_angle, scale, force, moment)
+      k(1:2, 3) = -turn(force)
+    end if
+  end subroutine load_tangent
 end module load

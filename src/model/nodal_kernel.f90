@@ -8,7 +8,7 @@ module nodal_kernel
   use ghm_kernel, only: advance_run, run_dissipation, copy_values
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, element_stress, rayleigh_power
+  public :: nodal_forces, deformations, element_stress, rayleigh_power, stress_forces
   public :: gather, mass_times, gyroscopic_times
 
 contains
@@ -172,6 +172,29 @@ contains
       end do
     end do
   end subroutine element_forces
+
+  !> Adds B^T D ds of all elements, with the terms of stiffening, to f: forces that the deformations ask for.
+  pure subroutine stress_forces(b, ds, qx, f)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations, GHM differences included [m, rad, rad]
+    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
+    real(wp) :: y(6), a(6), n, fpsi, m1, m2, q
+    integer :: e, k
+    do e = 1, b%ne
+      call element_stress(b, e, b%d(:, e), ds(:, e), n, fpsi, m1, m2)
+      q = (m1 + m2)*b%factors(2, e)
+      if (b%stiffening) then
+        call gather(b, e, qx, a)
+        q = q - n*(a(5) - a(2))*b%factors(2, e)
+      end if
+      y = [-n, q, m1, n, -q, m2]
+      if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
+      do k = 1, 6
+        f(b%edof(k, e)) = f(b%edof(k, e)) + y(k)
+      end do
+    end do
+  end subroutine stress_forces
 
   !> m a for one element in its own axes.
   pure subroutine mass_times(w, l, a, ma)

@@ -17,6 +17,8 @@ module place
     procedure :: elastic
     procedure :: shift
     procedure :: push
+    procedure :: push_elastic
+    procedure :: moves
   end type place_model
 
   !> Kinematic state of all places of a list.
@@ -86,19 +88,34 @@ contains
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
     real(wp), intent(inout) :: frame(3)      !! on the frame, body axes
     real(wp), intent(inout) :: f(:)          !! (nf) on the elastic coordinates
-    integer :: c
     frame(1:2) = frame(1:2) + w(1:2)
     frame(3) = frame(3) + w(3) + rho(1)*w(2) - rho(2)*w(1)
+    call self%push_elastic(w, f)
+  end subroutine push
+
+  !> Its elastic part: adds E^T w.
+  pure subroutine push_elastic(self, w, f)
+    class(place_model), intent(in) :: self
+    real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
+    real(wp), intent(inout) :: f(:)          !! (nf) [N, N m]
+    integer :: c
     if (allocated(self%psi)) then
       do c = 1, size(f)
-        f(c) = f(c) + dot_product(self%psi(:, c), w)
+        f(c) = f(c) + self%psi(1, c)*w(1) + self%psi(2, c)*w(2) + self%psi(3, c)*w(3)
       end do
     else
       do c = 1, 3
         if (self%dof(c) > 0) f(self%dof(c)) = f(self%dof(c)) + w(c)
       end do
     end if
-  end subroutine push
+  end subroutine push_elastic
+
+  !> Whether a component (u, v, rotation) moves with the elastic coordinates.
+  pure logical function moves(self, c)
+    class(place_model), intent(in) :: self
+    integer, intent(in) :: c
+    moves = allocated(self%psi) .or. self%dof(c) > 0
+  end function moves
 
   !> H x: a vector turned by +90 degrees.
   pure function turn(x) result(y)

@@ -2,12 +2,11 @@
 !> add, stiffness, Rayleigh damping, and the stiffness that GHM terms multiply.
 module elastic_blocks
   use kinds, only: wp
-  use beam_element, only: element_mass, element_gyroscopic, element_stiffness, deformation_matrix, element_rotation
+  use beam_element, only: element_mass, element_gyroscopic, element_stiffness, stiffening_tangent
   use body, only: body_model
   use body_matrices, only: translational_product
   use linear_matrices, only: linear_mechanism, count_runs
   use mechanism, only: mechanism_model
-  use small_matrices, only: outer
   implicit none (type, external)
   private
   public :: elastic_matrices, elastic_products, modal_block, nodal_block
@@ -139,9 +138,9 @@ contains
   subroutine tangent(bo, e, qf, k, g)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: e
-    real(wp), intent(in) :: qf(:)
-    real(wp), intent(out) :: k(6, 6), g(6, 6)
-    real(wp) :: bm(3, 6), psi(6), d(3, 3), a(6), p(3), n, l, x(0:size(qf)), db(3, 6), rot(6, 6)
+    real(wp), intent(in) :: qf(:)            !! (nf) [m, rad]
+    real(wp), intent(out) :: k(6, 6), g(6, 6)   !! [N/m, N, N m]
+    real(wp) :: n, x(0:size(qf))
     if (.not. bo%stiffening) then
       k = element_stiffness(bo%elements(e))
       g = 0.0_wp
@@ -149,25 +148,7 @@ contains
     end if
     x(0) = 0.0_wp
     x(1:) = qf
-    l = bo%elements(e)%length
-    rot = element_rotation(bo%elements(e))
-    a = x(bo%edof(:, e))
-    bm = deformation_matrix(bo%elements(e))
-    psi = (rot(5, :) - rot(2, :))/l
-    p = [dot_product(psi, a), dot_product(bm(2, :), a), dot_product(bm(3, :), a)]
-    d = 0.0_wp
-    d(1, 1) = bo%elements(e)%ea_l
-    d(2, 2:3) = [4.0_wp, 2.0_wp]*bo%elements(e)%ei_l
-    d(3, 2:3) = [2.0_wp, 4.0_wp]*bo%elements(e)%ei_l
-    if (size(bo%runs) > 0) then
-      n = bo%elements(e)%ea_l*bo%ds(1, e)
-    else
-      n = bo%elements(e)%ea_l*bo%d(1, e)
-    end if
-    g = n*l*(outer(psi, psi) + (4*outer(bm(2, :), bm(2, :)) + 4*outer(bm(3, :), bm(3, :)) &
-                                - outer(bm(2, :), bm(3, :)) - outer(bm(3, :), bm(2, :)))/30)
-    bm(1, :) = bm(1, :) + l*(p(1)*psi + ((4*p(2) - p(3))*bm(2, :) + (4*p(3) - p(2))*bm(3, :))/30)
-    db = matmul(d, bm)
-    k = matmul(transpose(bm), db)
+    n = bo%elements(e)%ea_l*merge(bo%ds(1, e), bo%d(1, e), size(bo%runs) > 0)
+    call stiffening_tangent(bo%elements(e), x(bo%edof(:, e)), n, k, g)
   end subroutine tangent
 end module elastic_blocks

@@ -13,7 +13,7 @@ module linearisation
   use constraint, only: place_stiffness
   use linear_bodies, only: body_terms
   use linear_matrices, only: linear_mechanism, count_runs
-  use load, only: load_force, load_about, axes_body, axes_section
+  use load, only: load_force, axes_body
   use mechanism, only: mechanism_model
   use place, only: turn
   use triplets, only: triplet_matrix
@@ -180,7 +180,7 @@ contains
     type(linear_mechanism), intent(inout) :: lin
     real(wp), intent(inout) :: wrench(:, :)
     type(place_stiffness) :: t
-    real(wp) :: force(2), moment, angle, scale, d(2), n2, col(3)
+    real(wp) :: force(2), moment, angle, scale, col(3)
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     integer :: k, b, j
@@ -194,14 +194,8 @@ contains
         call l%wrench(m%p, angle, scale, force, moment)
         call push(m, l%place, -force, -moment, wrench)
         t = place_stiffness(ia=l%place, ib=l%place)
-        if (l%kind == load_about) then
-          d = m%p%r(:, l%place) - l%centre
-          n2 = max(dot_product(d, d), tiny(1.0_wp))
-          t%k(1:2, 1) = -scale*l%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*d(1)/n2**2)
-          t%k(1:2, 2) = -scale*l%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*d(2)/n2**2)
-        else if (l%kind == load_force .and. l%axes == axes_section) then
-          t%k(1:2, 3) = -turn(force)
-        else if (l%kind == load_force .and. l%axes == axes_body) then
+        call l%tangent(m%p, angle, scale, t%k(1:3, 1:3))
+        if (l%kind == load_force .and. l%axes == axes_body) then
           call place_jacobian(m, l%place, cols, jac)
           col = [-turn(to_body(m, l%place, force)), 0.0_wp]
           do j = 1, size(cols)

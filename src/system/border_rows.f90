@@ -5,7 +5,7 @@
 !>   constraint rows  S y = d + Phi         soft rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j         rate rows  y_j = (d - S y)_j
 !>
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
-module implicit_rows
+module border_rows
   use kinds, only: wp
   use lapack, only: dgbtrf, dgbtrs
   implicit none (type, external)
@@ -56,6 +56,7 @@ module implicit_rows
     real(wp), allocatable :: y(:)            !! (n) solution, by row
     real(wp), allocatable :: x(:)            !! (n) right-hand side, by position
     real(wp) :: shift = light_shift          !! added to the diagonal of constraint rows, relative: dependent rows [-]
+    real(wp) :: shift_used = light_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -69,6 +70,7 @@ contains
     real(wp) :: x
     n = r%n
     r%bad = .false.
+    r%shift_used = r%shift
     if (n == 0) return
     do i = 1, r%nc
       p = r%position(i)
@@ -163,4 +165,4 @@ contains
       r%y(i) = r%x(r%position(i))
     end do
   end subroutine solve_rows
-end module implicit_rows
+end module border_rows

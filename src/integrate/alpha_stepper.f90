@@ -1,14 +1,14 @@
 !> The generalized-alpha method as a transient sees it: fixed steps (`alpha_fixed`) or steps by the estimated error
-!> (`alpha_adaptive`). The mechanics of a step is in `implicit_step`.
+!> (`alpha_adaptive`). A step is in `alpha_newton`.
 module alpha_stepper
   use kinds, only: wp
   use alpha_adaptive, only: advance_adaptive
   use alpha_fixed, only: advance_fixed
   use alpha_march, only: alpha_steps
   use generalized_alpha, only: chung_hulbert
-  use implicit_model, only: set_up_implicit
-  use mechanism_ode, only: mechanism_system
+  use alpha_state, only: set_up_alpha
   use ode_system, only: ode
+  use second_order_system, only: second_order_ode
   use time_stepper, only: lost
   implicit none (type, external)
   private
@@ -34,8 +34,9 @@ contains
     if (self%adaptive) allocate (self%dense(size(y), 4), self%error(size(y)), source=0.0_wp)
     if (self%adaptive) call self%norm%watch(y)
     select type (system)
-    class is (mechanism_system)
-      call set_up_implicit(self%solver, system%m, chung_hulbert(self%spectral_radius))
+    class is (second_order_ode)
+      call system%start_implicit()
+      call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
       call system%derivative(t, y, .false., self%trial)
     end select
   end subroutine begin
@@ -50,11 +51,11 @@ contains
     integer, intent(out) :: outcome
     outcome = lost
     select type (system)
-    class is (mechanism_system)
+    class is (second_order_ode)
       if (self%adaptive) then
-        call advance_adaptive(self, system%m, from, to, most, y, outcome)
+        call advance_adaptive(self, system, from, to, most, y, outcome)
       else
-        call advance_fixed(self, system%m, from, to, most, y, outcome)
+        call advance_fixed(self, system, from, to, most, y, outcome)
       end if
     end select
   end subroutine advance

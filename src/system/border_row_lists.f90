@@ -1,7 +1,7 @@
 !> Which rows there are between bodies, where their ends are, and in which order their system is solved. Set-up work only.
-module implicit_row_lists
+module border_row_lists
   use kinds, only: wp
-  use implicit_rows, only: coupling, row_system, from_joint, from_spring, from_load
+  use border_rows, only: coupling, row_system, from_joint, from_spring, from_load
   use load, only: load_force, load_about, axes_section
   use mechanism, only: mechanism_model
   use ordering, only: reverse_cuthill_mckee
@@ -246,4 +246,4 @@ contains
       cols(n) = y
     end subroutine pair
   end subroutine order_rows
-end module implicit_row_lists
+end module border_row_lists

@@ -4,11 +4,10 @@ module alpha_march
   use kinds, only: wp, ip
   use archive, only: value_archive
   use generalized_alpha, only: step_memory
-  use implicit_limits, only: beyond_sense, sensible, out_of_shape
-  use implicit_model, only: implicit_solver
-  use implicit_start, only: start_method, change_step, reported_state, same_step, full_state
-  use implicit_step, only: accept_step, exchange_solver
-  use mechanism, only: mechanism_model
+  use alpha_newton, only: accept_step
+  use alpha_start, only: start_method, change_step
+  use alpha_state, only: alpha_solver, same_step, pack_state, exchange_alpha
+  use second_order_system, only: second_order_ode, sensible, out_of_shape
   use ode_system, only: sane
   use step_control, only: error_norm
   use text, only: to_text
@@ -29,7 +28,7 @@ module alpha_march
     real(wp) :: max_step = huge(1.0_wp)       !! adaptive [s]
     real(wp), allocatable :: stops(:)         !! times of corners, ascending; the last is the end of the run [s]
     logical, allocatable :: jumps(:)          !! whether accelerations jump there
-    type(implicit_solver) :: solver
+    type(alpha_solver) :: solver
     logical :: started = .false.              !! the method's own variables stand
     logical :: fresh = .false.                !! they started here, no step has been accepted since
     integer(ip) :: done = 0                   !! fixed: whole steps done in the present interval
@@ -59,37 +58,39 @@ contains
   end subroutine count_hopeless
 
   !> The method's variables for a step of size h from self%t.
-  subroutine ready(self, m, h)
+  subroutine ready(self, system, h)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     if (.not. self%started .or. (self%fresh .and. .not. same_step(self%solver, h))) then
-      call start_method(self%solver, m, self%t, h, self%y)
+      call start_method(self%solver, system, self%t, h, self%y)
       self%started = .true.
       self%fresh = .true.
     else if (.not. same_step(self%solver, h)) then
-      call change_step(self%solver, m, self%t, h)
+      call change_step(self%solver, system, self%t, h)
     end if
   end subroutine ready
 
   !> Accepts the trial step; where accelerations jump at its end the method starts anew from the projected state.
-  subroutine accept(self, m, h)
+  subroutine accept(self, system, h)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     integer :: k
-    call accept_step(self%solver, m, self%tried)
+    logical :: ok
+    call accept_step(self%solver, system, self%tried)
     self%fresh = .false.
     call self%count_step(self%tried, h)
-    k = beyond_sense(self%solver, m)
+    k = system%health(self%solver%x(1:self%solver%nq), self%solver%measure%scale)
     if (k /= sensible) then
-      call give_up(self, m)
+      call give_up(self)
       self%trouble = merge(trouble_shape, trouble_size, k == out_of_shape)
       return
     end if
     do k = 1, size(self%stops)
       if (.not. self%jumps(k) .or. abs(self%stops(k) - self%t) > 1.0e-9_wp*h) cycle
-      call reported_state(self%solver, m, self%t, self%y)
+      call pack_state(self%solver, self%y)
+      call system%report(self%t, self%y, ok)
       self%started = .false.
     end do
   end subroutine accept
@@ -111,14 +112,13 @@ contains
   end subroutine hand_over
 
   !> Newton's method failed for good: the state that it left.
-  subroutine give_up(self, m)
+  subroutine give_up(self)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    integer :: nq
-    nq = m%s%nq
-    call full_state(self%solver, self%trial)
-    self%trial(1:nq) = self%solver%q1
-    self%trial(nq + 1:2*nq) = self%solver%v1
+    associate (nq => self%solver%nq)
+      call pack_state(self%solver, self%trial)
+      self%trial(1:nq) = self%solver%x1(1:nq)
+      self%trial(nq + 1:2*nq) = self%solver%v1(1:nq)
+    end associate
     self%trouble = trouble_iteration
     self%started = .false.
   end subroutine give_up
@@ -128,7 +128,7 @@ contains
     class(alpha_steps), intent(in) :: self
     character(:), allocatable :: text
     text = 'Newton iterations: '//to_text(self%solver%iterations)//', factorisations of elastic blocks: constant '// &
-           to_text(self%solver%constant_factors)//', exact '//to_text(self%solver%exact_factors)
+           to_text(self%solver%factors(1))//', exact '//to_text(self%solver%factors(2))
     if (self%failures > 0) text = text//'; Newton''s method failed '//to_text(self%failures)//' times, and the step was '// &
       trim(merge('tried smaller', 'halved       ', self%adaptive))
   end function account
@@ -154,6 +154,6 @@ contains
       call a%exchange(self%dense_start)
       call a%exchange(self%dense_step)
     end if
-    call exchange_solver(self%solver, a)
+    call exchange_alpha(self%solver, a)
   end subroutine exchange
 end module alpha_march

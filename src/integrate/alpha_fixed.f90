@@ -2,9 +2,9 @@
 module alpha_fixed
   use kinds, only: wp, ip
   use alpha_march, only: alpha_steps, patience, count_hopeless, ready, accept, hand_over, give_up
-  use implicit_start, only: reported_state
-  use implicit_step, only: try_step
-  use mechanism, only: mechanism_model
+  use alpha_newton, only: try_step
+  use alpha_state, only: pack_state
+  use second_order_system, only: second_order_ode
   use step_counts, only: step_count
   use time_stepper, only: paused, lost, trouble_none
   implicit none (type, external)
@@ -17,9 +17,9 @@ module alpha_fixed
 contains
 
   !> Equal steps; one that fails is halved until it works, and the parts grow again as far as they fit.
-  subroutine advance_fixed(self, m, from, to, most, y, outcome)
+  subroutine advance_fixed(self, system, from, to, most, y, outcome)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     integer, intent(in) :: most
     real(wp), intent(inout) :: y(:)
@@ -34,7 +34,7 @@ contains
     do attempt = 1, most
       self%tried = from + (real(self%done, wp) + real(self%part + 1, wp)/2**self%level)*h
       if (self%part + 1 == 2**self%level .and. self%done + 1 == n) self%tried = to
-      call one_step(self, m, h/2**self%level, ok)
+      call one_step(self, system, h/2**self%level, ok)
       if (.not. ok) then
         self%rejected = self%rejected + 1
         self%failures = self%failures + 1
@@ -42,7 +42,7 @@ contains
         self%part = 2*self%part
         call count_hopeless(self, self%level >= hopeless_halvings)
         if (self%level <= most_halvings .and. self%hopeless < patience) cycle
-        call give_up(self, m)
+        call give_up(self)
         outcome = lost
         return
       end if
@@ -61,32 +61,33 @@ contains
       self%done = self%done + 1
       if (self%done < n) cycle
       self%done = 0
-      call finish_output(self, m, to, y, outcome)
+      call finish_output(self, system, to, y, outcome)
       return
     end do
   end subroutine advance_fixed
 
   !> One step of size h from self%t to self%tried, accepted where Newton's method converges.
-  subroutine one_step(self, m, h, ok)
+  subroutine one_step(self, system, h, ok)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
-    call ready(self, m, h)
-    call try_step(self%solver, m, self%tried, ok)
+    call ready(self, system, h)
+    call try_step(self%solver, system, self%tried, ok)
     if (.not. ok) return
-    call accept(self, m, h)
+    call accept(self, system, h)
   end subroutine one_step
 
   !> The row's state: projected, with its evaluation.
-  subroutine finish_output(self, m, to, y, outcome)
+  subroutine finish_output(self, system, to, y, outcome)
     class(alpha_steps), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)
     integer, intent(out) :: outcome
     logical :: ok
-    call reported_state(self%solver, m, to, self%y, ok)
+    call pack_state(self%solver, self%y)
+    call system%report(to, self%y, ok)
     y = self%y
     call hand_over(self, to, y, ok, outcome)
   end subroutine finish_output

@@ -1,0 +1,251 @@
+!> A step of the generalized-alpha method: Newton's method with the constant matrix while it contracts well and the exact one
+!> otherwise, and what an accepted step leaves behind.
+module alpha_newton
+  use kinds, only: wp
+  use alpha_state, only: alpha_solver, widen_scales
+  use second_order_system, only: second_order_ode
+  implicit none (type, external)
+  private
+  public :: try_step, accept_step, restore_factors
+
+  integer, parameter :: most_iterations = 12       !! Newton iterations of a step
+  real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
+  integer, parameter :: exact_steps = 50           !! steps before the constant one is tried again
+  real(wp), parameter :: relative_goal = 1.0e-5_wp !! Newton's error, of the first correction [-]
+  real(wp), parameter :: loose = 1.0e-9_wp         !! the same, of the groups' sizes [-]
+  real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
+  real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
+  real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
+  real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections that positions do not show, of the scene's size [-]
+  real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows near which every contraction is measured [-]
+  integer, parameter :: trust = 10                 !! steps between measurements of the contraction
+
+contains
+
+  !> Tries a step to time t1; ok is false where Newton's method fails.
+  subroutine try_step(self, system, t1, ok)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t1                !! [s]
+    logical, intent(out) :: ok
+    logical :: slowly, exact
+    if (self%stale) call restore_factors(self, system)
+    exact = self%newton%exact_left > 0
+    call newton(self, system, t1, exact, .false., ok, slowly)
+    if ((slowly .or. .not. ok) .and. .not. exact) then
+      self%newton%exact_left = exact_steps
+      if (.not. ok) then
+        exact = .true.
+        call newton(self, system, t1, exact, .false., ok, slowly)
+      end if
+    end if
+    if (.not. ok .and. system%rows > 0) call newton(self, system, t1, exact, .true., ok, slowly)   ! a singular position
+    if (.not. ok) return
+    associate (z => self%nq + 1)
+      call system%internal_increments(self%x1(1:self%nq), self%v1(1:self%nq), self%x1(z:), self%v1(z:), self%vd1(z:), self%dx(z:))
+      call add_correction(self, z, size(self%x))
+    end associate
+  end subroutine try_step
+
+  !> The factors of the present step after a restart, which count as made before it.
+  subroutine restore_factors(self, system)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    logical :: ok
+    self%stale = .false.
+    call system%prepare(self%now%c1, self%now%c2, ok)
+    call system%factors(self%factors(1), self%factors(2), .true.)
+  end subroutine restore_factors
+
+  !> First guess: the accelerations of the step's start.
+  pure subroutine predict(self)
+    type(alpha_solver), intent(inout) :: self
+    real(wp) :: a1
+    integer :: i
+    associate (s => self%now)
+      do i = 1, size(self%x)
+        self%vd1(i) = self%vd(i)
+        a1 = (s%ad1 + s%ad)*self%vd(i) + s%aa*self%a(i)
+        self%x1(i) = self%x(i) + s%h*self%v(i) + s%qa*self%a(i) + s%qa1*a1
+        self%v1(i) = self%v(i) + s%va*self%a(i) + s%va1*a1
+      end do
+    end associate
+    self%lambda1 = self%lambda
+  end subroutine predict
+
+  !> Newton iterations from the prediction. The matrix is that of the prediction; a new one where it contracts slowly.
+  subroutine newton(self, system, t1, exact, hold, ok, slowly)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t1                !! [s]
+    logical, intent(in) :: exact              !! whether the exact matrix is used
+    logical, intent(in) :: hold               !! whether rows that depend on others are held back
+    logical, intent(out) :: ok                !! converged
+    logical, intent(out) :: slowly            !! the contraction was poor
+    real(wp) :: norm, before, rate, goal, whole, before_whole, reach, blur, pivot(2)
+    integer :: k
+    logical :: good
+    ok = .false.
+    slowly = .false.
+    before = huge(1.0_wp)
+    before_whole = huge(1.0_wp)
+    goal = 0.0_wp
+    rate = 0.0_wp
+    reach = 1.0_wp
+    call predict(self)
+    associate (nq => self%nq, x1 => self%x1, v1 => self%v1, vd1 => self%vd1)
+      call system%predict_internal(x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
+      do k = 1, most_iterations
+        call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true.)
+        if (k == 1 .or. slowly) then
+          call system%renew(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
+          if (.not. good) return
+        end if
+        if (k == 1) reach = system%reach(x1(1:nq))
+        blur = noise*reach
+        call system%correction(self%dx(1:nq), self%dlambda)
+        self%iterations = self%iterations + 1
+        call measure_correction(self, norm, whole)
+        call add_correction(self, 1, nq)
+        self%lambda1 = self%lambda1 + self%dlambda
+        if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
+        pivot = system%weakest_row()
+        if (k == 1) then
+          goal = max(rounding, min(loose, relative_goal*norm))
+          ok = foreseen(self, norm, whole, exact, pivot(1))
+        else
+          rate = norm/before
+          slowly = slowly .or. (rate > slow .and. whole > blur)
+          if (k == 2) then                      ! the contraction from the first to the second correction
+            self%newton%contraction = max(rate, whole/before_whole)
+            self%newton%first = before
+            self%newton%exact = exact
+            self%newton%steps = 0
+          end if
+        end if
+        ok = ok .or. norm <= rounding
+        if (k > 1 .and. rate < 1.0_wp) ok = ok .or. norm*rate <= goal*(1 - rate)
+        if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
+        if (k > 3) ok = ok .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(maxval(pivot)))
+        if (ok) exit
+        if (k > 2 .and. rate > 2.0_wp .and. norm > loose) return
+        before = norm
+        before_whole = whole
+      end do
+    end associate
+    if (.not. ok) slowly = .true.
+    if (ok .and. k <= 4) slowly = .false.
+  end subroutine newton
+
+  !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
+  !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
+  !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of `alpha_error`: what the change of
+  !> the accelerations' change moves.
+  logical function foreseen(self, norm, whole, exact, pivot) result(yes)
+    type(alpha_solver), intent(inout) :: self
+    real(wp), intent(in) :: norm              !! first correction, of the groups' sizes [-]
+    real(wp), intent(in) :: whole             !! the same, of the scene's size [-]
+    logical, intent(in) :: exact
+    real(wp), intent(in) :: pivot             !! the weakest row's [-]
+    real(wp) :: rate, d, ratio, change, change_whole
+    integer :: i
+    yes = .false.
+    associate (n => self%newton, s => self%measure)
+      n%steps = n%steps + 1
+      if (n%steps > trust .or. n%exact .neqv. exact) return
+      if (pivot < weak .or. .not. self%error%h > 0.0_wp) return
+      rate = n%contraction*max(1.0_wp, norm/n%first)
+      yes = rate*whole <= unseen
+      if (yes .or. rate > 0.1_wp*small) return
+      ratio = self%now%h/self%error%h
+      change = 0.0_wp
+      change_whole = 0.0_wp
+      do i = 1, self%nq
+        d = abs(self%vd1(i) - self%vd(i) - ratio*self%error%before_own(i))/self%now%c1
+        change = max(change, d*s%unit(i))
+        change_whole = max(change_whole, d*s%whole(i))
+      end do
+    end associate
+    yes = rate*norm <= small*change .and. rate*whole <= small*change_whole
+  end function foreseen
+
+  !> The largest component of the correction relative to its group, and relative to the scene's size or one radian.
+  pure subroutine measure_correction(self, norm, whole)
+    type(alpha_solver), intent(in) :: self
+    real(wp), intent(out) :: norm, whole      !! [-]
+    real(wp) :: d
+    integer :: i
+    logical :: finite
+    norm = 0.0_wp
+    whole = 0.0_wp
+    finite = .true.
+    do i = 1, self%nq
+      d = abs(self%dx(i))
+      norm = max(norm, d*self%measure%unit(i))
+      whole = max(whole, d*self%measure%whole(i))
+      finite = finite .and. d < huge(1.0_wp)
+    end do
+    if (.not. finite) norm = huge(1.0_wp)
+  end subroutine measure_correction
+
+  !> Moves the trial step along the method's relations.
+  pure subroutine add_correction(self, first, last)
+    type(alpha_solver), intent(inout) :: self
+    integer, intent(in) :: first, last
+    integer :: i
+    do i = first, last
+      self%x1(i) = self%x1(i) + self%dx(i)
+      self%v1(i) = self%v1(i) + self%now%c2*self%dx(i)
+      self%vd1(i) = self%vd1(i) + self%now%c1*self%dx(i)
+    end do
+  end subroutine add_correction
+
+  !> The trial step becomes the state; dissipated energy and work by the trapezoidal rule.
+  subroutine accept_step(self, system, t1)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t1                !! [s]
+    real(wp) :: powers(2)
+    integer :: i
+    associate (nq => self%nq, s => self%now)
+      call system%powers(t1, self%x1(1:nq), self%v1(1:nq), self%lambda1, self%x1(nq + 1:), self%v1(nq + 1:), powers)
+      self%removed = self%removed + removed_energy(self, system)
+      self%dissipated = self%dissipated + 0.5_wp*s%h*(self%powers(1) + powers(1))
+      self%work = self%work + 0.5_wp*s%h*(self%powers(2) + powers(2))
+      self%powers = powers
+      self%error%h = s%h
+      do i = 1, size(self%x)
+        self%error%before_own(i) = self%vd1(i) - self%vd(i)
+        self%a(i) = s%ad1*self%vd1(i) + s%ad*self%vd(i) + s%aa*self%a(i)
+        self%x(i) = self%x1(i)
+        self%v(i) = self%v1(i)
+        self%vd(i) = self%vd1(i)
+      end do
+      self%lambda = self%lambda1
+    end associate
+    if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
+    call widen_scales(self)
+    call system%factors(self%factors(1), self%factors(2), .false.)
+  end subroutine accept_step
+
+  !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,
+  !>
+  !>   kinetic + potential change = vbar^T M (dv - h abar) + abar^T M (h vbar - dq) + what forces and damping do (trapezoidal)
+  !>
+  !> where a = v' are the accelerations of the equations: the first two terms vanish for the trapezoidal rule (spectral radius
+  !> 1) and are the method's numerical damping otherwise.
+  real(wp) function removed_energy(self, system) result(energy)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp) :: h
+    integer :: i
+    h = self%now%h
+    do i = 1, size(self%x)
+      self%pairs(i, 1) = 0.5_wp*(self%v(i) + self%v1(i))
+      self%pairs(i, 3) = 0.5_wp*(self%vd(i) + self%vd1(i))
+      self%pairs(i, 2) = self%v1(i) - self%v(i) - h*self%pairs(i, 3)
+      self%pairs(i, 4) = h*self%pairs(i, 1) - (self%x1(i) - self%x(i))
+    end do
+    energy = -system%mass_product(self%x1(1:self%nq), self%pairs)
+  end function removed_energy
+end module alpha_newton

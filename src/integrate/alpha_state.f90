@@ -1,0 +1,180 @@
+!> What the generalized-alpha method carries from step to step, and its checkpoint. Positions x hold the coordinates, then the
+!> internal variables; both follow the same relations (`generalized_alpha`).
+module alpha_state
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use generalized_alpha, only: alpha_method, alpha_step, step_coefficients
+  use second_order_system, only: second_order_ode
+  implicit none (type, external)
+  private
+  public :: set_up_alpha, same_step, pack_state, pack_rates, pack, widen_scales, exchange_alpha
+
+  !> How positions are measured.
+  type, public :: position_measures
+    integer, allocatable :: group(:)         !! (nq)
+    logical, allocatable :: grows(:)         !! (groups) its size grows with its values
+    real(wp), allocatable :: weight(:)       !! (nq) of a unit [m, rad]
+    real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
+    real(wp), allocatable :: unit(:)         !! (nq) weight over scale [1/m, 1/rad]
+    real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
+  end type position_measures
+
+  !> What the last steps told of Newton's method.
+  type, public :: newton_memory
+    real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
+    real(wp) :: first = 0.0_wp               !! first correction of that step, scaled [-]
+    logical :: exact = .false.               !! that step used the exact matrix
+    integer :: steps = 0                     !! steps since then
+    integer :: exact_left = 0                !! steps that still use the exact matrix
+  end type newton_memory
+
+  !> What the error estimate remembers.
+  type, public :: error_memory
+    logical :: tight = .true.                !! errors are estimated from accelerations of the equations, not the method's own
+    integer :: agreed = 0                    !! steps since both estimates last differed
+    real(wp) :: firm = 1.0_wp                !! weakest row where the method's own took over [-]
+    real(wp) :: h = 0.0_wp                   !! size of the last step, 0: none [s]
+    real(wp), allocatable :: now(:), next(:) !! (nq + nz) accelerations of the equations at both ends of the step
+    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before
+    real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations
+  end type error_memory
+
+  !> The method's variables.
+  type, public :: alpha_solver
+    type(alpha_method) :: method
+    type(alpha_step) :: now                  !! coefficients of the step that the factors stand for
+    integer :: nq = 0, nz = 0
+    real(wp), allocatable :: x(:), v(:), vd(:), a(:)   !! (nq + nz) v is off the manifold by the method's own O(h2)
+    real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! the trial step
+    real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
+    real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections
+    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance
+    real(wp) :: dissipated = 0.0_wp          !! [J]
+    real(wp) :: work = 0.0_wp                !! [J]
+    real(wp) :: powers(2) = 0.0_wp           !! dissipated, put in [W]
+    real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
+    logical :: stale = .false.               !! restored: factors are to be made again
+    type(position_measures) :: measure
+    type(newton_memory) :: newton
+    type(error_memory) :: error
+    integer(ip) :: iterations = 0
+    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks, noted for the checkpoint
+  end type alpha_solver
+
+contains
+
+  !> Prepares the variables for one spectral radius.
+  subroutine set_up_alpha(self, system, method)
+    type(alpha_solver), intent(out) :: self
+    class(second_order_ode), intent(in) :: system
+    type(alpha_method), intent(in) :: method
+    integer :: n
+    self%method = method
+    self%nq = system%nq
+    self%nz = system%nz
+    n = self%nq + self%nz
+    allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), self%pairs(n, 4), &
+              source=0.0_wp)
+    allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), source=0.0_wp)
+    allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
+    associate (s => self%measure)
+      call system%measures(s%group, s%weight, s%whole, s%scale, s%grows)
+      allocate (s%unit(self%nq), source=0.0_wp)
+    end associate
+  end subroutine set_up_alpha
+
+  !> Whether a step is the present one, but for the rounding of times.
+  pure logical function same_step(self, h)
+    type(alpha_solver), intent(in) :: self
+    real(wp), intent(in) :: h                !! [s]
+    same_step = abs(h - self%now%h) <= 1.0e-9_wp*h
+  end function same_step
+
+  !> Running maxima of the groups.
+  pure subroutine widen_scales(self)
+    type(alpha_solver), intent(inout) :: self
+    integer :: i, g
+    logical :: wider
+    associate (s => self%measure)
+      wider = s%unit(1) <= 0.0_wp
+      do i = 1, self%nq
+        g = s%group(i)
+        if (.not. s%grows(g)) cycle
+        if (s%weight(i)*abs(self%x(i)) > s%scale(g)) then
+          s%scale(g) = s%weight(i)*abs(self%x(i))
+          wider = .true.
+        end if
+      end do
+      if (.not. wider) return
+      do i = 1, self%nq
+        s%unit(i) = s%weight(i)/s%scale(s%group(i))
+      end do
+    end associate
+  end subroutine widen_scales
+
+  !> The method's own state (rates not projected) in the system's layout.
+  pure subroutine pack_state(self, y)
+    type(alpha_solver), intent(in) :: self
+    real(wp), intent(inout) :: y(:)          !! (n)
+    call pack(self, self%x, self%v, self%dissipated, self%work, y)
+  end subroutine pack_state
+
+  !> Its rates.
+  pure subroutine pack_rates(self, y)
+    type(alpha_solver), intent(in) :: self
+    real(wp), intent(inout) :: y(:)          !! (n)
+    call pack(self, self%v, self%vd, self%powers(1), self%powers(2), y)
+  end subroutine pack_rates
+
+  !> Positions and rates, or rates and accelerations, with two quadratures or their rates, in the system's layout.
+  pure subroutine pack(self, x, v, dissipated, work, y)
+    type(alpha_solver), intent(in) :: self
+    real(wp), intent(in) :: x(:), v(:)       !! (nq + nz) [m, rad] and per second
+    real(wp), intent(in) :: dissipated       !! [J] or [W]
+    real(wp), intent(in) :: work             !! [J] or [W]
+    real(wp), intent(inout) :: y(:)          !! (n)
+    associate (nq => self%nq, nz => self%nz)
+      y(1:nq) = x(1:nq)
+      y(nq + 1:2*nq) = v(1:nq)
+      y(2*nq + 1:2*nq + nz) = x(nq + 1:)
+      y(2*nq + nz + 1:2*nq + 2*nz) = v(nq + 1:)
+      y(2*nq + 2*nz + 1) = dissipated
+      y(2*nq + 2*nz + 2) = work
+    end associate
+  end subroutine pack
+
+  !> Saves or restores the method's variables; the factors of the step, functions of its size, are made again.
+  subroutine exchange_alpha(self, a)
+    type(alpha_solver), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%now%h)
+    if (.not. a%saving) self%now = step_coefficients(self%method, self%now%h)
+    call a%exchange(self%x)
+    call a%exchange(self%v)
+    call a%exchange(self%vd)
+    call a%exchange(self%a)
+    call a%exchange(self%lambda)
+    call a%exchange(self%dissipated)
+    call a%exchange(self%work)
+    call a%exchange(self%powers)
+    call a%exchange(self%removed)
+    call a%exchange(self%error%tight)
+    call a%exchange(self%error%agreed)
+    call a%exchange(self%error%firm)
+    call a%exchange(self%error%h)
+    call a%exchange(self%error%now)
+    call a%exchange(self%error%before)
+    call a%exchange(self%error%before_own)
+    call a%exchange(self%newton%contraction)
+    call a%exchange(self%newton%first)
+    call a%exchange(self%newton%exact)
+    call a%exchange(self%newton%steps)
+    call a%exchange(self%newton%exact_left)
+    call a%exchange(self%measure%scale)
+    call a%exchange(self%measure%unit)
+    call a%exchange(self%iterations)
+    call a%exchange(self%factors(1))
+    call a%exchange(self%factors(2))
+    if (.not. a%saving) self%stale = .true.
+  end subroutine exchange_alpha
+end module alpha_state

@@ -1,0 +1,304 @@
+!> Residual and tangent of the whole mechanism at a trial state (t, q, v, a, lambda), and the corrections that they ask for. The
+!> elastic blocks are factored once a step size (`prepare`); a new tangent renews the frames' columns and rows and the border, and
+!> the whole elastic blocks only where it is asked to.
+module newton_equations
+  use kinds, only: wp
+  use body_terms, only: body_residual, body_tangent
+  use border_rows, only: from_joint, from_spring, factor_rows
+  use constraint, only: place_stiffness
+  use dynamics, only: set_frames, place_kinematics, constraint_values, applied_forces
+  use load, only: load_force, axes_body
+  use mechanism, only: mechanism_model
+  use newton_condensation, only: condense_frame, condense_rows, fill_columns
+  use newton_system, only: newton_matrix
+  implicit none (type, external)
+  private
+  public :: prepare, predict_terms, residual, renew, solve_elastic, frame_acceleration
+
+contains
+
+  !> Takes the constants of a step: factors the elastic blocks.
+  subroutine prepare(self, m, c1, c2, bad)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: c1               !! [1/s2]
+    real(wp), intent(in) :: c2               !! [1/s]
+    logical, intent(out) :: bad
+    integer :: b, k
+    self%c1 = c1
+    self%c2 = c2
+    call self%terms%set(c1, c2)
+    do b = 1, size(self%b)
+      if (self%b(b)%eq%n > 0) self%b(b)%eq%factor = 1.0_wp
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        if (t%body > 0) self%b(t%body)%eq%factor(t%run) = self%b(t%body)%eq%factor(t%run) + t%alpha*(1 - t%g())
+      end associate
+    end do
+    bad = .false.
+    do b = 1, size(self%b)
+      associate (x => self%b(b))
+        if (x%eq%n == 0) cycle
+        call x%block%factor_base(x%eq, c1, c2, bad)
+        if (bad) return
+        call fill_columns(x, m%s%bodies(b), m%s%places, .false.)
+        self%base_factors = self%base_factors + 1
+      end associate
+    end do
+  end subroutine prepare
+
+  !> What the dissipative coordinates' predictions for the end of the step add to forces there.
+  subroutine predict_terms(self, m, z, zd, zdd)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
+    real(wp), intent(in), contiguous :: zd(:)   !! (nz) [m/s, rad/s]
+    real(wp), intent(in), contiguous :: zdd(:)  !! (nz) [m/s2, rad/s2]
+    integer :: k, b, e, i, first
+    do b = 1, size(self%b)
+      if (m%s%bodies(b)%nz > 0) self%b(b)%eq%past = 0.0_wp
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        i = t%first
+        call t%offsets(t%last - i + 1, z(i:t%last), zd(i:t%last), zdd(i:t%last), self%offset(i:t%last))
+        if (t%body == 0) cycle
+        associate (x => self%b(t%body)%eq%past, run => m%s%bodies(t%body)%runs(t%run))
+          first = run%first
+          if (m%s%bodies(t%body)%modal) first = t%run
+          do e = first, first + (t%last - t%first)/size(x, 1)
+            x(:, e) = x(:, e) + t%alpha*self%offset(i:i + size(x, 1) - 1)
+            i = i + size(x, 1)
+          end do
+        end associate
+      end associate
+    end do
+  end subroutine predict_terms
+
+  !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
+  subroutine residual(self, m, t, q, v, a, lambda)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) positions [m, rad], rates, accelerations
+    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
+    integer :: b, i, n, k
+    self%solved = .false.
+    call set_frames(m, q)
+    call place_kinematics(m, q, v)
+    call spring_state(self, m)
+    call applied_forces(m, t, q, self%spring_z, self%spring_zd)
+    call constraint_values(m, t)
+    call gather_wrenches(self, m, lambda)
+    do b = 1, size(self%b)
+      i = m%s%qo(b)
+      n = i + 3 + self%b(b)%eq%n
+      call body_residual(self%b(b)%eq, m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, b, a))
+    end do
+    do k = 1, size(m%s%places)
+      b = m%place_body(k)
+      if (b == 0) cycle
+      associate (eq => self%b(b)%eq)
+        if (eq%n > 0) then
+          call m%s%places(k)%push(m%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
+        else
+          eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
+          eq%frame(3) = eq%frame(3) + self%wrench(3, k) + m%p%rho(1, k)*self%wrench(2, k) - m%p%rho(2, k)*self%wrench(1, k)
+        end if
+      end associate
+    end do
+  end subroutine residual
+
+  !> A^T (R'' - g) of a body [m/s2].
+  pure function frame_acceleration(m, b, a) result(x)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b
+    real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
+    real(wp) :: x(2), g(2)                   !! [m/s2]
+    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - m%s%gravity
+    x(1) = m%c(b)*g(1) + m%sn(b)*g(2)
+    x(2) = m%c(b)*g(2) - m%sn(b)*g(1)
+  end function frame_acceleration
+
+  !> Dissipative coordinates of the springs at the trial state: their forces are asked for before the step ends.
+  subroutine spring_state(self, m)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp) :: d, dd, e(2)
+    integer :: k
+    do k = size(self%terms), 1, -1
+      associate (t => self%terms(k))
+        if (t%spring == 0) exit              ! springs' terms are the last ones
+        call m%s%springs(t%spring)%deformation(m%p, d, dd, e)
+        self%spring_z(t%first) = t%g()*d + self%offset(t%first)
+      end associate
+    end do
+  end subroutine spring_state
+
+  !> Residual force (body axes) and moment on every place: multipliers' minus applied ones.
+  subroutine gather_wrenches(self, m, lambda)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
+    integer :: i
+    self%wrench = -m%wrench
+    do i = 1, m%s%rows
+      call add(m%row_place(1, i), m%rows%na(:, i), m%rows%sa(i), lambda(i))
+      call add(m%row_place(2, i), m%rows%nb(:, i), m%rows%sb(i), lambda(i))
+    end do
+  contains
+    !> Adds a unit wrench times a multiplier.
+    subroutine add(place, n, s, x)
+      integer, intent(in) :: place
+      real(wp), intent(in) :: n(2)             !! global [-]
+      real(wp), intent(in) :: s                !! [m]
+      real(wp), intent(in) :: x                !! [N]
+      integer :: b
+      b = m%place_body(place)
+      if (b == 0) return
+      self%wrench(1, place) = self%wrench(1, place) + x*(m%c(b)*n(1) + m%sn(b)*n(2))
+      self%wrench(2, place) = self%wrench(2, place) + x*(m%c(b)*n(2) - m%sn(b)*n(1))
+      self%wrench(3, place) = self%wrench(3, place) + x*s
+    end subroutine add
+  end subroutine gather_wrenches
+
+  !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored.
+  subroutine renew(self, m, t, q, v, a, lambda, whole, bad)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: t                !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
+    logical, intent(in) :: whole             !! factors the whole elastic blocks
+    logical, intent(out) :: bad
+    integer :: b, i, n
+    bad = .false.
+    self%whole = whole
+    self%solved = .true.
+    do b = 1, size(self%b)
+      i = m%s%qo(b)
+      n = i + 3 + self%b(b)%eq%n
+      call body_tangent(self%b(b)%eq, m%s%bodies(b), self%c1, self%c2, 1.0_wp, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
+                        frame_acceleration(m, b, a))
+    end do
+    call turn_wrenches(self, m, t, q)
+    call fill_laws(self, m, t, q, lambda)
+    do b = 1, size(self%b)
+      associate (x => self%b(b))
+        if (x%eq%n > 0) then
+          i = m%s%qo(b) + 3
+          if (whole) then
+            call x%block%factor_whole(x%eq, m%s%bodies(b), self%c2, v(i), a(i), bad)
+            if (bad) return
+            self%whole_factors = self%whole_factors + 1
+          end if
+          if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%places, whole)
+          call x%block%solve_two(whole, x%eq%elastic(1:x%eq%n), x%eq%column(1:x%eq%n))
+        end if
+        call condense_frame(x, m, b, self%c1, bad)
+        if (bad) return
+      end associate
+    end do
+    call condense_rows(self, m, v)
+    call factor_rows(self%rows)
+    bad = self%rows%bad
+  end subroutine renew
+
+  !> Residual wrenches on places turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
+  !> axes are constant there, so that their part of the columns goes again.
+  subroutine turn_wrenches(self, m, t, q)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: t                !! [s]
+    real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
+    real(wp) :: force(2), moment, f(2)
+    integer :: k, b
+    do k = 1, size(m%s%places)
+      b = m%place_body(k)
+      if (b == 0) cycle
+      associate (eq => self%b(b)%eq, w => self%wrench(:, k))
+        eq%block(3, 3) = eq%block(3, 3) - m%p%rho(1, k)*w(1) - m%p%rho(2, k)*w(2)
+        if (eq%n == 0) cycle
+        call m%s%places(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
+        call m%s%places(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
+      end associate
+    end do
+    do k = 1, size(m%s%loads)
+      associate (l => m%s%loads(k))
+        if (.not. l%acts(m%stage) .or. l%kind /= load_force .or. l%axes /= axes_body) cycle
+        b = m%place_body(l%place)
+        if (b == 0) cycle
+        call l%wrench(m%p, q(m%s%qo(b) + 3), l%scale(t, m%left)*m%load_factor, force, moment)
+        f = [m%c(b)*force(1) + m%sn(b)*force(2), m%c(b)*force(2) - m%sn(b)*force(1)]
+        associate (eq => self%b(b)%eq)
+          eq%block(1, 3) = eq%block(1, 3) + f(2)
+          eq%block(2, 3) = eq%block(2, 3) - f(1)
+          eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, l%place), f)
+          if (eq%n > 0) call m%s%places(l%place)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
+        end associate
+      end associate
+    end do
+  end subroutine turn_wrenches
+
+  !> Place-level tangents of curved joints, springs and loads.
+  subroutine fill_laws(self, m, t, q, lambda)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: t                !! [s]
+    real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
+    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
+    type(place_stiffness) :: p
+    real(wp) :: k3(3, 3)
+    integer :: k
+    do k = 1, size(self%rows%laws)
+      associate (law => self%rows%laws(k))
+        select case (law%kind)
+        case (from_joint)
+          call m%s%constraints(law%item)%item%geometric(m%p, lambda, p)
+          law%k = p%k
+        case (from_spring)
+          call m%s%springs(law%item)%tangent(m%p, spring_stiffness(self, m, law%item), m%s%springs(law%item)%damping, &
+                                             m%spring_force(law%item), p)
+          law%k = p%k + self%c2*p%c
+          law%g = p%c
+        case default
+          associate (l => m%s%loads(law%item))
+            k3 = 0.0_wp
+            if (l%acts(m%stage)) call l%tangent(m%p, q(m%s%qo(m%place_body(l%place)) + 3), l%scale(t, m%left)*m%load_factor, k3)
+            law%k = 0.0_wp
+            law%k(1:3, 1:3) = k3
+          end associate
+        end select
+      end associate
+    end do
+  end subroutine fill_laws
+
+  !> Stiffness of a spring with its terms condensed [N/m] or [N m/rad].
+  pure function spring_stiffness(self, m, k) result(stiffness)
+    type(newton_matrix), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                 !! spring
+    real(wp) :: stiffness                    !! [N/m] or [N m/rad]
+    integer :: i
+    stiffness = 1.0_wp
+    do i = size(self%terms), 1, -1
+      if (self%terms(i)%spring == 0) exit
+      if (self%terms(i)%spring == k) stiffness = stiffness + self%terms(i)%alpha*(1 - self%terms(i)%g())
+    end do
+    stiffness = m%s%springs(k)%stiffness*stiffness
+  end function spring_stiffness
+
+  !> Solves the elastic residuals with the factors that stand, unless the tangent was made for them.
+  subroutine solve_elastic(self)
+    type(newton_matrix), intent(inout) :: self
+    integer :: b
+    if (self%solved) return
+    self%solved = .true.
+    do b = 1, size(self%b)
+      associate (x => self%b(b))
+        if (x%eq%n > 0) call x%block%solve(self%whole, x%eq%elastic(1:x%eq%n))
+      end associate
+    end do
+  end subroutine solve_elastic
+end module newton_equations

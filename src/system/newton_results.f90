@@ -1,0 +1,233 @@
+!> What an implicit method asks of the mechanism at the end of a step: internal variables, powers, products with the mass, what the
+!> step resolves, and how positions are measured.
+module newton_results
+  use kinds, only: wp
+  use body, only: body_model
+  use body_terms, only: body_equations
+  use dynamics, only: set_frames, place_kinematics, applied_forces
+  use elastic_operators, only: add_product
+  use ghm_law, only: term_product
+  use mechanism, only: mechanism_model
+  use newton_system, only: newton_matrix
+  use nodal_kernel, only: deformations
+  implicit none (type, external)
+  private
+  public :: term_increments, find_powers, mass_product, resolved_part, position_groups, scene_reach
+
+contains
+
+  !> What the dissipative coordinates move by from their predictions, at the final positions.
+  subroutine term_increments(self, m, q, v, z, zd, zdd, dz)
+    type(newton_matrix), intent(in) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
+    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
+    real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
+    real(wp) :: d(1), dd, e(2)
+    integer :: k, b, i
+    if (size(self%terms) == 0) return
+    call set_frames(m, q)
+    call place_kinematics(m, q, v)
+    do b = 1, size(self%b)
+      associate (bo => m%s%bodies(b))
+        if (bo%nz == 0) cycle
+        i = m%s%qo(b) + 3
+        bo%qx(1:bo%nf) = q(i + 1:i + bo%nf)
+        if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
+      end associate
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
+        b = t%body
+        if (b == 0) then
+          call m%s%springs(t%spring)%deformation(m%p, d(1), dd, e)
+          call t%increments(1, d, z(i:i), zd(i:i), zdd(i:i), dz(i:i))
+        else if (m%s%bodies(b)%modal) then
+          call t%increments(j - i + 1, m%s%bodies(b)%qx(1), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
+        else
+          call t%increments(j - i + 1, m%s%bodies(b)%d(1, m%s%bodies(b)%runs(t%run)%first), z(i:j), zd(i:j), zdd(i:j), &
+                            dz(i:j))
+        end if
+      end associate
+    end do
+  end subroutine term_increments
+
+  !> Power dissipated in bodies and springs, and put in by loads and drives.
+  subroutine find_powers(self, m, t, q, v, lambda, z, zd, power)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: lambda(:)                         !! (rows) [N]
+    real(wp), intent(in), contiguous :: z(:), zd(:)           !! (nz) [m, rad] and per second
+    real(wp), intent(out) :: power(2)                         !! dissipated, put in [W]
+    integer :: k, b, i, n
+    m%dissipated_power = 0.0_wp
+    m%input_power = 0.0_wp
+    call set_frames(m, q)
+    call place_kinematics(m, q, v)
+    call applied_forces(m, t, q, z, zd)
+    do k = 1, size(self%terms)
+      associate (s => self%terms(k))
+        if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%two_zw/s%w2 &
+                                             *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
+      end associate
+    end do
+    do b = 1, size(self%b)
+      if (.not. m%s%bodies(b)%rayleigh) cycle
+      i = m%s%qo(b) + 3
+      n = self%b(b)%eq%n
+      associate (eq => self%b(b)%eq)
+        eq%elastic = 0.0_wp
+        call add_product(eq%op%even, eq%op%c, v(i + 1:i + n), eq%elastic(1:))
+        m%dissipated_power = m%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
+      end associate
+    end do
+    do k = m%s%joints + 1, size(m%s%constraints)
+      i = m%s%constraints(k)%item%first
+      m%input_power = m%input_power + lambda(i)*m%rows%phi_t(i)
+    end do
+    power = [m%dissipated_power, m%input_power]
+  end subroutine find_powers
+
+  !> x1^T M x2 + x3^T M x4 of coordinates (frames' origins in global axes) and dissipative coordinates, whose mass is
+  !> (alpha/omega^2) D, at the positions q of the last find_powers [J for rates].
+  real(wp) function mass_product(self, m, q, x) result(total)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: x(:, :)               !! (nq + nz, 4) [any]
+    integer :: b, i, n, k, j
+    total = 0.0_wp
+    do b = 1, size(self%b)
+      i = m%s%qo(b)
+      n = self%b(b)%eq%n
+      total = total + body_product(self%b(b)%eq, m%s%bodies(b), m%c(b), m%sn(b), q(i + 4:i + 3 + n), x(i + 1:i + 3 + n, :))
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        i = m%s%nq + t%first
+        j = m%s%nq + t%last
+        total = total + t%alpha/t%w2*(term_product(t, m%s, x(i:j, 1), x(i:j, 2)) + term_product(t, m%s, x(i:j, 3), x(i:j, 4)))
+      end associate
+    end do
+  end function mass_product
+
+  !> x1^T M x2 + x3^T M x4 of one body.
+  real(wp) function body_product(eq, bo, c, s, q, x) result(total)
+    type(body_equations), intent(inout) :: eq
+    type(body_model), intent(in) :: bo
+    real(wp), intent(in) :: c, s              !! of the frame angle [-]
+    real(wp), intent(in) :: q(:)              !! (nf) elastic coordinates [m, rad]
+    real(wp), intent(in) :: x(:, :)           !! (3 + nf, 4) frames in global axes [any]
+    real(wp) :: p(2), r(2, 4), f(2, 4), tf(4)
+    integer :: j, k
+    p = bo%i1
+    do j = 1, 4
+      r(1, j) = c*x(1, j) + s*x(2, j)
+      r(2, j) = c*x(2, j) - s*x(1, j)
+    end do
+    f = 0.0_wp
+    tf = 0.0_wp
+    do k = 1, eq%n
+      p = p + bo%sbar(k, :)*q(k)
+      do j = 1, 4
+        f(:, j) = f(:, j) + bo%sbar(k, :)*x(3 + k, j)
+        tf(j) = tf(j) + bo%c0(k)*x(3 + k, j)
+      end do
+    end do
+    total = 0.0_wp
+    do j = 1, 3, 2
+      total = total + bo%mass*dot_product(r(:, j), r(:, j + 1)) + x(3, j)*bo%i11*x(3, j + 1) &
+              + x(3, j)*(p(1)*r(2, j + 1) - p(2)*r(1, j + 1) + tf(j + 1)) &
+              + x(3, j + 1)*(p(1)*r(2, j) - p(2)*r(1, j) + tf(j)) &
+              + dot_product(r(:, j), f(:, j + 1)) + dot_product(r(:, j + 1), f(:, j))
+    end do
+    if (eq%n == 0) return
+    eq%column(1:) = 0.0_wp
+    call add_product(eq%op%even, eq%op%m, x(4:, 2), eq%column(1:))
+    if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(4:, 2), eq%column(1:))
+    total = total + dot_product(x(4:, 1), eq%column(1:))
+    eq%column(1:) = 0.0_wp
+    call add_product(eq%op%even, eq%op%m, x(4:, 4), eq%column(1:))
+    if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(4:, 4), eq%column(1:))
+    total = total + dot_product(x(4:, 3), eq%column(1:))
+  end function body_product
+
+  !> Leaves of two vectors of coordinates and dissipative coordinates what the step resolves: elastic ones T0^-1 c1 m_ff x.
+  subroutine resolved_part(self, m, x, y)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(inout), contiguous :: x(:), y(:)         !! (nq + nz) [any]
+    real(wp) :: f
+    integer :: b, i, n, k
+    do b = 1, size(self%b)
+      i = m%s%qo(b) + 3
+      associate (eq => self%b(b)%eq)
+        n = eq%n
+        if (n == 0) cycle
+        eq%elastic = 0.0_wp
+        eq%column = 0.0_wp
+        call add_product(eq%op%even, eq%op%m, x(i + 1:i + n), eq%elastic(1:))
+        call add_product(eq%op%even, eq%op%m, y(i + 1:i + n), eq%column(1:))
+        if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(i + 1:i + n), eq%elastic(1:))
+        if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, y(i + 1:i + n), eq%column(1:))
+        call self%b(b)%block%solve_two(.false., eq%elastic(1:n), eq%column(1:n))
+        x(i + 1:i + n) = self%c1*eq%elastic(1:n)
+        y(i + 1:i + n) = self%c1*eq%column(1:n)
+      end associate
+    end do
+    do k = 1, size(self%terms)
+      f = self%terms(k)%filtered(self%c1)
+      i = m%s%nq + self%terms(k)%first
+      n = m%s%nq + self%terms(k)%last
+      x(i:n) = f*x(i:n)
+      y(i:n) = f*y(i:n)
+    end do
+  end subroutine resolved_part
+
+  !> Groups in which corrections are measured, four a body: origin, angle, elastic translations, elastic rotations.
+  subroutine position_groups(m, group, weight, whole, scale, grows)
+    type(mechanism_model), intent(in) :: m
+    integer, allocatable, intent(out) :: group(:)             !! (nq)
+    real(wp), allocatable, intent(out) :: weight(:)           !! (nq) of a unit [m, rad]
+    real(wp), allocatable, intent(out) :: whole(:)            !! (nq) over the scene's size or one radian
+    real(wp), allocatable, intent(out) :: scale(:)            !! (groups) least size [m, rad]
+    logical, allocatable, intent(out) :: grows(:)             !! (groups) its size grows with its values: frames' do not
+    integer :: b, i, k
+    allocate (group(m%s%nq), weight(m%s%nq), scale(4*size(m%s%bodies)), grows(4*size(m%s%bodies)))
+    weight = 1.0_wp
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b))
+        i = m%s%qo(b)
+        group(i + 1:i + 2) = 4*b - 3
+        group(i + 3) = 4*b - 2
+        group(i + 4:i + 3 + bo%nf) = 4*b - 1
+        if (bo%modal) then
+          do k = 1, bo%nf
+            weight(i + 3 + k) = maxval(abs(bo%psi(:, k)))
+          end do
+        else if (bo%flexible) then
+          do k = 1, bo%nn
+            if (bo%dof(3, k) > 0) group(i + 3 + bo%dof(3, k)) = 4*b
+          end do
+        end if
+        scale(4*b - 3:4*b) = [m%s%size, 1.0_wp, 1.0e-6_wp*m%s%size, 1.0e-6_wp]
+        grows(4*b - 3:4*b) = [.false., .false., .true., .true.]
+      end associate
+    end do
+    whole = weight/m%s%size
+    where (mod(group, 2) == 0) whole = weight
+  end subroutine position_groups
+
+  !> How far places are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
+  pure real(wp) function scene_reach(m, q) result(reach)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq) [m, rad]
+    integer :: b
+    reach = 1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size             ! without places the largest is -huge
+    do b = 1, size(m%s%bodies)
+      reach = max(reach, abs(q(m%s%qo(b) + 3)))
+    end do
+  end function scene_reach
+end module newton_results
