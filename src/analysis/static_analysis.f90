@@ -5,6 +5,7 @@ module static_analysis
   use column_names, only: joined, motion_names
   use dynamic_stiffness, only: stiffness_system
   use equilibrium, only: find_equilibrium, equilibrium_report
+  use equilibrium_growth, only: find_growth
   use errors, only: failure, status_failed, status_bad_input, status_no_output
   use linear_state, only: linear_system, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
@@ -14,14 +15,24 @@ module static_analysis
   use results, only: motion_row
   use scene_run, only: run_state
   use sensors, only: read_sensors
-  use summary, only: add_line, number
+  use summary, only: add_line, add_warnings, number
   use text, only: to_text
   use text_file, only: result_file
+  use validity, only: validity_watch
   implicit none (type, external)
   private
   public :: run_static, refuse_free_bodies
 
   real(wp), parameter :: takes_part = 1.0e-3_wp      !! motion of a body in a free motion worth naming, over the largest [-]
+
+  !> What acts in the end.
+  type :: full_loads
+    real(wp) :: gravity(2) = 0.0_wp                  !! [m/s2]
+    real(wp), allocatable :: free(:)                 !! (springs) free lengths [m] or angles [rad]
+    real(wp), allocatable :: stretch(:)              !! (springs) deformations of the assembled state [m] or [rad]
+  contains
+    procedure :: apply => apply_part
+  end type full_loads
 
 contains
 
@@ -99,11 +110,14 @@ contains
     type(failure), intent(inout) :: fail
     type(result_file) :: file
     type(equilibrium_report) :: report
-    real(wp) :: gravity(2), factor
+    type(full_loads) :: full
+    type(validity_watch) :: watch
+    real(wp) :: factor                               ! of the loads [-]
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
     run%sys%m%stage = stage_static
-    gravity = run%sys%m%s%gravity
+    call remember_loads(run, full)
+    call watch%begin(run%sys%m)
     where ([(elastic(run, k), k=1, nq)]) run%y(nq + 1:2*nq) = 0.0_wp
     call file%open(run%folder//'/static.txt')
     call write_header(run, file)
@@ -112,8 +126,7 @@ contains
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
       factor = real(k, wp)/run%d%static%load_steps
-      run%sys%m%load_factor = factor
-      run%sys%m%s%gravity = factor*gravity
+      call full%apply(run, factor)
       call find_equilibrium(run, run%d%static%tolerance, report)
       steps = steps + report%steps
       if (.not. report%converged) then
@@ -127,9 +140,9 @@ contains
         exit
       end if
       call write_row(run, file, factor, report)
+      call watch%look(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
     end do
-    run%sys%m%s%gravity = gravity
-    run%sys%m%load_factor = 1.0_wp
+    call full%apply(run, 1.0_wp)
     call file%close()
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call add_line(text, '')
@@ -137,7 +150,46 @@ contains
     call add_line(text, '  load steps done: '//number(k - 1)//', Newton steps: '//number(steps))
     call add_line(text, '  residual over the largest force: '//to_text(report%residual)//' (rounding: '// &
                   to_text(report%noise)//')')
+    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, 'in the static analysis '))
+    if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
+
+  !> Says whether the equilibrium is one that the mechanism would leave.
+  subroutine tell_growth(run, text)
+    type(run_state), intent(inout) :: run
+    character(:), allocatable, intent(inout) :: text !! the summary
+    real(wp) :: rate                                 ! [1/s]
+    integer :: body
+    call find_growth(run, rate, body)
+    if (rate > 0.0_wp) call add_warnings(text, run%d%path, 'warning: the static equilibrium is unstable: without damping small '// &
+      'motions about it, most of all of body "'//trim(run%sys%m%s%bodies(body)%name)//'", grow at '//to_text(rate)// &
+      ' 1/s'//new_line('a'))
+  end subroutine tell_growth
+
+  !> The loads of the whole analysis, from the assembled state on.
+  subroutine remember_loads(run, full)
+    type(run_state), intent(inout) :: run
+    type(full_loads), intent(out) :: full
+    real(wp) :: rate, e(2)
+    integer :: k
+    full%gravity = run%sys%m%s%gravity
+    full%free = run%sys%m%s%springs%free
+    allocate (full%stretch(size(full%free)))
+    call evaluate_state(run)
+    do k = 1, size(full%free)
+      call run%sys%m%s%springs(k)%deformation(run%sys%m%p, full%stretch(k), rate, e)
+    end do
+  end subroutine remember_loads
+
+  !> A part of weight, loads and prestress: free lengths and angles go from the assembled ones to the deck's.
+  pure subroutine apply_part(self, run, factor)
+    class(full_loads), intent(in) :: self
+    type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: factor                   !! [-]
+    run%sys%m%load_factor = factor
+    run%sys%m%s%gravity = factor*self%gravity
+    run%sys%m%s%springs%free = self%free + (1 - factor)*self%stretch
+  end subroutine apply_part
 
   !> Whether an unknown is an elastic coordinate.
   pure logical function elastic(run, k) result(yes)

@@ -4,7 +4,7 @@ module transient_summary
   use posix, only: tell
   use scene_run, only: run_state
   use step_counts, only: actual_step
-  use summary, only: add_line
+  use summary, only: add_line, add_warnings
   use text, only: es_text, fixed_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
@@ -147,18 +147,11 @@ contains
     type(run_state), intent(in) :: run
     character(:), allocatable, intent(inout) :: text
     character(:), allocatable :: warnings
-    integer :: from, to
-    warnings = run%watch%warnings(run%sys%m)
+    warnings = run%watch%warnings(run%sys%m, '')
     if (len(warnings) == 0) then
       call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
     else
-      text = text//warnings
-      from = 1
-      do while (from <= len(warnings))
-        to = from + index(warnings(from:), new_line('a')) - 2
-        call tell(run%d%path//': '//warnings(from:to))
-        from = to + 2
-      end do
+      call add_warnings(text, run%d%path, warnings)
     end if
   end subroutine validity_lines
 end module transient_summary

@@ -5,10 +5,11 @@ module summary
   use body, only: body_model
   use deck_records, only: deck
   use mechanism, only: mechanism_model
+  use posix, only: tell
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: model_lines, version, add_line, number
+  public :: model_lines, version, add_line, add_warnings, number
 
   character(*), parameter :: version = '0.1.0'   !! of the program
 
@@ -20,6 +21,21 @@ contains
     character(*), intent(in) :: line
     text = text//line//new_line('a')
   end subroutine add_line
+
+  !> Adds lines of warnings to a text, and to standard error with the deck's path.
+  subroutine add_warnings(text, path, warnings)
+    character(:), allocatable, intent(inout) :: text
+    character(*), intent(in) :: path
+    character(*), intent(in) :: warnings       !! each ends with a new line
+    integer :: from, to
+    text = text//warnings
+    from = 1
+    do while (from <= len(warnings))
+      to = from + index(warnings(from:), new_line('a')) - 2
+      call tell(path//': '//warnings(from:to))
+      from = to + 2
+    end do
+  end subroutine add_warnings
 
   !> A count as text.
   function number(n) result(text)

@@ -84,9 +84,10 @@ contains
   end subroutine exchange
 
   !> One sentence for each limit that a body passed.
-  function warnings(self, m) result(text)
+  function warnings(self, m, stage) result(text)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
     real(wp) :: first, carried, bent
     integer :: b
@@ -122,7 +123,7 @@ contains
       character(:), allocatable :: number
       number = trim(adjustl(es_text(x, 2)))
       if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-      text = text//'warning: body "'//trim(bo%name)//'" '//what//' '//number//' '//rest//new_line('a')
+      text = text//'warning: '//stage//'body "'//trim(bo%name)//'" '//what//' '//number//' '//rest//new_line('a')
     end subroutine say
   end function warnings
 

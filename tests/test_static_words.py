@@ -1,0 +1,108 @@
+"""What a static analysis says: unstable equilibria with their growth rate, validity, prestress that grows by load steps."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from histories import read
+
+PENDULUM = """&scene title='inverted pendulum' gravity=0.0,-9.81 /
+&body name='rod' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 angle=1.5707963267948966 /
+&joint name='pin' type='revolute' body_a='rod' /
+&spring name='k' type='torsional' body_a='rod' stiffness={stiffness} /
+&static /
+"""
+COLUMN = """&scene title='column' /
+&material name='m' density=1000.0 young=2.0e9 /
+&section name='s' area=1.0e-4 inertia=8.0e-10 /
+&body name='other' kind='beam' length=0.3 elements=2 material='m' section='s' reference='clamped' position=0.0,1.0 /
+&joint name='o' type='weld' body_a='other' node_a=1 point_b=0.0,1.0 /
+&body name='column' kind='beam' length=0.8 elements=4 material='m' section='s' reference='clamped' stiffening=.true. /
+&joint name='w' type='weld' body_a='column' node_a=1 /
+&force name='load' type='force' body='column' node=-1 fx={load!r} /
+&sensor name='tip' quantity='deflection' body='column' node=-1 /
+&static /
+"""
+EULER = math.pi**2 * 2.0e9 * 8.0e-10 / (4 * 0.8**2)  # of the cantilever [N]
+
+
+def growth(run) -> float:
+    """Return the growth rate that is told, 0 where none is."""
+    told = re.search(r"static equilibrium is unstable.* grow at (\S+) 1/s", run.stderr)
+    assert (told is None) == ("static equilibrium is unstable" not in run.summary)
+    return float(told[1]) if told else 0.0
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 4.8, 5.0, 20.0])
+def test_an_inverted_pendulum_on_a_weak_spring(run_deck, stiffness):
+    left = 9.81 * 0.5 - stiffness
+    expected = math.sqrt(left / (0.1 + 0.25)) if left > 0 else 0.0
+    assert growth(run_deck(PENDULUM.format(stiffness=stiffness))) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.98, 1.05, 2.0])
+def test_a_column_beyond_its_buckling_load(run_deck, share):
+    """The rate is the one at which a small push grows, and the body is named."""
+    deck = COLUMN.format(load=-share * EULER)
+    run = run_deck(deck)
+    rate = growth(run)
+    assert (rate > 0.0) == (share > 1.0)
+    if not rate:
+        return
+    assert '"column"' in run.stderr and '"other"' not in run.stderr
+    push = "&force name='push' type='force' body='column' node=-1 fy=1.0e-9 stage='transient' /\n"
+    time = 12.0 / rate
+    motion = f"&transient t_end={time!r} method='generalized_alpha' step={time / 6000!r} output_step={time / 60!r} /\n"
+    tip = run_deck(deck + push + motion, name="pushed").history["tip.v"]
+    assert math.log(tip[-1] / tip[-11]) / (time / 6) == pytest.approx(rate, rel=2e-3)
+
+
+@pytest.mark.parametrize(("speed", "unstable"), [(5.0, False), (30.0, True)])
+def test_a_bob_that_turns_faster_than_its_spring_holds(run_deck, speed, unstable):
+    """At rest seen from the table: k against m w^2 along the guide, where the Coriolis force goes into the guide."""
+    deck = f"""&body name='table' kind='rigid' mass=1.0 inertia=0.1 angular_velocity={speed} /
+&joint name='axle' type='revolute' body_a='table' /
+&history name='h' kind='polynomial' coefficients={speed} /
+&drive name='motor' type='rotation' body_a='table' history='h' rate=.true. /
+&body name='bob' kind='rigid' mass=2.0 inertia=0.05 angular_velocity={speed} /
+&joint name='guide' type='prismatic' body_a='bob' body_b='table' /
+&spring name='k' type='linear' body_a='bob' body_b='table' stiffness=1000.0 free_length=0.0 /
+&static /
+"""
+    expected = math.sqrt(speed**2 - 500.0) if unstable else 0.0
+    assert growth(run_deck(deck)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_large_deflection_is_told(run_deck):
+    """A tip that sags by a fifth of the length leaves the linear floating frame; one that sags by a twentieth does not."""
+    for share, told in ((0.05, False), (0.2, True)):
+        deck = COLUMN.format(load=0.0) + (
+            f"&force name='f' type='force' body='column' node=-1 fy={3 * 1.6 * share / 0.8**2!r} /\n"
+        )
+        run = run_deck(deck, name=f"share{share}")
+        assert ('in the static analysis body "column" deflects by' in run.stderr) == told
+        assert ('in the static analysis body "column" deflects by' in run.summary) == told
+
+
+PRESTRESS = """&body name='a' kind='rigid' mass=1.0 inertia=0.1 /
+&joint name='g' type='prismatic' body_a='a' direction=1.5707963267948966 /
+&body name='t' kind='rigid' mass=1.0 inertia=0.1 position=0.0,2.0 /
+&joint name='p' type='revolute' body_a='t' point_b=0.0,2.0 /
+&spring name='s1' type='linear' body_a='a' point_b=1.0,0.0 stiffness=100.0 free_length=0.6 /
+&spring name='s2' type='linear' body_a='a' point_b=-1.0,0.0 stiffness=300.0 /
+&spring name='s3' type='torsional' body_a='t' stiffness=10.0 free_angle=0.8 /
+&spring name='s4' type='torsional' body_a='t' stiffness=30.0 /
+&sensor name='a' quantity='position' body='a' /
+&sensor name='turn' quantity='angle' body='t' /
+&static load_steps=4 /
+"""
+
+
+def test_prestress_grows_by_load_steps(run_deck):
+    """Where all is linear the displacement is in proportion to the load, free lengths and free angles included."""
+    table = read(run_deck(PRESTRESS).folder, "static")
+    np.testing.assert_allclose(table["a.x"], 0.4 * 100.0 / 400.0 * table["load"], rtol=1e-9)
+    np.testing.assert_allclose(table["turn"], 0.8 * 10.0 / 40.0 * table["load"], rtol=1e-9)
