@@ -125,3 +125,44 @@ def test_what_limits_is_named(run_deck, more, words):
     )
     told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check").stdout
     assert re.search(r"limited by (.*), \|eigenvalue\|", told)[1] == words
+
+
+LIKE = """&material name='m' density=1000.0 young=1.0e9 {material} /
+&section name='s' area=1.0e-4 inertia=1.0e-9 /
+"""
+
+
+def beams(lengths: list[float], material: str = "") -> str:
+    """Return free beams beside each other."""
+    deck = LIKE.format(material=material)
+    for k, length in enumerate(lengths):
+        deck += f"&body name='b{k}' kind='beam' length={length} elements=2 material='m' section='s' position=0.0,{k} /\n"
+    return deck + "&transient method='rk4' step=1.0e-8 t_end=1.0 /\n"
+
+
+@pytest.mark.parametrize("lengths", [[1.0] * 4, [1.0, 1.001, 0.999, 1.0, 50.0]])
+def test_bodies_that_limit_alike_are_taken_together(run_deck, lengths):
+    """Beams of one length, or nearly: the advice names them all and what it buys, and no line that buys nothing."""
+    told = run_deck(beams(lengths), "--check").stdout
+    assert re.search(r"limited by an axial mode of body", told)
+    gains = [float(x) for x in re.findall(r"([\d.]+) times", told)]
+    assert len(gains) >= 3
+    assert min(gains) > 1.5
+    assert 'on bodies "b0", "b1", "b2" and 1 more' in told
+    alone = run_deck(beams(lengths[:1]), "--check", name="alone").stdout
+    one = [float(x) for x in re.findall(r"([\d.]+) times", alone)]
+    assert gains[0] == pytest.approx(one[0], rel=0.01)
+
+
+@pytest.mark.parametrize(("material", "words"), [
+    ("rayleigh_stiffness=1.0e-3", "Rayleigh damping of an axial mode of body"),
+    ("rayleigh_stiffness=1.0e-7", "an axial mode of body"),
+])  # fmt: skip
+def test_damping_that_limits_is_named(run_deck, material, words):
+    told = run_deck(beams([1.0, 1.0], material), "--check").stdout
+    assert re.search(r"rk4: safe.*\n +limited by (.*?) \"", told)[1] == words
+    assert ("without the Rayleigh damping of bodies" in told) == words.startswith("Rayleigh")
+    if words.startswith("Rayleigh"):
+        undamped = safe_bound(run_deck, beams([1.0, 1.0]).split("&transient")[0], "rk4", name="undamped")
+        without = float(re.search(r"without the Rayleigh damping of bodies.*?: +(\S+) s", told)[1])
+        assert without == pytest.approx(undamped, rel=2e-4)

@@ -10,15 +10,16 @@ module bound_causes
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: mode_cause, pole_cause
+  public :: mode_cause, pole_cause, blame_damping
 
   real(wp), parameter :: takes_part = 1.0e-3_wp   !! share of a mode's strain energy from which a body is named [-]
 
   !> What an eigenvalue belongs to.
   type, public :: bound_cause
-    character(120) :: what = ''              !! in words
+    character(:), allocatable :: what              !! in words
     integer :: body = 0                      !! body that carries the mode or has the material, 0: none
     integer :: run = 0                       !! GHM run whose pole it is, 0: a mode
+    logical :: rayleigh = .false.            !! Rayleigh damping of the body sets it
     integer :: material = 0                  !! material of that run, 0: none, or a spring's run
   end type bound_cause
 
@@ -29,31 +30,46 @@ contains
     type(mechanism_model), intent(inout) :: m
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(out) :: cause
-    real(wp) :: best, ea, ei
+    real(wp) :: best, strained, ea, ei        ! [1/s2]
     logical :: axial
     integer :: b, i
     best = 0.0_wp
+    strained = 0.0_wp
     axial = .false.
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b) + 3
       associate (bo => m%s%bodies(b))
         if (.not. bo%flexible) cycle
         call strain_energies(bo, f%x(i + 1:i + bo%nf), ea, ei)
+        strained = strained + ea + ei
         if (ea + ei <= best) cycle
         best = ea + ei
         cause%body = b
         axial = ea > ei
       end associate
     end do
-    if (cause%body == 0 .or. best < 0.5_wp*f%stiffness) then
+    if (cause%body == 0 .or. strained < 0.5_wp*f%stiffness) then
       cause%what = 'a mode of springs and rigid bodies'
       if (best > takes_part*f%stiffness) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
-      cause%body = merge(cause%body, 0, best >= 0.5_wp*f%stiffness)
+      cause%body = 0
     else
-      cause%what = merge('an axial mode  ', 'a bending mode ', axial)
-      cause%what = trim(cause%what)//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
+      cause%what = trim(merge('an axial mode ', 'a bending mode', axial))
+      cause%what = cause%what//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
     end if
   end subroutine mode_cause
+
+  !> Names damping as what limits a mode: that of its body's material, or of springs.
+  pure subroutine blame_damping(f, spring_part, cause)
+    type(fast_mode), intent(in) :: f
+    real(wp), intent(in) :: spring_part      !! of the mode's damping [1/s]
+    type(bound_cause), intent(inout) :: cause
+    cause%rayleigh = cause%body > 0 .and. spring_part < 0.5_wp*f%damping
+    if (spring_part < 0.5_wp*f%damping) then
+      cause%what = 'Rayleigh damping of '//cause%what
+    else
+      cause%what = 'dampers on '//cause%what
+    end if
+  end subroutine blame_damping
 
   !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
   subroutine strain_energies(bo, x, ea, ei)

@@ -5,6 +5,7 @@ module step_advice
   use assembly, only: assemble
   use assembly_reports, only: assembly_report
   use build_scene, only: build
+  use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
   use deck_records, only: deck
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
@@ -14,7 +15,7 @@ module step_advice
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, find_safe_bound, take_smaller
-  use text, only: es_text, fixed_text, to_text
+  use text, only: es_text, fixed_text
   implicit none (type, external)
   private
   public :: advise, stability_advice
@@ -83,116 +84,88 @@ contains
     end do
     if (any(m%s%bodies%stiffening)) advice%text = advice%text//'  note: with geometric stiffening the bounds are those '// &
                                                   'of the start; tension raises frequencies'//new_line('a')
-    if (advice%safe%step(1) < huge(1.0_wp)) call what_helps(d, advice)
+    if (advice%safe%step(1) < huge(1.0_wp)) call what_helps(d, m, advice)
   end subroutine advice_lines
 
   !> Rebuilds the scene without what limits, and says the bound that remains.
-  subroutine what_helps(d, advice)
+  subroutine what_helps(d, m, advice)
     type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
-    type(deck) :: other
-    character(:), allocatable :: number
-    integer :: b
-    b = advice%safe%cause(1)%body
-    if (advice%safe%cause(1)%run > 0) then
-      if (advice%safe%cause(1)%material > 0 .and. b > 0) then
-        other = d
-        other%bodies(b)%viscoelastic = .false.
-        call try('    without GHM in body "'//trim(d%bodies(b)%name)//'"', other, advice)
+    integer :: k
+    associate (cause => advice%safe%cause(1))
+      if (cause%body == 0) return
+      if (cause%run > 0) then
+        if (cause%material > 0) call try(d, m, without_ghm, advice)
+      else if (cause%rayleigh) then
+        call try(d, m, without_rayleigh, advice)
+      else
+        do k = 1, size(mode_changes)
+          call try(d, m, mode_changes(k), advice)
+        end do
       end if
-      return
-    end if
-    if (b == 0) return
-    if (d%bodies(b)%kind == 'beam' .and. d%bodies(b)%axial .and. .not. d%bodies(b)%stiffening) then
-      other = d
-      other%bodies(b)%axial = .false.
-      call try('    with axial=.false. on body "'//trim(d%bodies(b)%name)//'"', other, advice)
-    end if
-    if (d%bodies(b)%kind == 'beam' .and. d%bodies(b)%elements > 1 .and. d%bodies(b)%modes == 0) then
-      other = d
-      call halve_elements(other, b)
-      number = to_text(other%bodies(b)%elements)//trim(merge(' element ', ' elements', other%bodies(b)%elements == 1))
-      call try('    with '//number//' on body "'//trim(d%bodies(b)%name)//'"', other, advice)
-    end if
-    if (d%bodies(b)%modes == 0 .and. .not. d%bodies(b)%stiffening) then
-      other = d
-      other%bodies(b)%modes = 2
-      call try('    with modes=2 on body "'//trim(d%bodies(b)%name)//'"', other, advice)
-    end if
-    other = d
-    other%bodies(b)%flexible = .false.
-    call try('    with body "'//trim(d%bodies(b)%name)//'" rigid', other, advice)
+    end associate
   end subroutine what_helps
 
-  !> Half the elements of a beam; lumps and places keep to nodes that remain, so only ends are sure: others make it void.
-  subroutine halve_elements(d, b)
-    type(deck), intent(inout) :: d
-    integer, intent(in) :: b
-    integer :: n, k
-    n = d%bodies(b)%elements
-    d%bodies(b)%elements = (n + 1)/2
-    d%bodies(b)%nodes = d%bodies(b)%elements + 1
-    d%bodies(b)%element_material = d%bodies(b)%element_material(1:d%bodies(b)%elements)
-    d%bodies(b)%element_section = d%bodies(b)%element_section(1:d%bodies(b)%elements)
-    if (d%bodies(b)%reference == 'explicit') then
-      do k = 1, size(d%bodies(b)%reference_node)
-        call move(b, d%bodies(b)%reference_node(k))
-      end do
-    end if
-    do k = 1, size(d%lumps)
-      call move(d%lumps(k)%place%body, d%lumps(k)%place%node)
-    end do
-    do k = 1, size(d%joints)
-      call move(d%joints(k)%a%body, d%joints(k)%a%node)
-      call move(d%joints(k)%b%body, d%joints(k)%b%node)
-    end do
-    do k = 1, size(d%drives)
-      call move(d%drives(k)%a%body, d%drives(k)%a%node)
-      call move(d%drives(k)%b%body, d%drives(k)%b%node)
-    end do
-    do k = 1, size(d%springs)
-      call move(d%springs(k)%a%body, d%springs(k)%a%node)
-      call move(d%springs(k)%b%body, d%springs(k)%b%node)
-    end do
-    do k = 1, size(d%forces)
-      call move(d%forces(k)%place%body, d%forces(k)%place%node)
-    end do
-    deallocate (d%sensors)
-    allocate (d%sensors(0))
-  contains
-    !> The node of the coarser mesh nearest to one of the finer.
-    subroutine move(body, node)
-      integer, intent(in) :: body
-      integer, intent(inout) :: node
-      if (body /= b .or. node == 0) return
-      node = 1 + nint(real((node - 1)*((n + 1)/2), wp)/n)
-    end subroutine move
-  end subroutine halve_elements
-
-  !> Adds a line with the bound of a changed deck.
-  subroutine try(text, other, advice)
-    character(*), intent(in) :: text
-    type(deck), intent(in) :: other
+  !> Adds a line with the bound that remains when what limits is changed: on one body, all that are made alike, and those that
+  !> limit as much; no line where that buys nothing.
+  subroutine try(d, m, change, advice)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: change              !! of deck_changes
     type(stability_advice), intent(inout) :: advice
+    real(wp), parameter :: gain = 1.01_wp      ! of a change worth a line [-]
+    integer, parameter :: rounds = 6
+    type(deck) :: other
+    type(step_bound) :: bound
+    logical :: changed(size(d%bodies)), ok
+    integer :: b, c, k
+    other = d
+    changed = .false.
+    b = advice%safe%cause(1)%body
+    do k = 1, rounds
+      if (.not. can_change(d, b, change)) return
+      do c = 1, size(changed)
+        if (changed(c) .or. .not. (c == b .or. m%like(c) == m%like(b))) cycle
+        if (.not. can_change(d, c, change)) cycle
+        call change_body(other, c, change)
+        changed(c) = .true.
+      end do
+      call bound_of_deck(other, bound, ok)
+      if (.not. ok) return
+      if (bound%step(1) > gain*advice%safe%step(1)) exit
+      b = bound%cause(1)%body
+      if (b == 0 .or. k == rounds) return
+      if (changed(b)) return
+    end do
+    advice%text = advice%text//'    '//change_words(other, changed, change)
+    if (bound%step(1) >= huge(1.0_wp)) then
+      advice%text = advice%text//': no limit'//new_line('a')
+    else
+      advice%text = advice%text//': '//es_text(bound%step(1), 4)//' s (rk4), '// &
+                    fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times'//new_line('a')
+    end if
+  end subroutine try
+
+  !> The safe bound of a deck.
+  subroutine bound_of_deck(d, bound, ok)
+    type(deck), intent(in) :: d
+    type(step_bound), intent(out) :: bound
+    logical, intent(out) :: ok                 !! the deck can be built and assembled
     type(mechanism_model) :: m
     type(scene) :: s
     type(fault_list) :: faults
     type(assembly_report) :: report
     type(failure) :: fail
-    type(step_bound) :: bound, current
+    type(step_bound) :: current
     real(wp), allocatable :: q(:), v(:)
-    call build(other, s, faults)
-    if (faults%count > 0) return
+    call build(d, s, faults)
+    ok = faults%count == 0
+    if (.not. ok) return
     call set_up_mechanism(m, s)
     allocate (q(s%nq), v(s%nq))
     call assemble(m, q, v, report, fail)
-    if (fail%happened()) return
-    call both_bounds(other, m, q, bound, current)
-    if (bound%step(1) >= huge(1.0_wp)) then
-      advice%text = advice%text//text//': no limit'//new_line('a')
-    else
-      advice%text = advice%text//text//': '//es_text(bound%step(1), 4)//' s (rk4), '// &
-                    fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times'//new_line('a')
-    end if
-  end subroutine try
+    ok = .not. fail%happened()
+    if (ok) call both_bounds(d, m, q, bound, current)
+  end subroutine bound_of_deck
 end module step_advice

@@ -2,7 +2,7 @@
 !> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
 module step_bounds
   use kinds, only: wp
-  use bound_causes, only: bound_cause, mode_cause, pole_cause
+  use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use deck_records, only: deck
   use lapack, only: dgeev
   use mechanism, only: mechanism_model
@@ -109,6 +109,7 @@ contains
     total = f%stiffness + sum(f%runs)
     call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
     call mode_cause(m, f, cause)
+    if (damping_limits(fast, f, roots)) call blame_damping(f, f%springs, cause)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
     call take(pack(roots, is_mode), cause, bound)
     if (all(is_mode)) return
@@ -117,6 +118,20 @@ contains
     cause%body = body
     call take(pack(roots, .not. is_mode), cause, bound)
   end subroutine look_at
+
+  !> Whether a mode would allow larger steps of rk4 without its damping.
+  logical function damping_limits(fast, f, roots) result(yes)
+    type(fast_spectrum), intent(in) :: fast
+    type(fast_mode), intent(in) :: f
+    complex(wp), intent(in) :: roots(:)        !! with damping [1/s]
+    complex(wp), allocatable :: without(:)     ! [1/s]
+    integer :: k
+    yes = f%damping > 0.0_wp
+    if (.not. yes) return
+    call modal_roots(fast, f%stiffness, 0.0_wp, f%runs, 1.0e-6_wp*(f%stiffness + sum(f%runs)), without)
+    yes = minval([(largest_step(1, roots(k)), k=1, size(roots))]) < &
+          0.99_wp*minval([(largest_step(1, without(k)), k=1, size(without))])
+  end function damping_limits
 
   !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
   pure subroutine mark_mode(roots, omega, is_mode)

@@ -15,6 +15,8 @@ module validity
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
+  real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
+  real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a motion that is one, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
@@ -89,7 +91,7 @@ contains
     type(mechanism_model), intent(in) :: m
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
-    real(wp) :: first, carried, bent
+    real(wp) :: first, carried, bent, shear
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -103,6 +105,11 @@ contains
           first = lowest_frequency(bo)
           if (f(3) > fast_spin*first) call say(bo, 'spins at', f(3)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
+        end if
+        if (max(f(1), f(2)*bo%length) > 1.0e-13_wp*bo%length) then
+          shear = lost_by_shear(bo)
+          if (shear > slender) call say(bo, 'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
+            'lower its lowest frequency by', 100*shear, '%, and higher ones by more')
         end if
         carried = highest_carried(bo)
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
@@ -153,6 +160,22 @@ contains
       x = x/sqrt(dot_product(x, mass_product(b, x)))
     end do
   end function lowest_frequency
+
+  !> What shear and rotary inertia take from the lowest frequency: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of
+  !> a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length; 1 - 1/sqrt(1 + 2 x) where it is not small.
+  function lost_by_shear(b) result(share)
+    type(body_model), intent(in) :: b
+    real(wp) :: share                                !! of the frequency [-]
+    share = lowest_frequency(b)
+    if (share >= huge(1.0_wp)) then
+      share = 0.0_wp
+      return
+    end if
+    associate (g => b%elements)
+      share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l)/sum(g%length)
+    end associate
+    share = 1 - 1/sqrt(1 + 2*share)
+  end function lost_by_shear
 
   !> Highest frequency that the mesh (half a wave an element) or the kept modes (the highest of them) carry [rad/s].
   pure function highest_carried(b) result(omega)

@@ -20,6 +20,7 @@ module spectrum
   type :: fast_mode
     real(wp) :: stiffness = 0.0_wp             !! x^T K x at E_R, springs static [1/s2]
     real(wp) :: damping = 0.0_wp               !! x^T C x [1/s]
+    real(wp) :: springs = 0.0_wp               !! part of springs in x^T C x [1/s]
     real(wp), allocatable :: runs(:)           !! x^T K_r x of each GHM run [1/s2]
     real(wp), allocatable :: x(:)              !! (n) the mode
   end type fast_mode
@@ -213,11 +214,12 @@ contains
     do j = 1, size(m%s%springs)
       square = spring_square(m, j, self%ends(:, j), f%x)
       f%stiffness = f%stiffness + self%spring_static(j)*square
-      f%damping = f%damping + m%s%springs(j)%damping*square
+      f%springs = f%springs + m%s%springs(j)%damping*square
       do r = 1, size(self%lin%runs)
         if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*square
       end do
     end do
+    f%damping = f%damping + f%springs
   end subroutine mode
 
   !> y = K x (instantaneous) or C x, bodies and springs.

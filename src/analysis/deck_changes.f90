@@ -1,0 +1,142 @@
+!> Changes of a deck that lift what limits an explicit step, body by body, and their names in the advice.
+module deck_changes
+  use kinds, only: wp
+  use deck_records, only: deck
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: can_change, change_body, change_words
+
+  integer, parameter, public :: without_axial = 1, half_elements = 2, two_modes = 3, rigid = 4, without_ghm = 5, &
+                                without_rayleigh = 6
+  integer, parameter, public :: mode_changes(4) = [without_axial, half_elements, two_modes, rigid]   !! where a mode limits
+
+contains
+
+  !> Whether a change applies to a body.
+  pure logical function can_change(d, b, change) result(yes)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: b                   !! body
+    integer, intent(in) :: change
+    associate (r => d%bodies(b))
+      yes = r%kind /= 'rigid' .and. r%flexible
+      if (.not. yes) return
+      select case (change)
+      case (without_axial)
+        yes = r%kind == 'beam' .and. r%axial .and. .not. r%stiffening
+      case (half_elements)
+        yes = r%kind == 'beam' .and. r%elements > 1 .and. r%modes == 0
+      case (two_modes)
+        yes = r%modes == 0 .and. .not. r%stiffening
+      case (without_ghm)
+        yes = r%viscoelastic
+      case (rigid)
+        yes = .true.
+      case default                             ! without_rayleigh
+        yes = any(d%materials(r%element_material)%rayleigh_stiffness > 0.0_wp) .or. &
+              any(d%materials(r%element_material)%rayleigh_mass > 0.0_wp)
+      end select
+    end associate
+  end function can_change
+
+  !> Makes a change on one body; without Rayleigh damping all bodies of its materials are.
+  subroutine change_body(d, b, change)
+    type(deck), intent(inout) :: d
+    integer, intent(in) :: b                   !! body
+    integer, intent(in) :: change
+    select case (change)
+    case (without_axial)
+      d%bodies(b)%axial = .false.
+    case (half_elements)
+      call halve_elements(d, b)
+    case (two_modes)
+      d%bodies(b)%modes = 2
+    case (rigid)
+      d%bodies(b)%flexible = .false.
+    case (without_ghm)
+      d%bodies(b)%viscoelastic = .false.
+    case default                               ! without_rayleigh
+      d%materials(d%bodies(b)%element_material)%rayleigh_stiffness = 0.0_wp
+      d%materials(d%bodies(b)%element_material)%rayleigh_mass = 0.0_wp
+    end select
+  end subroutine change_body
+
+  !> A change in words, with the bodies that it concerns.
+  function change_words(d, changed, change) result(text)
+    type(deck), intent(in) :: d                !! changed
+    logical, intent(in) :: changed(:)          !! (bodies)
+    integer, intent(in) :: change
+    character(:), allocatable :: text, on
+    integer, parameter :: most = 3             ! bodies named
+    integer :: b, n
+    n = 0
+    on = merge('body  ', 'bodies', count(changed) == 1)
+    on = trim(on)
+    do b = 1, size(changed)
+      if (.not. changed(b)) cycle
+      n = n + 1
+      if (n <= most) on = on//trim(merge(', ', '  ', n > 1))//' "'//trim(d%bodies(b)%name)//'"'
+      if (n == 1) text = to_text(d%bodies(b)%elements)//merge(' element ', ' elements', d%bodies(b)%elements == 1)
+    end do
+    if (n > most) on = on//' and '//to_text(n - most)//' more'
+    select case (change)
+    case (without_axial)
+      text = 'with axial=.false. on '//on
+    case (half_elements)
+      text = 'with '//trim(text)//' on '//on
+    case (two_modes)
+      text = 'with modes=2 on '//on
+    case (rigid)
+      text = 'with '//on//' rigid'
+    case (without_ghm)
+      text = 'without GHM in '//on
+    case default
+      text = 'without the Rayleigh damping of '//on
+    end select
+  end function change_words
+
+  !> Half the elements of a beam; lumps and places keep to nodes that remain, so only ends are sure: others make it void.
+  subroutine halve_elements(d, b)
+    type(deck), intent(inout) :: d
+    integer, intent(in) :: b
+    integer :: n, k
+    n = d%bodies(b)%elements
+    d%bodies(b)%elements = (n + 1)/2
+    d%bodies(b)%nodes = d%bodies(b)%elements + 1
+    d%bodies(b)%element_material = d%bodies(b)%element_material(1:d%bodies(b)%elements)
+    d%bodies(b)%element_section = d%bodies(b)%element_section(1:d%bodies(b)%elements)
+    if (d%bodies(b)%reference == 'explicit') then
+      do k = 1, size(d%bodies(b)%reference_node)
+        call move(b, d%bodies(b)%reference_node(k))
+      end do
+    end if
+    do k = 1, size(d%lumps)
+      call move(d%lumps(k)%place%body, d%lumps(k)%place%node)
+    end do
+    do k = 1, size(d%joints)
+      call move(d%joints(k)%a%body, d%joints(k)%a%node)
+      call move(d%joints(k)%b%body, d%joints(k)%b%node)
+    end do
+    do k = 1, size(d%drives)
+      call move(d%drives(k)%a%body, d%drives(k)%a%node)
+      call move(d%drives(k)%b%body, d%drives(k)%b%node)
+    end do
+    do k = 1, size(d%springs)
+      call move(d%springs(k)%a%body, d%springs(k)%a%node)
+      call move(d%springs(k)%b%body, d%springs(k)%b%node)
+    end do
+    do k = 1, size(d%forces)
+      call move(d%forces(k)%place%body, d%forces(k)%place%node)
+    end do
+    deallocate (d%sensors)
+    allocate (d%sensors(0))
+  contains
+    !> The node of the coarser mesh nearest to one of the finer.
+    subroutine move(body, node)
+      integer, intent(in) :: body
+      integer, intent(inout) :: node
+      if (body /= b .or. node == 0) return
+      node = 1 + nint(real((node - 1)*((n + 1)/2), wp)/n)
+    end subroutine move
+  end subroutine halve_elements
+end module deck_changes
