@@ -3,7 +3,6 @@ module run_deck
   use kinds, only: wp, ip
   use checkpoint, only: read_checkpoint, remove_checkpoint
   use deck_reader, only: read_deck
-  use idle_parts, only: warn_of_idle_parts
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
   use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, write_bytes, standard_output, tell
@@ -22,6 +21,7 @@ module run_deck
   use text_file, only: result_file
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
+  use typical_slips, only: warn_of_slips
   use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
   private
@@ -63,7 +63,7 @@ contains
     do k = 1, size(run%assembly%warnings)
       call tell(path//': warning: '//trim(run%assembly%warnings(k)))
     end do
-    call warn_of_idle_parts(run%d)
+    call warn_of_slips(run%d, options%check)
     text = model_lines(run%d, run%sys%m, run%assembly)
     call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
     call add_line(text, '')

@@ -176,6 +176,11 @@ contains
     if (present(hint) .and. deck%tokens(place) == 2) then
       if (all([(verify(deck%written(deck%token(place, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected//hint
     end if
+    if (deck%tokens(place) == 1) then
+      associate (only => deck%token(place, 1))
+        expected = expected//'; '//to_text(only%repeats)//'* is a repeat count, expressions are not computed'
+      end associate
+    end if
     call deck%complain(name, name//' has '//counted(deck%values(place))//', '//expected)
   end subroutine single_value
 

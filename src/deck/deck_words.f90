@@ -12,6 +12,12 @@ module deck_words
   public :: get_word, get_choice, get_name, get_reference, get_references, get_letters, get_input, &
     valid_name
 
+  !> Words that users try, and those of the deck.
+  character(12), parameter :: synonyms(2, 14) = reshape([character(12) :: 'rotation', 'angle', 'displacement', 'position', &
+    'force', 'reaction', 'stress', 'internal', 'strain', 'internal', 'mode', 'coordinate', &
+    'pin', 'revolute', 'fixed', 'weld', 'clamp', 'weld', 'translation', 'prismatic', &
+    'rod', 'distance', 'rotational', 'torsional', 'moment', 'torque', 'step', 'pulse'], [2, 14])
+
 contains
 
   !> One word of a list; it keeps its default where the group does not give it.
@@ -264,8 +270,12 @@ contains
     character(*), intent(in) :: value       !! its word
     character(*), intent(in) :: words(:)    !! the words that may be
     character(:), allocatable :: expected
-    integer :: near
-    near = nearest_word(value, words)
+    integer :: near, k
+    near = 0
+    do k = 1, size(synonyms, 2)
+      if (synonyms(1, k) == lower(value)) near = max(near, findloc(words == synonyms(2, k), .true., 1))
+    end do
+    if (near == 0) near = nearest_word(value, words)
     expected = 'expected '//word_list(words)
     if (near > 0) expected = 'did you mean '//quoted(trim(words(near)))//'?'
     call deck%complain(name, name//'='//quoted(printable(value, 40))//' is not known, '//expected)

@@ -8,6 +8,7 @@ module position_closing
   use joint_system, only: constraint_values, condense_constraints
   use mechanism, only: mechanism_model
   use place_motion, only: set_frames, place_kinematics
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: close_positions, closed_gap
@@ -108,17 +109,17 @@ contains
     real(wp), intent(in) :: q(:)
     type(assembly_report), intent(inout) :: report
     real(wp) :: dx, da
-    character(16) :: text(2)
+    character(:), allocatable :: by
     integer :: b, i
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       dx = norm2(q(i + 1:i + 2) - self%s%q0(i + 1:i + 2))
       da = abs(q(i + 3) - self%s%q0(i + 3))
-      if (dx <= far*self%s%size .and. da <= far) cycle
-      write (text(1), '(es9.2)') dx
-      write (text(2), '(es9.2)') da
-      call add_warning(report, 'assembly moved body "'//trim(self%s%bodies(b)%name)//'" by '//trim(adjustl(text(1)))// &
-                ' m and '//trim(adjustl(text(2)))//' rad: are its deck position and angle right?')
+      by = ''
+      if (dx > max(far*self%s%size, closed_gap(self))) by = by//' and '//trim(adjustl(es_text(dx, 2)))//' m'
+      if (da > far) by = by//' and '//trim(adjustl(es_text(da, 2)))//' rad'
+      if (len(by) > 0) call add_warning(report, 'assembly moved body "'//trim(self%s%bodies(b)%name)//'" by '//by(6:)// &
+                                        ': are its deck position and angle right?')
     end do
   end subroutine warn_of_motion
 end module position_closing

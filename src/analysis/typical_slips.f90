@@ -1,0 +1,278 @@
+!> What of a deck runs, but seldom as meant: units other than SI, degrees, parts that do nothing, hold nothing or stand there
+!> twice. Each is a warning; the deck runs as it is written.
+module typical_slips
+  use kinds, only: wp, pi
+  use build_history, only: make_history
+  use deck_records, only: deck, origin, place_record, history_record
+  use history, only: history_model
+  use posix, only: tell
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: warn_of_slips
+
+  real(wp), parameter :: slowest = 10.0_wp, fastest = 2.0e4_wp   !! sound in bars of any solid, rubber to diamond [m/s]
+  real(wp), parameter :: deepest = 2.0_wp      !! a section of more than this beside gravity is in millimetres [m]
+  real(wp), parameter :: longest = 1000.0_wp   !! a body of more than this is [m]
+  real(wp), parameter :: thin = 0.1_wp         !! a body of more than 10 m with less than this a metre is, too [kg/m]
+
+contains
+
+  !> One line on standard error for each of them.
+  subroutine warn_of_slips(d, check)
+    type(deck), intent(in) :: d
+    logical, intent(in) :: check          !! a deck that is only checked needs no analysis
+    call idle_parts(d)
+    call odd_materials(d)
+    call degrees(d)
+    call millimetres(d)
+    call loose_bodies(d)
+    call doubled_constraints(d)
+    call lost_dwells(d)
+    if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
+    call tell(d%path//': warning: no analysis (&static, &modal, &frequency_response, &transient): the mechanism is '// &
+              'assembled, nothing else')
+  end subroutine warn_of_slips
+
+  !> Forces and lumps that keep their default of 0.
+  subroutine idle_parts(d)
+    type(deck), intent(in) :: d
+    integer :: k
+    do k = 1, size(d%forces)
+      if (d%forces(k)%type /= 'force' .or. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) > 0.0_wp) cycle
+      call warn(d%forces(k)%at, 'force/'//d%forces(k)%name, 'fx and fy are 0: it pushes nothing')
+    end do
+    do k = 1, size(d%lumps)
+      if (max(d%lumps(k)%mass, d%lumps(k)%inertia) > 0.0_wp) cycle
+      call warn(d%lumps(k)%at, 'lump', 'mass and inertia are 0: it adds nothing')
+    end do
+  end subroutine idle_parts
+
+  !> Materials of flexible bodies in which sound would travel as in no solid.
+  subroutine odd_materials(d)
+    type(deck), intent(in) :: d
+    logical :: used(size(d%materials))
+    real(wp) :: speed
+    integer :: k
+    used = .false.
+    do k = 1, size(d%bodies)
+      if (d%bodies(k)%kind /= 'rigid' .and. d%bodies(k)%flexible) used(d%bodies(k)%element_material) = .true.
+    end do
+    do k = 1, size(d%materials)
+      speed = sqrt(d%materials(k)%young/d%materials(k)%density)
+      if (.not. used(k) .or. (speed >= slowest .and. speed <= fastest)) cycle
+      call warn(d%materials(k)%at, 'material/'//d%materials(k)%name, 'sqrt(young/density) is '//to_text(speed)// &
+                ' m/s, solids have 10 to 20000: young in GPa or MPa for Pa? density in g/cm3 for kg/m3?')
+    end do
+  end subroutine odd_materials
+
+  !> Angles beyond a turn where nothing turns, or round ones.
+  subroutine degrees(d)
+    type(deck), intent(in) :: d
+    logical :: turns
+    integer :: k
+    turns = any(d%drives%type == 'rotation') .or. any(d%bodies%angular_velocity_stated)
+    do k = 1, size(d%bodies)
+      call look(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'angle', d%bodies(k)%angle, turns)
+    end do
+    do k = 1, size(d%joints)
+      call look(d%joints(k)%at, 'joint/'//d%joints(k)%name, 'direction', d%joints(k)%direction, .false.)
+    end do
+    do k = 1, size(d%drives)
+      call look(d%drives(k)%at, 'drive/'//d%drives(k)%name, 'direction', d%drives(k)%direction, .false.)
+    end do
+    do k = 1, size(d%springs)
+      if (d%springs(k)%type == 'torsional') call look(d%springs(k)%at, 'spring/'//d%springs(k)%name, 'free_angle', &
+                                                      d%springs(k)%free, .true.)
+    end do
+    do k = 1, size(d%histories)
+      call look(d%histories(k)%at, 'history/'//d%histories(k)%name, 'phase', d%histories(k)%phase, .false.)
+    end do
+  contains
+    !> One angle.
+    subroutine look(at, what, name, angle, may_turn)
+      type(origin), intent(in) :: at
+      character(*), intent(in) :: what, name   !! the group, its variable
+      real(wp), intent(in) :: angle            !! [rad]
+      logical, intent(in) :: may_turn          !! more than a turn may be meant
+      if (abs(angle) <= 2*pi + 1.0e-9_wp) return
+      if (may_turn .and. abs(angle/5 - anint(angle/5)) > 1.0e-9_wp) return
+      call warn(at, what, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
+                ' turns: degrees for radians?')
+    end subroutine look
+  end subroutine degrees
+
+  !> Lengths in millimetres beside gravity in m/s2, or the other way round.
+  subroutine millimetres(d)
+    type(deck), intent(in) :: d
+    real(wp) :: g, size_of, reach(0:size(d%bodies))   ! of the points that are named on each body [m]
+    integer :: k
+    g = norm2(d%scene%gravity)
+    if (g > 1000.0_wp) call warn(d%scene%at, 'scene', 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
+    if (g < 1.0_wp .or. g > 30.0_wp) return
+    do k = 1, size(d%sections)
+      size_of = sqrt(12*d%sections(k)%inertia/d%sections(k)%area)
+      if (size_of > deepest) call warn(d%sections(k)%at, 'section/'//d%sections(k)%name, 'a depth of about '// &
+                                       to_text(size_of)//' m beside gravity in m/s2: mm for m?')
+    end do
+    call reach_of(d, reach)
+    do k = 1, size(d%bodies)
+      size_of = max(reach(k), d%bodies(k)%length)
+      if (size_of <= longest .and. .not. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
+                                          d%bodies(k)%mass < thin*size_of)) cycle
+      call warn(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'it reaches '//to_text(size_of)// &
+                ' m beside gravity in m/s2: mm for m?')
+    end do
+  end subroutine millimetres
+
+  !> How far the points that are named on each body lie from its frame.
+  subroutine reach_of(d, reach)
+    type(deck), intent(in) :: d
+    real(wp), intent(out) :: reach(0:)         !! [m]
+    integer :: k
+    reach = 0.0_wp
+    do k = 1, size(d%bodies)
+      reach(k) = norm2(d%bodies(k)%com)
+    end do
+    do k = 1, size(d%joints)
+      call add(d%joints(k)%a)
+      call add(d%joints(k)%b)
+    end do
+    do k = 1, size(d%springs)
+      call add(d%springs(k)%a)
+      call add(d%springs(k)%b)
+    end do
+    do k = 1, size(d%lumps)
+      call add(d%lumps(k)%place)
+    end do
+  contains
+    !> One point.
+    subroutine add(p)
+      type(place_record), intent(in) :: p
+      reach(p%body) = max(reach(p%body), norm2(p%point))
+    end subroutine add
+  end subroutine reach_of
+
+  !> Bodies beside others that nothing holds, touches or sets in motion.
+  subroutine loose_bodies(d)
+    type(deck), intent(in) :: d
+    logical :: held(0:size(d%bodies))
+    integer :: k
+    if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
+    held = .false.
+    held(d%joints%a%body) = .true.
+    held(d%joints%b%body) = .true.
+    held(d%drives%a%body) = .true.
+    held(d%drives%b%body) = .true.
+    held(d%springs%a%body) = .true.
+    held(d%springs%b%body) = .true.
+    held(d%forces%place%body) = .true.
+    do k = 1, size(d%bodies)
+      if (held(k) .or. d%bodies(k)%velocity_stated .or. d%bodies(k)%angular_velocity_stated) cycle
+      call warn(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'no joint, drive, spring or force names it: it is left to itself')
+    end do
+  end subroutine loose_bodies
+
+  !> Joints or drives between the same places that hold the same.
+  subroutine doubled_constraints(d)
+    type(deck), intent(in) :: d
+    integer :: k, j
+    do k = 2, size(d%joints)
+      do j = 1, k - 1
+        associate (x => d%joints(j), y => d%joints(k))
+          if (x%type /= y%type .or. abs(x%direction - y%direction) > 0.0_wp) cycle
+          if (.not. (same(x%a, y%a) .and. same(x%b, y%b)) .and. &
+              .not. (same(x%a, y%b) .and. same(x%b, y%a) .and. y%type /= 'slider' .and. y%type /= 'prismatic')) cycle
+          call warn(y%at, 'joint/'//y%name, twin('joint', x%name, x%at))
+        end associate
+        exit
+      end do
+    end do
+    do k = 2, size(d%drives)
+      do j = 1, k - 1
+        associate (x => d%drives(j), y => d%drives(k))
+          if (x%type /= y%type .or. abs(x%direction - y%direction) > 0.0_wp) cycle
+          if (.not. (same(x%a, y%a) .and. same(x%b, y%b))) cycle
+          call warn(y%at, 'drive/'//y%name, twin('drive', x%name, x%at))
+        end associate
+        exit
+      end do
+    end do
+  end subroutine doubled_constraints
+
+  !> What is wrong with the second of two that are the same.
+  pure function twin(kind, name, at) result(text)
+    character(*), intent(in) :: kind, name     !! the first of them
+    type(origin), intent(in) :: at             !! where it stands
+    character(:), allocatable :: text
+    text = 'it holds the same as '//kind//' "'//trim(name)//'" in line '//to_text(at%line)//': one of them is too many'
+  end function twin
+
+  !> Whether two places are one.
+  pure function same(a, b) result(yes)
+    type(place_record), intent(in) :: a, b
+    logical :: yes
+    yes = a%body == b%body .and. a%node == b%node .and. .not. any(abs(a%point - b%point) > 0.0_wp)
+  end function same
+
+  !> Splines that leave what is a dwell in their table: two flat pieces one after the other, or one at an end.
+  subroutine lost_dwells(d)
+    type(deck), intent(in) :: d
+    class(history_model), allocatable :: h
+    real(wp) :: miss, worst, at
+    integer :: k, i
+    do k = 1, size(d%histories)
+      if (d%histories(k)%kind /= 'table' .or. d%histories(k)%interpolation /= 'spline') cycle
+      call make_history(d, k, h)
+      worst = 0.0_wp
+      associate (r => d%histories(k))
+        do i = 1, size(r%time) - 1
+          if (.not. is_dwell(r, i)) cycle
+          call leave(h, r, i, miss)
+          if (miss > worst) at = r%time(i)
+          worst = max(worst, miss)
+        end do
+        if (worst <= 0.01_wp*(maxval(r%values) - minval(r%values))) cycle
+        call warn(r%at, 'history/'//r%name, 'the spline leaves the dwell at t = '//to_text(at)//' s by '//to_text(worst)// &
+                  ': interpolation=''pchip'' keeps dwells')
+      end associate
+    end do
+  end subroutine lost_dwells
+
+  !> Whether piece i of a table is flat and so is a neighbour, or it is the first or last one.
+  pure function is_dwell(r, i) result(yes)
+    type(history_record), intent(in) :: r
+    integer, intent(in) :: i
+    logical :: yes
+    logical :: flat(3)
+    integer :: k, n
+    n = size(r%time)
+    flat = [(i + k < 1 .or. i + k > n - 1, k=-1, 1)]
+    do k = -1, 1
+      if (.not. flat(k + 2)) flat(k + 2) = abs(r%values(i + k + 1) - r%values(i + k)) <= 1.0e-9_wp*maxval(abs(r%values))
+    end do
+    yes = flat(2) .and. (flat(1) .or. flat(3))
+  end function is_dwell
+
+  !> How far the curve goes from the flat piece i.
+  pure subroutine leave(h, r, i, miss)
+    class(history_model), intent(in) :: h
+    type(history_record), intent(in) :: r
+    integer, intent(in) :: i
+    real(wp), intent(out) :: miss              !! [unit]
+    real(wp) :: g(0:2)
+    integer :: k
+    miss = 0.0_wp
+    do k = 1, 7
+      call h%evaluate(r%time(i) + 0.125_wp*k*(r%time(i + 1) - r%time(i)), .false., g)
+      miss = max(miss, abs(g(0) - r%values(i)))
+    end do
+  end subroutine leave
+
+  !> A warning with its place in the deck.
+  subroutine warn(at, what, why)
+    type(origin), intent(in) :: at
+    character(*), intent(in) :: what, why      !! the group, blanks at its end not shown; the reason
+    call tell(at%file//':'//to_text(at%line)//': '//trim(what)//': warning: '//why)
+  end subroutine warn
+end module typical_slips
