@@ -132,12 +132,13 @@ LOCKED = (
 )
 
 
-@pytest.mark.parametrize(("text", "names"), [(CANNOT, ["west", "east", "middle"]), (LOCKED, ["wall", "motor"])])
+@pytest.mark.parametrize(("text", "names"), [(CANNOT, ["middle"]), (LOCKED, ["wall", "motor"])])
 def test_what_cannot_be_assembled_is_refused_with_its_joints(run_deck, text, names):
+    """Positions: the joint that does not close when those before it do; velocities: all that contradict each other."""
     done = run_deck(GRAVITY + text + transient(0.1), expect=2)
     assert "cannot be assembled" in done.stderr or "no velocities satisfy" in done.stderr
     for name in names:
-        assert re.search(rf'(joint|drive) "{name}" stays open by', done.stderr)
+        assert re.search(rf'(joint|drive) "{name}" (in line 6 )?stays open by', done.stderr)
     assert not done.folder.exists()
 
 

@@ -45,6 +45,7 @@ module constraint
     procedure :: moves => always_moves    !! whether rows can act on positions
     procedure :: corners => no_corners    !! times at which accelerations are not smooth, with the order of their jump
     procedure :: curved => never_curved   !! whether `geometric` is not zero
+    procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
   end type constraint_model
 
@@ -109,6 +110,13 @@ contains
     type(corner), allocatable :: list(:)
     allocate (list(0))
   end function no_corners
+
+  !> Most constraints keep no relative angle.
+  subroutine holds_none(self, released)
+    class(constraint_model), intent(inout) :: self
+    logical, intent(out) :: released
+    released = .false.
+  end subroutine holds_none
 
   !> One row: the angle of section a minus that of section b stays as it is.
   pure subroutine hold_angle(self, i, angle, p, r)

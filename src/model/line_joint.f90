@@ -23,6 +23,7 @@ module line_joint
     procedure :: geometric => line_second
     procedure :: begin => line_begin
     procedure :: curved => line_curved
+    procedure :: release_angle => prismatic_release
     procedure :: turns_a => prismatic_turns
     procedure :: turns_b => line_turns
     procedure :: corners => line_corners
@@ -56,6 +57,15 @@ contains
     r%extra(i) = 2*om*(n(1)*dd(2) - n(2)*dd(1)) - om**2*along - h(2)
     if (self%prismatic) call self%hold_angle(i + 1, self%angle, p, r)
   end subroutine line_rows
+
+  !> A prismatic joint becomes a slider.
+  subroutine prismatic_release(self, released)
+    class(line_model), intent(inout) :: self
+    logical, intent(out) :: released
+    released = self%prismatic
+    self%prismatic = .false.
+    self%rows = 1
+  end subroutine prismatic_release
 
   !> Target of a position drive and its two derivatives.
   pure subroutine follow(self, t, left, h)

@@ -13,6 +13,7 @@ module pin_joint
   contains
     procedure :: evaluate => pin_rows
     procedure :: geometric => pin_second
+    procedure :: release_angle => weld_release
     procedure :: turns_a => weld_turns
     procedure :: turns_b => weld_turns
   end type pin_model
@@ -48,6 +49,15 @@ contains
     r%extra(j) = 0.0_wp
     if (self%welded) call self%hold_angle(i + 2, self%angle, p, r)
   end subroutine pin_rows
+
+  !> A weld becomes a pin.
+  subroutine weld_release(self, released)
+    class(pin_model), intent(inout) :: self
+    logical, intent(out) :: released
+    released = self%welded
+    self%welded = .false.
+    self%rows = 2
+  end subroutine weld_release
 
   !> The rows are linear in positions and angles.
   pure subroutine pin_second(self, p, lambda, k)

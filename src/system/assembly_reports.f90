@@ -13,6 +13,7 @@ module assembly_reports
     integer :: freedoms = 0                         !! degrees of freedom
     logical, allocatable :: dependent(:)            !! (constraints) takes part in a redundant set
     character(:), allocatable :: warnings(:)        !! one sentence each
+    logical :: open = .false.                       !! positions that close all joints were not found
     integer :: newton = 0                           !! position steps taken
   end type assembly_report
 

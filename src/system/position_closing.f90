@@ -59,7 +59,8 @@ contains
       end do
       report%newton = pass - 1
       self%frozen = .false.
-      if (worst > closed_gap(self)) then
+      report%open = worst > closed_gap(self)
+      if (report%open) then
         call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
                         open_joints(self, self%rows%phi, closed_gap(self), 'm')// &
                         '; expected positions near which every joint and drive holds at t = 0')

@@ -1,0 +1,191 @@
+!> Why a mechanism cannot be assembled: the joint or drive that is one too many, that the lengths do not reach, or the weld whose
+!> angle contradicts the others. Parts of the scene are assembled for it; the cost arises only where assembly has failed.
+module assembly_conflict
+  use kinds, only: wp
+  use assembly, only: assemble
+  use assembly_reports, only: assembly_report
+  use build_scene, only: build
+  use constraint, only: constraint_model
+  use deck_records, only: deck, origin, place_record
+  use dynamics, only: evaluate
+  use errors, only: failure, fault_list
+  use joint_geometry, only: condense_geometry
+  use mechanism, only: mechanism_model
+  use mechanism_setup, only: set_up_mechanism
+  use scene_model, only: scene
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: explain_open_joints
+
+  integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
+  real(wp), parameter :: dependent = 1.0e-8_wp      !! pivot below which a row depends on others [-]
+
+contains
+
+  !> Replaces the list of open joints, which are all of a loop alike, by what is wrong with which of them.
+  subroutine explain_open_joints(d, fail)
+    type(deck), intent(in) :: d
+    type(failure), intent(inout) :: fail            !! that of the assembly
+    type(fault_list) :: faults
+    type(scene) :: all, part
+    type(mechanism_model) :: m
+    type(assembly_report) :: report
+    character(:), allocatable :: words
+    real(wp), allocatable :: q(:)
+    real(wp) :: gap
+    integer :: culprit, low, middle
+    logical :: surplus
+    call build(d, all, faults)
+    low = 0                                         ! as many of the first joints close, culprit as many do not
+    culprit = size(all%constraints)
+    do while (culprit - low > 1)
+      middle = (low + culprit)/2
+      call take_first(all, middle, 0, part)
+      call close_up(part, m, q, report)
+      if (report%open) culprit = middle
+      if (.not. report%open) low = middle
+    end do
+    call contradicting_angle(d, all, culprit, words)
+    if (len(words) == 0) then
+      call take_first(all, culprit - 1, 0, part)
+      call close_up(part, m, q, report)
+      call take_first(all, culprit, 0, part)
+      call look_at_last(part, q, report%rank, gap, surplus)
+      words = name_of(d, culprit)//' stays open by '//to_text(gap)//' m where those before it in the deck are closed: '
+      if (surplus) then
+        words = words//'they leave no motion that could close it, it is one too many'
+      else
+        words = words//'the lengths of its loop do not reach'
+      end if
+    end if
+    fail%message = 'the mechanism cannot be assembled: '//words//'; expected positions and angles near which every joint '// &
+                   'and drive holds at t = 0'
+  end subroutine explain_open_joints
+
+  !> The first constraints of a scene, one of them without the angle that it holds.
+  subroutine take_first(all, n, freed, part)
+    type(scene), intent(in) :: all
+    integer, intent(in) :: n                        !! how many
+    integer, intent(in) :: freed                    !! whose angle is free, 0: none
+    type(scene), intent(out) :: part
+    logical :: done
+    integer :: k
+    part = all
+    deallocate (part%constraints)
+    allocate (part%constraints(n))
+    part%joints = min(n, all%joints)
+    part%rows = 0
+    do k = 1, n
+      allocate (part%constraints(k)%item, source=all%constraints(k)%item)
+      if (k == freed) call part%constraints(k)%item%release_angle(done)
+      part%constraints(k)%item%first = part%rows + 1
+      part%rows = part%rows + part%constraints(k)%item%rows
+    end do
+  end subroutine take_first
+
+  !> Assembles a scene; velocities do not count.
+  subroutine close_up(s, m, q, report)
+    type(scene), intent(in) :: s
+    type(mechanism_model), intent(out) :: m
+    real(wp), allocatable, intent(out) :: q(:)
+    type(assembly_report), intent(out) :: report
+    type(failure) :: fail
+    real(wp) :: v(s%nq)
+    call set_up_mechanism(m, s)
+    allocate (q(s%nq))
+    call assemble(m, q, v, report, fail)
+  end subroutine close_up
+
+  !> How far the last constraint of a scene is open, and whether its rows depend on those of the others.
+  subroutine look_at_last(s, q, rank, gap, surplus)
+    type(scene), intent(in) :: s
+    real(wp), intent(in) :: q(:)                    !! (nq) the others hold here
+    integer, intent(in) :: rank                     !! of the others
+    real(wp), intent(out) :: gap                    !! [m]
+    logical, intent(out) :: surplus
+    type(mechanism_model) :: m
+    real(wp) :: at_rest(s%nq), none(s%nz)
+    logical :: weak(s%rows)
+    call set_up_mechanism(m, s)
+    at_rest = 0.0_wp
+    none = 0.0_wp
+    call evaluate(m, 0.0_wp, q, at_rest, none, none)
+    associate (c => m%s%constraints(size(m%s%constraints))%item)
+      gap = maxval(abs(m%rows%phi(c%first:c%first + c%rows - 1)))
+      call condense_geometry(m)
+      call m%schur%weak_rows(dependent, weak)
+      surplus = count(.not. weak) < rank + c%rows
+    end associate
+  end subroutine look_at_last
+
+  !> The weld or prismatic joint without whose angle all close, the one that has to give least; empty: there is none.
+  subroutine contradicting_angle(d, all, culprit, words)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: all
+    integer, intent(in) :: culprit                  !! as many of the first joints do not close
+    character(:), allocatable, intent(out) :: words
+    type(scene) :: part
+    type(mechanism_model) :: m
+    type(assembly_report) :: report
+    class(constraint_model), allocatable :: one
+    real(wp), allocatable :: q(:)
+    real(wp) :: held, angle, least
+    integer :: k, tried
+    logical :: holds
+    words = ''
+    least = huge(1.0_wp)
+    tried = 0
+    do k = 1, min(culprit, all%joints)
+      if (allocated(one)) deallocate (one)
+      allocate (one, source=all%constraints(k)%item)
+      call one%release_angle(holds)
+      if (.not. holds) cycle
+      tried = tried + 1
+      if (tried > most_welds) return
+      call take_first(all, culprit, k, part)
+      call close_up(part, m, q, report)
+      if (report%open) cycle
+      held = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
+      angle = m%p%angle(one%ia) - m%p%angle(one%ib)
+      if (abs(angle - held) >= least) cycle
+      least = abs(angle - held)
+      words = name_of(d, k)//' holds the angle '//to_text(held)//' rad between its bodies, that of the deck, but all '// &
+              'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'
+    end do
+  end subroutine contradicting_angle
+
+  !> Angle of a place's body in the deck.
+  pure function deck_angle(d, p) result(angle)
+    type(deck), intent(in) :: d
+    type(place_record), intent(in) :: p
+    real(wp) :: angle                               !! 0 for the ground [rad]
+    angle = 0.0_wp
+    if (p%body > 0) angle = d%bodies(p%body)%angle
+  end function deck_angle
+
+  !> A joint or drive with its line: `weld "w" in line 7`.
+  function name_of(d, k) result(text)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: k                        !! number of the constraint: joints, then drives
+    character(:), allocatable :: text
+    if (k <= size(d%joints)) then
+      associate (j => d%joints(k))
+        text = trim(j%type)//' joint "'//trim(j%name)//'"'//line_of(d, j%at)
+      end associate
+    else
+      associate (r => d%drives(k - size(d%joints)))
+        text = 'drive "'//trim(r%name)//'"'//line_of(d, r%at)
+      end associate
+    end if
+  end function name_of
+
+  !> Where a group stands.
+  function line_of(d, at) result(text)
+    type(deck), intent(in) :: d
+    type(origin), intent(in) :: at
+    character(:), allocatable :: text
+    text = ' in line '//to_text(at%line)
+    if (at%file /= d%path) text = text//' of '//at%file
+  end function line_of
+end module assembly_conflict

@@ -1,0 +1,116 @@
+"""What cannot be assembled names the joint that is one too many, the loop that does not reach, the angle that contradicts."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+RUN = "&transient t_end=0.1 step=0.01 /\n"
+
+
+def bar(name: str, length: float, start=(0.0, 0.0), angle: float = 0.0) -> str:
+    """Return a rigid bar."""
+    return (
+        f"&body name='{name}' kind='rigid' mass=1.0 inertia={length**2 / 12!r} com={length / 2!r},0.0 "
+        f"position={float(start[0])!r},{float(start[1])!r} angle={float(angle)!r} /\n"
+    )
+
+
+def four_bar(rng, stretch: float = 1.0):
+    """Return the bodies of a four-bar that closes if its rocker is not stretched, and its joints in the deck's order."""
+    a, b, c = rng.uniform(0.5, 3.0), rng.uniform(-0.4, 0.4), rng.uniform(1.0, 2.0)
+    one = np.array([np.cos(a), np.sin(a)]) * 0.4
+    two = one + np.array([np.cos(b), np.sin(b)])
+    foot = two - np.array([np.cos(c), np.sin(c)]) * 0.8
+    foot = foot.tolist()
+    bodies = bar("crank", 0.4, (0, 0), a) + bar("rod", 1.0, one, b) + bar("rocker", 0.8 * stretch, foot, c)
+    joints = [
+        "&joint name='a' type='{}' body_a='crank' /\n",
+        "&joint name='b' type='{}' body_a='rod' body_b='crank' point_b=0.4,0.0 /\n",
+        f"&joint name='c' type='{{}}' body_a='rocker' point_b={foot[0]!r},{foot[1]!r} /\n",
+        f"&joint name='d' type='{{}}' body_a='rod' point_a=1.0,0.0 body_b='rocker' point_b={0.8 * stretch!r},0.0 /\n",
+    ]
+    return bodies, joints
+
+
+def told(run_deck, deck: str) -> str:
+    """Return what is said of a deck that cannot be assembled, without the path."""
+    return run_deck(deck + RUN, expect=2).stderr.partition(".nml: the mechanism cannot be assembled: ")[2]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_joint_that_is_one_too_many(run_deck, seed):
+    """A four-bar, and a fifth joint that pins a point of its rod beside where it is: wherever it stands, it is the last."""
+    rng = np.random.default_rng(seed)
+    bodies, joints = four_bar(rng)
+    extra = f"&joint name='extra' type='revolute' body_a='rod' point_a=0.5,0.2 point_b={rng.uniform(2, 3)!r},-1.0 /\n"
+    words = told(run_deck, bodies + "".join(joints).format(*4 * ["revolute"]) + extra)
+    assert words.startswith('revolute joint "extra" in line 8 stays open by ')
+    assert "they leave no motion that could close it, it is one too many" in words
+    assert not any(f'"{name}"' in words for name in "abcd")
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_loop_whose_lengths_do_not_reach(run_deck, seed):
+    rng = np.random.default_rng(seed)
+    bodies, joints = four_bar(rng, stretch=10.0)
+    order = rng.permutation(4)
+    words = told(run_deck, bodies + "".join(joints[k] for k in order).format(*4 * ["revolute"]))
+    assert words.startswith(f'revolute joint "{"abcd"[order[-1]]}" in line 7 stays open by ')
+    assert "the lengths of its loop do not reach" in words
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("kind", ["weld", "prismatic"])
+def test_an_angle_that_contradicts(run_deck, seed, kind):
+    """An L of two bars between two pins: held at an angle at which the pins are not that far apart."""
+    rng = np.random.default_rng(seed)
+    right, wrong = rng.uniform(0.5, 1.0), rng.uniform(1.3, 1.9)
+    if kind == "weld":
+        end = (np.array([1.0, 0.0]) + 0.7 * np.array([np.cos(right), np.sin(right)])).tolist()
+        words = told(
+            run_deck,
+            bar("p", 1.0) + bar("q", 0.7, (1.0, 0.0), wrong)
+            + "&joint name='a' type='weld' body_a='p' /\n"
+            + "&joint name='w' type='weld' body_a='q' body_b='p' point_b=1.0,0.0 /\n"
+            + f"&joint name='b' type='revolute' body_a='q' point_a=0.7,0.0 point_b={end[0]!r},{end[1]!r} /\n",
+        )
+        assert words.startswith('weld joint "w" in line 4 holds the angle ')
+    else:
+        words = told(
+            run_deck,
+            bar("p", 1.0, (0.3, 0.0), wrong)
+            + "&joint name='w' type='prismatic' body_a='p' /\n"
+            + f"&joint name='b' type='distance' body_a='p' point_a=1.0,0.0 point_b=0.0,{float(np.sin(right))!r} length=1.0e-3 /\n"
+            + f"&joint name='c' type='distance' body_a='p' point_b={-float(np.cos(right))!r},0.0 length=1.0e-3 /\n",
+        )
+        assert words.startswith('prismatic joint "w" in line 2 holds the angle ')
+    held, close = (float(x) for x in re.findall(r"(-?[\d.]+) rad", words))
+    assert held == pytest.approx(wrong, abs=1e-4)
+    assert np.sin(close) == pytest.approx(np.sin(right), abs=1e-2)
+
+
+def test_a_drive_that_cannot_be_followed(run_deck):
+    """A rocker driven further than its four-bar lets it go; the drive stands in an included file."""
+    bodies, joints = four_bar(np.random.default_rng(3))
+    deck = bodies + "".join(joints).format(*4 * ["revolute"])
+    deck += "&history name='h' kind='polynomial' coefficients=-1.0 /\n"
+    deck += "&drive name='m' type='rotation' body_a='rocker' history='h' /\n"
+    words = told(run_deck, deck)
+    assert words.startswith('drive "m" in line 9 stays open by ')
+    assert "the lengths of its loop do not reach" in words
+
+
+def test_many_links(run_deck):
+    """A chain of 60 links whose end is pinned out of reach, a joint in its middle doubled beside its place before that."""
+    n = 60
+    deck = "".join(bar(f"b{k}", 0.1, (0.1 * k, 0.0)) for k in range(n)) + "&joint name='j0' type='revolute' body_a='b0' /\n"
+    for k in range(1, n):
+        deck += f"&joint name='j{k}' type='revolute' body_a='b{k}' body_b='b{k - 1}' point_b=0.1,0.0 /\n"
+        if k == 30:
+            deck += "&joint name='wrong' type='revolute' body_a='b30' body_b='b29' point_a=0.05,0.02 point_b=0.1,0.0 /\n"
+    words = told(run_deck, deck + f"&joint name='end' type='revolute' body_a='b{n - 1}' point_a=0.1,0.0 point_b=9.0,0.0 /\n")
+    assert words.startswith(f'revolute joint "wrong" in line {n + 32} stays open by ')
+    assert "one too many" in words
