@@ -51,16 +51,16 @@ contains
   !> Materials of flexible bodies in which sound would travel as in no solid.
   subroutine odd_materials(d)
     type(deck), intent(in) :: d
-    logical :: used(size(d%materials))
+    logical :: flexes(size(d%materials))
     real(wp) :: speed
     integer :: k
-    used = .false.
+    flexes = .false.
     do k = 1, size(d%bodies)
-      if (d%bodies(k)%kind /= 'rigid' .and. d%bodies(k)%flexible) used(d%bodies(k)%element_material) = .true.
+      if (d%bodies(k)%kind /= 'rigid' .and. d%bodies(k)%flexible) flexes(d%bodies(k)%element_material) = .true.
     end do
     do k = 1, size(d%materials)
       speed = sqrt(d%materials(k)%young/d%materials(k)%density)
-      if (.not. used(k) .or. (speed >= slowest .and. speed <= fastest)) cycle
+      if (.not. flexes(k) .or. (speed >= slowest .and. speed <= fastest)) cycle
       call warn(d%materials(k)%at, 'material/'//d%materials(k)%name, 'sqrt(young/density) is '//to_text(speed)// &
                 ' m/s, solids have 10 to 20000: young in GPa or MPa for Pa? density in g/cm3 for kg/m3?')
     end do

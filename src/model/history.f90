@@ -54,7 +54,7 @@ module history
 contains
 
   !> Integral of the history from 0 to t.
-  pure function integral(self, t) result(area)
+  pure recursive function integral(self, t) result(area)
     class(history_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: area                    !! [unit s]
@@ -106,7 +106,7 @@ contains
 
   !> A history in a time of its own, which is the difference of two times and rounded like them: it is asked a little before or
   !> after, so that it sees a corner from the right side, and led back along its slopes.
-  pure subroutine evaluate_shifted(part, t, slack, left, h)
+  pure recursive subroutine evaluate_shifted(part, t, slack, left, h)
     class(history_model), intent(in) :: part
     real(wp), intent(in) :: t           !! in the part's own time [s]
     real(wp), intent(in) :: slack       !! what t may be off by [s]

@@ -62,7 +62,7 @@ contains
   end subroutine set_sequence
 
   !> Value and derivatives on both sides of the time at which part k begins; outside all parts they stay.
-  pure subroutine ends_of(self, k, before, after)
+  pure recursive subroutine ends_of(self, k, before, after)
     class(sequence_model), intent(in) :: self
     integer, intent(in) :: k                      !! part, or one more: the end of the last
     real(wp), intent(out) :: before(0:2), after(0:2)    !! [unit, unit/s, unit/s2]
@@ -94,7 +94,7 @@ contains
   end subroutine locate
 
   !> Value and two derivatives.
-  pure subroutine sequence_value(self, t, left, h)
+  pure recursive subroutine sequence_value(self, t, left, h)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left         !! limit from below
@@ -112,7 +112,7 @@ contains
   end subroutine sequence_value
 
   !> An antiderivative.
-  pure function sequence_area(self, t) result(f)
+  pure recursive function sequence_area(self, t) result(f)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]

@@ -18,7 +18,7 @@ module sum_history
 contains
 
   !> Value and two derivatives.
-  pure subroutine sum_value(self, t, left, h)
+  pure recursive subroutine sum_value(self, t, left, h)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left         !! limit from below
@@ -33,7 +33,7 @@ contains
   end subroutine sum_value
 
   !> An antiderivative.
-  pure function sum_area(self, t) result(f)
+  pure recursive function sum_area(self, t) result(f)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]
@@ -45,7 +45,7 @@ contains
   end function sum_area
 
   !> Corners of all parts; where two of them cancel, what is left of them.
-  pure function sum_corners(self, until) result(list)
+  pure recursive function sum_corners(self, until) result(list)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
     type(corner), allocatable :: list(:)
