@@ -253,6 +253,19 @@ def test_adaptive_steps_end_at_every_corner(run_deck, history):
     np.testing.assert_allclose(h["v.x"][at], 0.5 * area[np.round(h.time[at] / 0.01).astype(int)], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("history", ["saw", "steps", "both"])
+def test_controlled_implicit_steps_keep_their_tolerance_over_corners(run_deck, history):
+    """Thirty jumps and corners of the force, no output between them: the last velocity errs by the tolerance alone."""
+    deck = {"saw": SAW, "steps": STEPS, "both": BOTH}[history]
+    deck += "&body name='b' kind='rigid' mass=2.0 inertia=1.0 /\n&force name='f' type='force' body='b' fx=1.0 history='h' /\n"
+    deck += "&sensor name='v' quantity='velocity' body='b' /\n&transient method='generalized_alpha' tolerance={} t_end=1.0 "
+    exact = {"saw": 0.25, "steps": 0.5 * (0.3 + 10 * (-0.5 * 0.07 + 1.5 * 0.07**2))}
+    exact["both"] = exact["saw"] + exact["steps"]
+    miss = [abs(run_deck(deck.format(tol) + "output_step=1.0 /\n").history["v.x"][-1] - exact[history]) for tol in (1e-3, 1e-6)]
+    assert miss[0] < 2e-3
+    assert miss[1] < 2e-6
+
+
 FILES = {
     "commas.csv": "time,x,value\n0.0,9,0.5\n0.5,9,1.25\n1.0,9,-2.0\n",
     "semicolons.csv": "Zeit;x;Wert\r\n[s];;[rad]\r\n0,0;;0,5\r\n0,5;;1,25\r\n1,0;;-2,0\r\n",

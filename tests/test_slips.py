@@ -74,6 +74,14 @@ def test_a_deck_without_an_analysis(run_deck):
     assert run_deck(deck, "--check").stderr == ""
 
 
+def test_what_assembly_moved_is_told_without_rounding(run_deck):
+    """A disc pinned at its centre and turned by its drive: an angle, no distance of 1e-27 m."""
+    deck = "&body name='d' mass=1.0 inertia=0.01 /\n&joint name='p' type='revolute' body_a='d' /\n"
+    deck += "&history name='h' kind='polynomial' coefficients=0.7 /\n"
+    told = run_deck(deck + "&drive name='x' type='rotation' body_a='d' history='h' /\n" + RUN, "--check").stderr
+    assert 'assembly moved body "d" by 7.00E-01 rad: are' in told
+
+
 MEANT = {
     "as it is": PLAIN,
     "a turn": PLAIN.replace("com=0.1,0.0", f"com=0.1,0.0 angle={2 * np.pi!r}"),
