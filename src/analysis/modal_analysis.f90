@@ -1,6 +1,6 @@
 !> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
 module modal_analysis
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
@@ -11,7 +11,7 @@ module modal_analysis
   use posix, only: remove_file, tell
   use scene_run, only: run_state
   use summary, only: add_line, number
-  use text, only: es_text
+  use text, only: es_text, to_text
   implicit none (type, external)
   private
   public :: run_modal
@@ -43,7 +43,30 @@ contains
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call modal_lines(modes, ds, run%d%modal%modes, text)
+    call mind_missing(run, modes, text, fail)
   end subroutine run_modal
+
+  !> Fails where modes that were asked for are missing, warns where other poles are.
+  subroutine mind_missing(run, modes, text, fail)
+    type(run_state), intent(in) :: run
+    type(mode_set), intent(in) :: modes
+    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: words
+    integer :: k
+    words = ''
+    do k = 1, size(modes%unfound)
+      words = words//', one near '//to_text(abs(modes%unfound(k))/(2*pi))//' Hz'
+    end do
+    if (len(words) > 0 .or. modes%missing_undamped > 0) then
+      call fail%raise(status_failed, 'the modal analysis has not found all modes that were asked for: '// &
+                      modes%note_undamped//words)
+    else if (modes%missing > 0) then
+      words = 'warning: poles are missing in modes.txt: '//modes%note_damped
+      call add_line(text, words)
+      call tell(run%d%path//': '//words)
+    end if
+  end subroutine mind_missing
 
   !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
   subroutine warn_of_motion(run, text)
@@ -80,7 +103,8 @@ contains
                     names(modes%kind(k))//'  '//es_text(x(4), 8)//' Hz, damping ratio '//es_text(x(5), 8)//', real part '// &
                     es_text(x(7), 8)//' 1/s')
     end do
-    if (modes%lost > 0) call add_line(text, '  '//number(modes%lost)//' further searches ended at poles listed above')
+    call add_line(text, '  '//modes%note_undamped)
+    if (len(modes%note_damped) > 0) call add_line(text, '  '//modes%note_damped)
     call add_line(text, '  factorisations: '//number(ds%factorisations))
   end subroutine modal_lines
 end module modal_analysis

@@ -78,7 +78,7 @@ contains
     do attempt = 1, 2
       y = [((0.0_wp, 0.0_wp), i=1, ds%n), cmplx(rate(ds%active), 0.0_wp, wp)]
       call weigh(run, unit, elastic_weight(attempt), ds)
-      call ds%solver%solve(y)                        ! ds%solve would correct by the residual of the stiffness
+      call ds%solver%solve(y, .false.)                        ! ds%solve would correct by the residual of the stiffness
       left = joint_rates(ds, real(y(1:ds%n), wp), size(rate)) - rate
       if (all(abs(left(ds%active)) <= followed*maxval(abs(rate)))) exit
     end do

@@ -7,7 +7,7 @@
 !> almost vanishes is therefore replaced, U_kk + delta, and what that changes goes into the border as one more unknown,
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use border_block, only: block_part, condense, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
@@ -34,6 +34,7 @@ module bordered
     procedure :: set_up
     procedure :: factor
     procedure :: solve
+    procedure :: log_determinant
     procedure :: memory
   end type bordered_system
 
@@ -184,7 +185,6 @@ contains
     class(bordered_system), intent(inout) :: self
     complex(wp), intent(in) :: values(:)              !! (entries)
     integer :: b, e, k, info
-    real(wp) :: largest
     do b = 1, size(self%blocks)
       self%blocks(b)%ab = 0.0_wp
       self%blocks(b)%right = 0.0_wp
@@ -209,9 +209,8 @@ contains
     call equilibrate(self)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
     if (info == 0) return
-    largest = maxval(abs(self%ab))                    ! exactly singular: the nearest regular matrix
-    do k = 1, self%nb
-      if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)*max(largest, tiny(1.0_wp))
+    do k = 1, self%nb                                 ! exactly singular: the nearest regular matrix, entries of size one
+      if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
     end do
   end subroutine factor
 
@@ -238,10 +237,11 @@ contains
     end do
   end subroutine equilibrate
 
-  !> Solves in place with the last factor.
-  subroutine solve(self, x)
+  !> Solves in place with the last factor, or with its transpose.
+  subroutine solve(self, x, transposed)
     class(bordered_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)                !! (n) right-hand side, then solution
+    logical, intent(in) :: transposed
     complex(wp), allocatable :: y(:, :)
     integer :: b, k, info
     self%x = 0.0_wp
@@ -251,24 +251,62 @@ contains
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
         if (p%n == 0) cycle
+        if (transposed) then
+          self%x(p%border, 1) = self%x(p%border, 1) - matmul(x(p%unknown), p%right)
+          cycle
+        end if
         y = reshape(x(p%unknown), [p%n, 1])
         call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
         x(p%unknown) = y(:, 1)
         self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, y(:, 1))
       end associate
     end do
-    self%x(:, 1) = self%x(:, 1)*self%row_scale
-    call zgbtrs('N', self%nb, self%kd, self%kd, 1, self%ab, 3*self%kd + 1, self%pivots, self%x, self%nb, info)
-    self%x(:, 1) = self%x(:, 1)*self%col_scale
+    self%x(:, 1) = self%x(:, 1)*merge(self%col_scale, self%row_scale, transposed)
+    call zgbtrs(merge('T', 'N', transposed), self%nb, self%kd, self%kd, 1, self%ab, 3*self%kd + 1, self%pivots, self%x, &
+                self%nb, info)
+    self%x(:, 1) = self%x(:, 1)*merge(self%row_scale, self%col_scale, transposed)
     do k = 1, self%n
       if (self%block_of(k) == 0) x(k) = self%x(self%place(k), 1)
     end do
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
-        if (p%n > 0) x(p%unknown) = x(p%unknown) - matmul(p%right, self%x(p%border, 1))
+        if (p%n == 0) cycle
+        if (transposed) then
+          y = reshape(x(p%unknown) - matmul(self%x(p%border, 1), p%left), [p%n, 1])
+          call zgbtrs('T', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
+          x(p%unknown) = y(:, 1)
+        else
+          x(p%unknown) = x(p%unknown) - matmul(p%right, self%x(p%border, 1))
+        end if
       end associate
     end do
   end subroutine solve
+
+  !> Logarithm of the determinant of the matrix factored last, its phase but for multiples of 2 pi. A replaced pivot does not
+  !> change it: the border holds what it takes away.
+  pure complex(wp) function log_determinant(self) result(total)
+    class(bordered_system), intent(in) :: self
+    integer :: b
+    total = log_of_factor(self%ab, self%kd, self%pivots) - sum(log(self%row_scale)) - sum(log(self%col_scale))
+    do b = 1, size(self%blocks)
+      associate (p => self%blocks(b))
+        if (p%n > 0) total = total + log_of_factor(p%ab, p%kd, p%pivots)
+      end associate
+    end do
+  end function log_determinant
+
+  !> Likewise of one band matrix: its pivots, and a sign for each exchange of rows.
+  pure complex(wp) function log_of_factor(ab, kd, pivots) result(total)
+    complex(wp), intent(in) :: ab(:, :)               !! (3 kd + 1, n) factor
+    integer, intent(in) :: kd                         !! half band width
+    integer, intent(in) :: pivots(:)                  !! (n)
+    integer :: k
+    total = 0.0_wp
+    do k = 1, size(pivots)
+      total = total + log(ab(2*kd + 1, k))
+      if (pivots(k) /= k) total = total + cmplx(0.0_wp, pi, wp)
+    end do
+  end function log_of_factor
 
   !> Bytes that the matrices keep.
   pure function memory(self) result(bytes)

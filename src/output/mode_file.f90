@@ -29,6 +29,8 @@ contains
     call file%head('modes about the present state', deck_name, m%s%title)
     call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
                    '3 real pole (over-damped)')
+    call file%line('# '//modes%note_undamped)
+    if (len(modes%note_damped) > 0) call file%line('# '//modes%note_damped)
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
     call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
     call file%line('# positions: '//positions(m, q))

@@ -1,23 +1,25 @@
-!> Poles of the linearised mechanism, damping and GHM included: T(lambda) x + J^T mu = 0, J x = 0, a non-linear
-!> eigenproblem that is exact in the modulus E(lambda). Newton's method (`pole_newton`) starts from the roots of each mode's
-!> scalar system; a vibration that it misses is followed while the damping grows, and where searches still ended at poles found
-!> before, the rest starts from the poles of the system reduced on the undamped modes (`reduced_poles`).
+!> Modes and poles of the linearised mechanism, damping and GHM included: T(lambda) x + J^T mu = 0, J x = 0, a non-linear
+!> eigenproblem that is exact in the modulus E(lambda). The undamped modes come from the subspace iteration, or with gyroscopic
+!> terms from the system reduced on its motions. Each is followed to its vibration while the damping grows; what the internal
+!> variables add starts from the poles of the reduced system. The argument principle says whether any is missing.
 module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use gyroscopic_modes, only: add_gyroscopic
-  use mode_list, only: mode_set, padded, residual_of, known_slope, undamped_mode, vibration_mode, further_mode, real_pole
+  use gyroscopic_modes, only: turning_basis
+  use mode_list, only: mode_set, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
-  use pole_newton, only: newton_pole, grow_damping
+  use pole_check, only: check_undamped, check_damped
+  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, exact
   use process, only: caught_signal
-  use reduced_poles, only: reduced_system_poles
-  use scalar_modes, only: scalar_roots
+  use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
   public :: find_modes
 
-  real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which Newton's method has not ended at a pole [-]
   integer, parameter :: whole_below = 120              !! unknowns up to which a gyroscopic system is reduced on all its modes
+  real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which the iteration has not ended at a pole [-]
+  real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
+  real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
 
 contains
 
@@ -27,168 +29,268 @@ contains
     integer, intent(in) :: asked                       !! how many modes
     type(mode_set), intent(out) :: modes
     logical, intent(out) :: ok
+    type(reduced_model) :: model
+    type(mode_set) :: unlisted
+    complex(wp), allocatable :: starts(:), shapes(:, :), twins(:)
     real(wp), allocatable :: omega2(:), x(:, :)
-    integer :: j, basis, wanted
-    modes = mode_set(kind=[integer ::], mode=[integer ::], lambda=[complex(wp) ::], residual=[real(wp) ::])
-    allocate (modes%x(ds%n, 0))
+    integer :: wanted, basis
+    call modes%clear(ds%n)
+    call unlisted%clear(ds%n)
     ok = .true.
     wanted = min(asked, ds%n - ds%rows)
+    if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
     basis = wanted
-    if (.not. ds%symmetric) basis = merge(ds%n - ds%rows, 2*wanted + 20, ds%n <= whole_below)
+    if (.not. ds%symmetric) basis = merge(ds%n - ds%rows, min(wanted, ds%n) + 20 + wanted, ds%n <= whole_below)
     call natural_subspace(ds, basis, omega2, x, ok)
+    if (ok) call undamped_starts(ds, omega2, x, model, starts, shapes, twins, ok)
     if (.not. ok) return
-    if (ds%symmetric) then
-      do j = 1, min(wanted, size(omega2))
-        call add_symmetric(ds, omega2(j), x(:, j), j, modes)
-      end do
-    else
-      call add_gyroscopic(ds, x, wanted, modes, ok)
-    end if
-    if (ok .and. ds%damped) call damped_poles(ds, modes)
-    if (ok .and. modes%lost > 0 .and. caught_signal() == 0) call missing_poles(ds, x, modes)
+    if (wanted == ds%n - ds%rows) wanted = size(starts)    ! more than the freedoms where motions grow and their twins do not decay
+    call list_undamped(ds, model, starts, shapes, wanted, modes)
+    if (caught_signal() > 0) return
+    call check_undamped(ds, [starts, twins], modes)
+    if (.not. ds%damped) return
+    call model%take_apart(ds)
+    call list_vibrations(ds, model, starts, shapes, modes, unlisted)
+    call list_others(ds, model, shapes, modes, unlisted)
   end subroutine find_modes
 
-  !> A mode of the symmetric system; a frequency within rounding of zero is a rigid motion.
-  subroutine add_symmetric(ds, omega2, x, j, modes)
-    type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: omega2, x(:)
-    integer, intent(in) :: j
-    type(mode_set), intent(inout) :: modes
-    complex(wp) :: lambda, v(size(x))
-    v = cmplx(x, 0.0_wp, wp)
-    lambda = sqrt(cmplx(-omega2, 0.0_wp, wp))
-    if (abs(omega2) <= rounding_level(ds, x)) lambda = 0.0_wp
-    call modes%add(undamped_mode, j, lambda, residual_of(ds, lambda, v, 0.0_wp), v)
-  end subroutine add_symmetric
+  !> The undamped modes on the subspace: natural modes, or with gyroscopic terms or an unsymmetric K the poles of the reduced
+  !> system in ascending order, of a diverging motion the one that grows.
+  subroutine undamped_starts(ds, omega2, x, model, starts, shapes, twins, ok)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: omega2(:)                  !! (p) natural frequencies squared [rad2/s2]
+    real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
+    type(reduced_model), intent(out) :: model
+    complex(wp), allocatable, intent(out) :: starts(:)     !! (modes) [1/s]
+    complex(wp), allocatable, intent(out) :: shapes(:, :)  !! (p, modes) on the basis of the model
+    complex(wp), allocatable, intent(out) :: twins(:)      !! poles that decay where another grows [1/s]
+    logical, intent(out) :: ok
+    type(reduced_poles) :: poles
+    real(wp), allocatable :: turned(:, :)
+    integer, allocatable :: order(:)
+    integer :: j, p, rigid
+    p = size(omega2)
+    ok = .true.
+    if (ds%symmetric) then
+      call model%build(ds, x, [(abs(omega2(j)) <= max(rounding_level(ds, x(:, j)), 10*epsilon(1.0_wp)*maxval(abs(omega2))), &
+                                j=1, p)])
+      starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), model%rigid)
+      order = [(j, j=1, p)]
+      allocate (twins(0))
+    else
+      call turning_basis(ds, x, turned, rigid, ok)
+      if (.not. ok) return
+      call model%build(ds, turned, [(j <= rigid, j=1, p)])
+      call poles%find(model, ds, [(j, j=1, p)], .false., ok)
+      if (.not. ok) return
+      twins = pack(poles%lambda, decays(poles%lambda))
+      call by_modulus(poles%lambda, order)
+      order = pack(order, .not. decays(poles%lambda(order)))
+      starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
+    end if
+    allocate (shapes(p, size(starts)))
+    shapes = 0.0_wp
+    rigid = size(starts) - size(order)
+    do j = 1, size(starts)
+      if (ds%symmetric .or. j <= rigid) then
+        shapes(j, j) = 1.0_wp
+      else
+        shapes(:, j) = poles%shape(:, order(j - rigid))
+      end if
+    end do
+  end subroutine undamped_starts
 
-  !> The poles of every undamped mode found so far.
-  subroutine damped_poles(ds, modes)
+  !> Whether a search has stayed where it began: if its pole is listed, the reduced system has it more than once, with one
+  !> shape. So has a body that is free to move and seen from its own turning axes.
+  pure logical function copies(lambda, start) result(yes)
+    complex(wp), intent(in) :: lambda, start           !! [1/s]
+    yes = abs(lambda - start) <= 10*same*abs(lambda)
+  end function copies
+
+  !> Whether an undamped pole decays.
+  pure elemental logical function decays(lambda) result(yes)
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    yes = abs(lambda%im) <= 1.0e-9_wp*abs(lambda) .and. lambda%re < 0.0_wp
+  end function decays
+
+  !> Order of ascending modulus.
+  pure subroutine by_modulus(lambda, order)
+    complex(wp), intent(in) :: lambda(:)               !! [1/s]
+    integer, allocatable, intent(out) :: order(:)
+    logical :: left(size(lambda))
+    integer :: i
+    left = .true.
+    allocate (order(size(lambda)))
+    do i = 1, size(lambda)
+      order(i) = minloc(abs(lambda), 1, left)
+      left(order(i)) = .false.
+    end do
+  end subroutine by_modulus
+
+  !> The undamped modes that are asked for.
+  subroutine list_undamped(ds, model, starts, shapes, wanted, modes)
     type(stiffness_system), intent(inout) :: ds
+    type(reduced_model), intent(in) :: model
+    complex(wp), intent(inout) :: starts(:)            !! [1/s]; those listed as they were found
+    complex(wp), intent(in) :: shapes(:, :)
+    integer, intent(in) :: wanted
     type(mode_set), intent(inout) :: modes
-    complex(wp), allocatable :: roots(:), x(:), x0(:)
-    complex(wp) :: lambda
-    real(wp) :: mass, damping, part(size(ds%groups))
-    integer :: j, i, vibration, undamped, pass
+    type(pole_state) :: pole
+    integer :: j
     logical :: ok
-    undamped = modes%count
-    do pass = 1, 2                                     ! vibrations first, so that further poles cannot take their place
-      do j = 1, undamped
-        x0 = modes%x(:, j)
+    do j = 1, min(wanted, size(starts))
+      if (caught_signal() > 0) return
+      pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
+      ok = .true.
+      if (.not. ds%symmetric .and. abs(starts(j)) > 0.0_wp) then
+        call refine_pole(ds, 0.0_wp, exact, pole, ok)
+        if (abs(pole%lambda%re) <= steady*abs(pole%lambda)) pole%lambda%re = 0.0_wp
+        if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
+        if (ok) ok = pole%lambda%im >= 0.0_wp
+        if (ok) ok = copies(pole%lambda, starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
+      end if
+      if (ok) then
+        starts(j) = pole%lambda
+        call modes%add(undamped_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 0.0_wp), pole%x)
+      else
+        modes%unfound = [modes%unfound, starts(j)]
+        starts(j) = cmplx(0.0_wp, -1.0_wp, wp)         ! not named in the count
+      end if
+    end do
+  end subroutine list_undamped
+
+  !> Follows the modes to their vibrations; those of modes that are not asked for, where they couple to others that are, only
+  !> so that they are not taken for something else.
+  subroutine list_vibrations(ds, model, starts, shapes, modes, unlisted)
+    type(stiffness_system), intent(inout) :: ds
+    type(reduced_model), intent(in) :: model
+    complex(wp), intent(in) :: starts(:)               !! [1/s]
+    complex(wp), intent(in) :: shapes(:, :)
+    type(mode_set), intent(inout) :: modes, unlisted
+    type(pole_state) :: pole
+    integer :: j, listed
+    logical :: vibrates
+    listed = modes%count
+    do j = 1, size(starts)
+      if (caught_signal() > 0) return
+      if (starts(j)%im <= 0.0_wp) cycle                ! rigid or diverging: no vibration to damp
+      if (j > listed) then
+        if (.not. any(model%label(1:listed) == model%label(j))) cycle
+      end if
+      pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
+      call follow_damping(ds, merge(1.0_wp, short_step, count(model%label == model%label(j)) == 1), pole, vibrates)
+      if (vibrates) vibrates = .not. taken(modes) .and. .not. taken(unlisted)
+      if (.not. vibrates) cycle
+      if (j <= listed) then
+        call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
+      else
+        call unlisted%add(vibration_mode, j, pole%lambda, 0.0_wp, pole%x)
+      end if
+    end do
+  contains
+    !> Whether another mode has this vibration, unless the two are one without damping, too.
+    logical function taken(list)
+      type(mode_set), intent(in) :: list
+      integer :: k
+      k = list%known(ds, pole%lambda, pole%x, vibration_mode)
+      taken = k > 0
+      if (taken) taken = .not. copies(starts(j), starts(list%mode(k)))
+    end function taken
+  end subroutine list_vibrations
+
+  !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
+  !> most. Those of other modes are named for the count only.
+  subroutine list_others(ds, model, shapes, modes, unlisted)
+    type(stiffness_system), intent(inout) :: ds
+    type(reduced_model), intent(in) :: model
+    complex(wp), intent(in) :: shapes(:, :)
+    type(mode_set), intent(inout) :: modes, unlisted
+    type(reduced_poles) :: poles
+    integer, allocatable :: members(:), ranks(:)
+    complex(wp), allocatable :: others(:)
+    integer :: part, j, i, listed, owner, zeros
+    logical :: ok, settled(size(shapes, 2))
+    listed = count(modes%kind == undamped_mode)
+    settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
+    allocate (ranks(size(ds%groups)), source=0)
+    allocate (others(0))
+    zeros = 0
+    do part = 1, model%parts
+      if (caught_signal() > 0) return
+      members = pack([(j, j=1, model%p)], model%label == part)
+      poles = reduced_poles()
+      call poles%find(model, ds, members, .true., ok)
+      if (.not. ok) cycle
+      ranks = ranks + poles%rank
+      zeros = zeros + poles%zeros
+      do i = 1, size(poles%lambda)
         if (caught_signal() > 0) return
-        if (abs(modes%lambda(j)%im) <= 0.0_wp) cycle   ! rigid or diverging: no vibration to damp
-        call project(ds, x0, mass, damping, part)
-        call scalar_roots(mass, damping, mass*modes%lambda(j)%im**2, part, ds%groups, roots, vibration)
-        do i = 1, size(roots)
-          if ((i == vibration) .neqv. (pass == 1)) cycle
-          lambda = roots(i)
-          x = x0
-          call newton_pole(ds, lambda, x, modes, 1.0_wp, ok)
-          if (.not. ok .and. i == vibration) then
-            lambda = cmplx(0.0_wp, modes%lambda(j)%im, wp)
-            x = x0
-            call grow_damping(ds, lambda, x, modes, ok)
-          end if
-          if (ok) call add_pole(ds, merge(vibration_mode, further_mode, i == vibration), modes%mode(j), lambda, x, modes, ok)
-          if (.not. ok) modes%lost = modes%lost + 1
-        end do
+        owner = most_alike(poles%shape(:, i), shapes)
+        if (owner > listed) then
+          if (.not. unlisted%claims(poles%lambda(i))) others = [others, poles%lambda(i)]
+        else
+          call list_pole(ds, model, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
+        end if
       end do
     end do
-  end subroutine damped_poles
+    call check_damped(ds, model%exact .and. listed >= ds%n - ds%rows, ds%n - ds%rows - model%p, zeros, others, ranks, modes, &
+                      unlisted)
+  end subroutine list_others
 
-  !> Poles that the searches from single modes did not reach: each belongs to the undamped mode that it resembles most.
-  subroutine missing_poles(ds, basis, modes)
+  !> Lists one pole of the reduced system as one of the whole, unless it is listed.
+  subroutine list_pole(ds, model, lambda, shape, owner, settled, modes, unlisted)
     type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: basis(:, :)                !! (n, p) natural subspace
-    type(mode_set), intent(inout) :: modes
-    complex(wp), allocatable :: lambdas(:), shapes(:, :), x(:)
-    complex(wp) :: lambda
-    logical, allocatable :: near(:)
-    integer :: i, j, kind, undamped
-    logical :: ok
-    undamped = count(modes%kind == undamped_mode)
-    call reduced_system_poles(ds, basis, lambdas, shapes)
-    allocate (near(modes%count), source=modes%kind /= undamped_mode)
-    do i = 1, size(lambdas)
-      lambda = lambdas(i)
-      j = 0
-      if (any(near)) j = minloc(abs(modes%lambda(1:size(near)) - lambda), 1, near)
-      if (j > 0) then
-        if (abs(modes%lambda(j) - lambda) <= 1.0e-6_wp*abs(lambda)) then
-          near(j) = .false.                            ! this one is listed, once
-          cycle
-        end if
-      end if
-      x = shapes(:, i)
-      call newton_pole(ds, lambda, x, modes, 1.0_wp, ok)
-      if (.not. ok) cycle
-      j = most_alike(ds, x, modes, undamped)
-      kind = further_mode
-      if (.not. any(modes%kind == vibration_mode .and. modes%mode == modes%mode(j))) kind = vibration_mode
-      call add_pole(ds, kind, modes%mode(j), lambda, x, modes, ok)
-      if (ok) modes%lost = modes%lost - 1
-    end do
-  end subroutine missing_poles
-
-  !> Adds a pole with Im >= 0, unless what it leaves of the equations says that it is none.
-  subroutine add_pole(ds, kind, mode, lambda, x, modes, ok)
-    type(stiffness_system), intent(inout) :: ds
-    integer, intent(in) :: kind, mode                  !! kind if it oscillates, number of its undamped mode
-    complex(wp), intent(in) :: lambda, x(:)
-    type(mode_set), intent(inout) :: modes
-    logical, intent(out) :: ok                         !! whether it was added
-    complex(wp) :: pole, shape(size(x))
+    type(reduced_model), intent(in) :: model
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: shape(:)                !! (p)
+    integer, intent(in) :: owner                       !! the undamped mode that it belongs to
+    logical, intent(inout) :: settled                  !! that mode has its vibration
+    type(mode_set), intent(inout) :: modes, unlisted
+    type(pole_state) :: pole
     real(wp) :: residual
-    logical :: still
-    still = abs(lambda%im) <= 1.0e-12_wp*abs(lambda)
-    pole = cmplx(lambda%re, merge(0.0_wp, abs(lambda%im), still), wp)
-    shape = x
-    if (lambda%im < 0.0_wp .and. .not. still) shape = conjg(x)
-    residual = residual_of(ds, pole, shape, 1.0_wp)
-    ok = residual <= no_pole
-    if (ok) call modes%add(merge(real_pole, kind, still), mode, pole, residual, shape)
-  end subroutine add_pole
+    integer :: kind
+    logical :: ok
+    if (modes%claims(lambda)) return
+    if (unlisted%claims(lambda)) return
+    pole = start_pole(ds, lambda, matmul(model%basis, shape))
+    call refine_pole(ds, 1.0_wp, exact, pole, ok)
+    if (ok) then
+      if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
+      if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
+      pole%lambda%im = abs(pole%lambda%im)
+      residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
+      ok = residual <= no_pole
+    end if
+    if (ok) then
+      if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
+      if (unlisted%claims(pole%lambda, unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
+      ok = copies(pole%lambda, lambda) .or. modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+    end if
+    if (.not. ok) then
+      if (model%exact) modes%lost = [modes%lost, lambda]
+      return
+    end if
+    kind = merge(further_mode, vibration_mode, settled)
+    if (pole%lambda%im <= 0.0_wp) kind = real_pole
+    settled = settled .or. kind == vibration_mode
+    call modes%add(kind, owner, pole%lambda, residual, pole%x)
+    modes%claimed(modes%count) = .true.
+  end subroutine list_pole
 
-  !> Which of the first modes resembles a shape most, in the sense of the mass matrix.
-  integer function most_alike(ds, x, modes, undamped) result(best)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)
-    type(mode_set), intent(in) :: modes
-    integer, intent(in) :: undamped                    !! how many of the modes are undamped ones
-    complex(wp) :: mx(ds%n + ds%rows), my(ds%n + ds%rows)
+  !> Which of the modes resembles a shape most, in the sense of the mass matrix.
+  pure integer function most_alike(shape, shapes) result(best)
+    complex(wp), intent(in) :: shape(:)                !! (p) on a mass-orthonormal basis
+    complex(wp), intent(in) :: shapes(:, :)            !! (p, modes)
     real(wp) :: alike, most
     integer :: j
     best = 1
     most = -1.0_wp
-    mx = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
-    do j = 1, undamped
-      my = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, modes%x(:, j)))
-      alike = abs(dot_product(modes%x(:, j), mx(1:ds%n)))**2/abs(dot_product(modes%x(:, j), my(1:ds%n)))
+    do j = 1, size(shapes, 2)
+      alike = abs(dot_product(shapes(:, j), shape))**2/real(dot_product(shapes(:, j), shapes(:, j)), wp)
       if (alike <= most) cycle
       most = alike
       best = j
     end do
   end function most_alike
-
-  !> Mass, damping and GHM stiffnesses of a shape.
-  subroutine project(ds, x, mass, damping, part)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)
-    real(wp), intent(out) :: mass, damping, part(:)
-    complex(wp) :: y(ds%n + ds%rows), v(size(y))
-    integer :: r, k
-    v = padded(ds, x)
-    y = ds%times(cmplx(ds%m, 0.0_wp, wp), v)
-    mass = real(dot_product(v, y), wp)
-    y = ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), v)
-    damping = real(dot_product(v, y), wp)
-    do r = 1, size(part)
-      part(r) = 0.0_wp
-      associate (p => ds%groups(r))
-        do k = 1, size(p%entry)
-          part(r) = part(r) + p%value(k)*real(conjg(v(ds%row(p%entry(k))))*v(ds%col(p%entry(k))), wp)
-        end do
-      end associate
-    end do
-  end subroutine project
 end module complex_modes

@@ -154,35 +154,43 @@ contains
     self%factorisations = self%factorisations + 1
   end subroutine factor
 
-  !> Solves with the last factor, corrected twice by the residual.
-  subroutine solve(self, x)
+  !> Solves with the last factor, or its transpose, corrected twice by the residual.
+  subroutine solve(self, x, transposed)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution
+    logical, intent(in), optional :: transposed
     complex(wp), allocatable :: b(:), r(:)
+    logical :: turned
     integer :: pass
+    turned = .false.
+    if (present(transposed)) turned = transposed
     b = x
-    call self%solver%solve(x)
+    call self%solver%solve(x, turned)
     do pass = 1, 2
-      r = b - self%balance(x)
-      call self%solver%solve(r)
+      r = b - self%balance(x, turned)
+      call self%solver%solve(r, turned)
       x = x + r
     end do
   end subroutine solve
 
-  !> The bordered matrix times x, the stiffness summed in twice the working precision.
-  pure function balance(self, x) result(y)
+  !> The bordered matrix, or its transpose, times x, the stiffness summed in twice the working precision.
+  pure function balance(self, x, transposed) result(y)
     class(stiffness_system), intent(in) :: self
     complex(wp), intent(in) :: x(:)            !! (n+rows)
+    logical, intent(in) :: transposed
     complex(wp) :: y(size(x)), g
     integer :: r
     if (self%part == whole) then
-      y = self%times(self%s**2*self%m + self%s*(self%gyro + self%damping*(self%c - self%gyro)) + self%joint, x)
+      g = merge(-self%s, self%s, transposed)
+      y = self%times(self%s**2*self%m + g*self%gyro + self%s*self%damping*(self%c - self%gyro) + self%joint, x)
     else
       y = self%times(cmplx(real(self%s**2, wp)*self%m + self%joint, 0.0_wp, wp), x)
     end if
     if (self%part == symmetric_part) then
       call add_accurate(self%row, self%col, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
       call add_accurate(self%col, self%row, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
+    else if (transposed) then
+      call add_accurate(self%col, self%row, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
     else
       call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
     end if

@@ -1,12 +1,15 @@
 !> The modes and poles found so far, with their shapes and residuals.
 module mode_list
   use kinds, only: wp
+  use complex_modulus, only: modulus_ratio
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: mode_set, padded, residual_of, known_slope
+  public :: mode_set, padded, residual_of
 
   integer, parameter, public :: undamped_mode = 0, vibration_mode = 1, further_mode = 2, real_pole = 3
+
+  real(wp), parameter, public :: same = 1.0e-6_wp      !! distance of two estimates of one pole, over its modulus [-]
 
   !> Modes and poles, one a column.
   type :: mode_set
@@ -16,10 +19,18 @@ module mode_list
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes
-    integer :: lost = 0                                !! searches that ended at poles found before
+    logical, allocatable :: claimed(:)                 !! a pole of the reduced system has led to it
+    complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
+    complex(wp), allocatable :: lost(:)                !! poles not found, nearly [1/s]
+    integer :: missing_undamped = 0                    !! modes that the count misses in the list
+    integer :: missing = 0                             !! poles that it misses
+    character(:), allocatable :: note_undamped         !! completeness in words
+    character(:), allocatable :: note_damped           !! likewise
   contains
+    procedure :: clear
     procedure :: add => add_mode
     procedure :: known
+    procedure :: claims
   end type mode_set
 
 contains
@@ -33,56 +44,79 @@ contains
     y(1:ds%n) = x(1:ds%n)
   end function padded
 
-  !> Sum of 1/(lambda - known poles).
-  pure complex(wp) function known_slope(modes, lambda, damping) result(slope)
-    type(mode_set), intent(in) :: modes
-    complex(wp), intent(in) :: lambda
-    real(wp), intent(in) :: damping
-    integer :: j
-    slope = 0.0_wp
-    do j = 1, modes%count
-      if ((modes%kind(j) == undamped_mode) .neqv. (damping <= 0.0_wp)) cycle
-      if (abs(lambda - modes%lambda(j)) > 1.0e-14_wp*abs(lambda)) slope = slope + 1.0_wp/(lambda - modes%lambda(j))
-      if (abs(modes%lambda(j)%im) > 0.0_wp .and. abs(lambda - conjg(modes%lambda(j))) > 1.0e-14_wp*abs(lambda)) then
-        slope = slope + 1.0_wp/(lambda - conjg(modes%lambda(j)))
-      end if
-    end do
-  end function known_slope
+  !> Makes the list empty.
+  subroutine clear(self, n)
+    class(mode_set), intent(out) :: self
+    integer, intent(in) :: n                           !! mechanical unknowns
+    allocate (self%kind(0), self%mode(0), self%lambda(0), self%residual(0), self%x(n, 0), self%claimed(0), self%unfound(0), &
+              self%lost(0))
+    self%note_undamped = 'undamped modes: not counted'
+    self%note_damped = ''
+  end subroutine clear
 
-  !> Whether a pole with the same shape has been found before.
-  pure logical function known(self, ds, lambda, x, damping) result(yes)
+  !> The number of a pole in the list with the same shape, one that is not claimed if there is any; 0: none.
+  integer function known(self, ds, lambda, x, kind) result(number)
     class(mode_set), intent(in) :: self
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: lambda, x(:)
-    real(wp), intent(in) :: damping
-    complex(wp), allocatable :: mx(:)
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: x(:)                    !! (n) its shape
+    integer, intent(in) :: kind                        !! undamped_mode, or any other for damped poles
+    complex(wp), allocatable :: mx(:), my(:)
     real(wp) :: alike
     integer :: j
-    yes = .false.
+    number = 0
     do j = 1, self%count
-      if ((self%kind(j) == undamped_mode) .neqv. (damping <= 0.0_wp)) cycle
-      if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > 1.0e-8_wp*abs(lambda)) cycle
+      if ((self%kind(j) == undamped_mode) .neqv. (kind == undamped_mode)) cycle
+      if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same*abs(lambda)) cycle
       mx = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
-      alike = abs(dot_product(self%x(:, j), mx(1:ds%n)))**2
-      alike = max(alike, abs(sum(self%x(:, j)*mx(1:ds%n)))**2)
-      alike = alike/abs(dot_product(x, mx(1:ds%n)))
-      mx = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, self%x(:, j)))
-      alike = alike/abs(dot_product(self%x(:, j), mx(1:ds%n)))
-      yes = yes .or. alike > 0.9_wp
+      my = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, self%x(:, j)))
+      alike = max(abs(dot_product(self%x(:, j), mx(1:ds%n)))**2, abs(sum(self%x(:, j)*mx(1:ds%n)))**2)
+      alike = alike/(abs(dot_product(x, mx(1:ds%n)))*abs(dot_product(self%x(:, j), my(1:ds%n))))
+      if (alike <= 0.99_wp) cycle
+      number = j
+      if (.not. self%claimed(j)) return
     end do
   end function known
+
+  !> Claims a damped pole of the list, the given one or the nearest, for one of the reduced system; false where there is none
+  !> or it is claimed.
+  logical function claims(self, lambda, number) result(yes)
+    class(mode_set), intent(inout) :: self
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    integer, intent(in), optional :: number            !! in the list, 0: none
+    integer :: j
+    if (present(number)) then
+      j = number
+    else
+      j = minloc(abs(self%lambda - lambda), 1, self%kind /= undamped_mode .and. .not. self%claimed)
+      if (j > 0) then
+        if (abs(self%lambda(j) - lambda) > 1.0e-7_wp*abs(lambda)) j = 0
+      end if
+    end if
+    yes = j > 0
+    if (yes) yes = .not. self%claimed(j)
+    if (yes) self%claimed(j) = .true.
+  end function claims
 
   !> |T x| against the sum of its parts, constraints left aside.
   real(wp) function residual_of(ds, lambda, x, damping) result(residual)
     type(stiffness_system), intent(inout) :: ds
-    complex(wp), intent(in) :: lambda, x(:)
-    real(wp), intent(in) :: damping
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: x(:)                    !! (n) shape
+    real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
     complex(wp) :: y(ds%n + ds%rows), r(ds%n + ds%rows)
-    real(wp) :: parts
+    real(wp) :: sizes(size(ds%values)), parts
+    integer :: k
     call ds%set(lambda, damping)
     y = padded(ds, x)
     r = ds%times(ds%values, y)
-    parts = norm2(abs(ds%times(cmplx(abs(ds%values), 0.0_wp, wp), cmplx(abs(y), 0.0_wp, wp))))
+    sizes = abs(lambda)**2*abs(ds%m) + abs(lambda)*abs(ds%gyro + damping*(ds%c - ds%gyro)) + abs(ds%k) + abs(ds%joint)
+    do k = 1, size(ds%groups)
+      associate (g => ds%groups(k))
+        if (damping > 0.0_wp) sizes(g%entry) = sizes(g%entry) + abs(modulus_ratio(g%alpha, g%zeta, g%omega, lambda)*g%value)
+      end associate
+    end do
+    parts = norm2(abs(ds%times(cmplx(sizes, 0.0_wp, wp), cmplx(abs(y), 0.0_wp, wp))))
     residual = multiplier_free(ds, r)/max(parts, tiny(1.0_wp))
   end function residual_of
 
@@ -112,6 +146,7 @@ contains
     self%mode = [self%mode, mode]
     self%lambda = [self%lambda, lambda]
     self%residual = [self%residual, residual]
+    self%claimed = [self%claimed, .false.]
     allocate (more(size(x), self%count + 1))
     more(:, 1:self%count) = self%x
     more(:, self%count + 1) = x

@@ -1,0 +1,244 @@
+!> Whether the list of modes and poles is complete, and the words that say so: where to count (`pole_count`), what is named.
+module pole_check
+  use kinds, only: wp, pi
+  use dynamic_stiffness, only: stiffness_system
+  use lapack, only: dgeev
+  use mode_list, only: mode_set, undamped_mode
+  use pole_count, only: pole_region, unnamed_poles
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: check_undamped, check_damped
+
+  real(wp), parameter :: steepest = 1.7_wp, flattest = 2.9_wp   !! bounds of the region's angle [rad]
+  real(wp), parameter :: narrow = 1.001_wp             !! ratio of moduli between which no boundary fits [-]
+  integer, parameter :: further_gaps = 6               !! gaps beyond the list in which the boundary may lie
+
+contains
+
+  !> Counts the undamped modes up to the highest one that is asked for.
+  subroutine check_undamped(ds, starts, modes)
+    type(stiffness_system), intent(inout) :: ds
+    complex(wp), intent(in) :: starts(:)               !! all that are known, Im < 0 where a search failed [1/s]
+    type(mode_set), intent(inout) :: modes
+    complex(wp), allocatable :: named(:), none(:)
+    type(pole_region) :: region
+    integer :: missing
+    logical :: ok
+    modes%note_undamped = 'undamped modes: '//to_text(modes%count)
+    named = pack(starts, starts%im >= 0.0_wp)
+    if (.not. any(abs(modes%lambda) > 0.0_wp)) then
+      if (size(modes%unfound) > 0) modes%note_undamped = modes%note_undamped//', '//to_text(size(modes%unfound))//' not found'
+      return
+    end if
+    allocate (none(0))
+    call region_of(named, maxval([abs(modes%lambda), abs(modes%unfound)]), pi/2 + 0.3_wp, region, none, none)
+    call unnamed_poles(ds, 0.0_wp, region, doubled(named), none, [integer ::], missing, ok)
+    if (ok) modes%missing_undamped = (missing + 1)/2
+    modes%note_undamped = modes%note_undamped//', '//verdict(region, .false., modes%missing_undamped, ok)
+  end subroutine check_undamped
+
+  !> Rigid motions have two poles at zero.
+  pure function doubled(named) result(poles)
+    complex(wp), intent(in) :: named(:)                !! [1/s]
+    complex(wp), allocatable :: poles(:)
+    poles = [named, pack(named, abs(named) <= 0.0_wp)]
+  end function doubled
+
+  !> Counts the poles of the damped system.
+  subroutine check_damped(ds, whole, left_out, zeros, others, ranks, modes, unlisted)
+    type(stiffness_system), intent(inout) :: ds
+    logical, intent(in) :: whole                       !! all poles that there are were looked for
+    integer, intent(in) :: left_out                    !! motions that the reduced system leaves out
+    integer, intent(in) :: zeros                       !! poles at zero
+    complex(wp), intent(in) :: others(:)               !! poles of modes that are not asked for, nearly [1/s]
+    integer, intent(in) :: ranks(:)                    !! (groups) orders of the GHM terms' own poles
+    type(mode_set), intent(inout) :: modes, unlisted
+    complex(wp), allocatable :: listed(:), named(:), laws(:), ends(:)
+    integer, allocatable :: orders(:), beyond(:)
+    type(pole_region) :: region
+    integer :: missing, number, j
+    logical :: ok
+    listed = pack(modes%lambda, modes%kind /= undamped_mode)
+    number = size(listed) + count(listed%im > 0.0_wp)
+    modes%missing = size(modes%lost) + count(modes%lost%im > 0.0_wp)
+    modes%note_damped = 'poles: '//to_text(number)//' with conjugates'
+    if (modes%missing > 0) then
+      modes%note_damped = modes%note_damped//', '//to_text(modes%missing)//' missing between '//hertz(minval(abs(modes%lost)))// &
+                          ' and '//hertz(maxval(abs(modes%lost)))//' (moduli)'
+      return
+    end if
+    if (size(listed) == 0) return
+    named = [listed, unlisted%lambda, others]
+    call law_poles(ds, ranks, laws, orders, ends)
+    beyond = chain_orders(ds, left_out)
+    if (whole) then
+      region = pole_region(0.5_wp*minval(abs(named)), 2*maxval([abs(named), abs(laws)]), &
+                           widest([named, laws], 0.0_wp, huge(1.0_wp), steepest))
+    else
+      call region_of(named, maxval(abs(pack(listed, -listed%re < 0.5_wp*abs(listed)))), steepest, region, laws, ends)
+    end if
+    named = [named, [((0.0_wp, 0.0_wp), j=1, zeros)]]
+    orders = [orders + beyond, -beyond]
+    call unnamed_poles(ds, 1.0_wp, region, named, [laws, ends], orders, missing, ok)
+    if (ok) modes%missing = max(missing, 0)
+    modes%note_damped = modes%note_damped//', '//verdict(region, .true., modes%missing, ok)
+    if (ok .and. whole .and. missing == 0) modes%note_damped = 'poles: complete, all '//to_text(number)//' with conjugates'
+  end subroutine check_damped
+
+  !> A region that holds the listed poles and whose boundary is far from all: it ends in the widest gap beyond the list, where
+  !> each set of GHM terms has as many poles of its own inside as ends of the chains of poles that start there.
+  subroutine region_of(named, top, angle, region, laws, ends)
+    complex(wp), intent(in) :: named(:)                !! known poles [1/s]
+    real(wp), intent(in) :: top                        !! modulus of the highest listed one [1/s]
+    real(wp), intent(in) :: angle                      !! smallest angle [rad]
+    type(pole_region), intent(out) :: region
+    complex(wp), intent(in) :: laws(:), ends(:)        !! of the GHM terms, in the same order [1/s]
+    real(wp) :: from, to, best, lowest
+    integer :: k
+    logical :: near(size(named))
+    near = abs(named) > 0.0_wp .and. abs(named%im) > 0.3_wp*abs(named)
+    if (.not. any(near)) near = abs(named) > 0.0_wp
+    lowest = minval(abs(named), near)
+    best = 0.0_wp
+    from = top
+    region%outer = 1.1_wp*top
+    do k = 1, further_gaps
+      to = 1.5_wp*from
+      if (any(near .and. abs(named) > from)) to = min(to, minval(abs(named), near .and. abs(named) > from))
+      if (to/from > max(best, narrow) .and. balanced(sqrt(from*to))) then
+        best = to/from
+        region%outer = sqrt(from*to)
+      end if
+      if (.not. any(near .and. abs(named) > from)) exit
+      from = to
+    end do
+    region%inner = 0.5_wp*min(lowest, top)
+    region%angle = widest([named, laws], region%inner, region%outer, angle)
+  contains
+    !> Whether no chain of poles crosses a circle.
+    pure logical function balanced(radius) result(yes)
+      real(wp), intent(in) :: radius                   !! [1/s]
+      yes = all((abs(laws) < radius) .eqv. (abs(ends) < radius))
+    end function balanced
+  end subroutine region_of
+
+  !> The middle of the widest angle without known poles.
+  pure real(wp) function widest(named, inner, outer, least) result(angle)
+    complex(wp), intent(in) :: named(:)                !! [1/s]
+    real(wp), intent(in) :: inner, outer               !! moduli between which poles count [1/s]
+    real(wp), intent(in) :: least                      !! smallest angle [rad]
+    real(wp) :: at(size(named)), from, to, best
+    integer :: k
+    at = atan2(abs(named%im), named%re)
+    angle = 0.5_wp*(least + flattest)
+    from = least
+    best = 0.0_wp
+    do k = 1, size(named) + 1
+      to = minval([flattest, pack(at, at > from .and. abs(named) > inner .and. abs(named) < outer)])
+      if (to - from > best) then
+        best = to - from
+        angle = 0.5_wp*(from + to)
+      end if
+      if (to >= flattest) return
+      from = to
+    end do
+  end function widest
+
+  !> Poles of the GHM terms themselves with their orders in the determinant, and where the chains of poles end that start
+  !> there: with growing stiffness they tend to the zeros of the modulus, 1 + g(s) = 0.
+  subroutine law_poles(ds, ranks, laws, orders, ends)
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: ranks(:)                    !! (groups)
+    complex(wp), allocatable, intent(out) :: laws(:), ends(:)   !! [1/s]
+    integer, allocatable, intent(out) :: orders(:)
+    complex(wp), allocatable :: own(:), tips(:)
+    integer :: r, j
+    allocate (laws(0), ends(0), orders(0))
+    do r = 1, size(ds%groups)
+      associate (g => ds%groups(r))
+        own = eigenvalues(chain(g%zeta, g%omega, 0*g%alpha))
+        tips = eigenvalues(chain(g%zeta, g%omega, g%alpha/(1 + sum(g%alpha))))
+        laws = [laws, own]
+        ends = [ends, tips]
+        orders = [orders, [(ranks(r), j=1, size(own))]]
+      end associate
+    end do
+  end subroutine law_poles
+
+  !> About how many of the motions left out each set of terms damps: each has a chain of poles of its own, which lie near its
+  !> end. None crosses the boundary, so that they only smooth what is counted.
+  function chain_orders(ds, left_out) result(orders)
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: left_out
+    integer, allocatable :: orders(:)                  !! of each pole of the terms
+    integer :: r, j, entries
+    allocate (orders(0))
+    entries = max(1, sum([(size(ds%groups(r)%entry), r=1, size(ds%groups))]))
+    do r = 1, size(ds%groups)
+      orders = [orders, [(nint(left_out*real(size(ds%groups(r)%entry), wp)/entries), j=1, 2*size(ds%groups(r)%alpha))]]
+    end do
+  end function chain_orders
+
+  !> z_k' = omega_k y_k, y_k' = -2 zeta_k omega_k y_k - omega_k (z_k - sum_j share_j z_j).
+  pure function chain(zeta, omega, share) result(a)
+    real(wp), intent(in) :: zeta(:)                    !! [-]
+    real(wp), intent(in) :: omega(:)                   !! [rad/s]
+    real(wp), intent(in) :: share(:)                   !! [-]
+    real(wp) :: a(2*size(omega), 2*size(omega))
+    integer :: k, n
+    n = size(omega)
+    a = 0.0_wp
+    do k = 1, n
+      a(k, n + k) = omega(k)
+      a(n + k, n + k) = -2*zeta(k)*omega(k)
+      a(n + k, 1:n) = omega(k)*share
+      a(n + k, k) = a(n + k, k) - omega(k)
+    end do
+  end function chain
+
+  !> Eigenvalues by ascending modulus.
+  function eigenvalues(matrix) result(values)
+    real(wp), intent(in) :: matrix(:, :)               !! [1/s]
+    complex(wp) :: values(size(matrix, 1)), all(size(matrix, 1))
+    real(wp) :: a(size(matrix, 1), size(matrix, 1)), wr(size(matrix, 1)), wi(size(matrix, 1)), work(8*size(matrix, 1)), v(1, 2)
+    logical :: left(size(matrix, 1))
+    integer :: n, k, j, info
+    n = size(matrix, 1)
+    a = matrix
+    call dgeev('N', 'N', n, a, n, wr, wi, v(:, 1:1), 1, v(:, 2:2), 1, work, size(work), info)
+    all = cmplx(wr, wi, wp)
+    left = .true.
+    do k = 1, n
+      j = minloc(abs(all), 1, left)
+      left(j) = .false.
+      values(k) = all(j)
+    end do
+  end function eigenvalues
+
+  !> The count in words.
+  function verdict(region, damped, missing, ok) result(text)
+    type(pole_region), intent(in) :: region
+    logical, intent(in) :: damped
+    integer, intent(in) :: missing
+    logical, intent(in) :: ok
+    character(:), allocatable :: text
+    character(60) :: range
+    range = hertz(region%inner)//' and '//hertz(region%outer)
+    if (.not. ok) then
+      text = 'not counted: between '//trim(range)//' the determinant is lost in rounding or poles crowd at the boundary'
+    else if (missing > 0) then
+      text = to_text(missing)//' missing between '//trim(range)
+    else
+      text = 'complete between '//trim(range)
+    end if
+    if (ok .and. damped) text = text//' up to a damping ratio of '//to_text(anint(-100*cos(region%angle))/100)
+  end function verdict
+
+  !> A modulus as a frequency.
+  pure function hertz(modulus) result(text)
+    real(wp), intent(in) :: modulus                    !! [rad/s]
+    character(:), allocatable :: text
+    text = to_text(modulus/(2*pi))//' Hz'
+  end function hertz
+end module pole_check

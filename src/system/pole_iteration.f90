@@ -1,0 +1,205 @@
+!> One pole of the linearised mechanism with its right and left vectors, T(lambda) x = 0, y^T T(lambda) = 0, by two-sided
+!> Rayleigh iteration (Schreiber 2008): x <- T^-1 T' x, y <- T^-T T'^T y, lambda the root of y^T T(lambda) x. It converges
+!> cubically, and the root is of second order in the errors of x and y: what rounding leaves in the factor of a nearly
+!> singular T does not reach lambda. A T that is singular to the last bit is what the iteration looks for.
+module pole_iteration
+  use kinds, only: wp
+  use complex_modulus, only: modulus_ratio, modulus_slope
+  use dynamic_stiffness, only: stiffness_system
+  implicit none (type, external)
+  private
+  public :: pole_state, start_pole, refine_pole, follow_damping, exact
+
+  integer, parameter :: most_passes = 14
+  real(wp), parameter :: exact = 1.0e-8_wp             !! relative change after which it has settled: the next one is its cube [-]
+  real(wp), parameter :: smallest_step = 1.0e-4_wp     !! of the growing damping [-]
+
+  !> A pole.
+  type :: pole_state
+    complex(wp) :: lambda = (0.0_wp, 0.0_wp)           !! [1/s]
+    complex(wp), allocatable :: x(:)                   !! (n) right vector, its largest entry 1 [-]
+    complex(wp), allocatable :: y(:)                   !! (n) left vector, likewise [-]
+  end type pole_state
+
+contains
+
+  !> A first estimate: without gyroscopic terms the left vector is the right one, with them its conjugate is near.
+  function start_pole(ds, lambda, x) result(pole)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: x(:)                    !! (n) shape [-]
+    type(pole_state) :: pole
+    pole%lambda = lambda
+    pole%x = x/maxval(abs(x))
+    pole%y = pole%x
+    if (.not. ds%symmetric) pole%y = conjg(pole%x)
+  end function start_pole
+
+  !> Iterates until the pole changes by less than the tolerance, or by rounding alone.
+  subroutine refine_pole(ds, damping, tolerance, pole, ok)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
+    real(wp), intent(in) :: tolerance                  !! relative change [-]
+    type(pole_state), intent(inout) :: pole
+    logical, intent(out) :: ok
+    complex(wp) :: before
+    real(wp) :: change, last
+    integer :: pass
+    last = huge(1.0_wp)
+    do pass = 1, most_passes
+      before = pole%lambda
+      call ds%set(pole%lambda, damping)
+      call ds%factor()
+      call iterate(ds, pole%x, .false., ok)
+      if (ok .and. ds%symmetric) pole%y = pole%x
+      if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., ok)
+      if (.not. ok) then                               ! singular to the last bit: beside the pole the vectors are the same
+        pole%lambda = before*(1.0_wp + 1.0e-10_wp)
+        cycle
+      end if
+      call functional_root(ds, damping, pole, ok)
+      if (.not. ok) return
+      change = abs(pole%lambda - before)
+      if (change <= tolerance*abs(pole%lambda)) return
+      if (change <= 1.0e-7_wp*abs(pole%lambda) .and. change > 0.3_wp*last) return   ! rounding alone changes it
+      last = change
+    end do
+    ok = .false.
+  end subroutine refine_pole
+
+  !> x <- T^-1 T' x, or with the transposed matrices.
+  subroutine iterate(ds, x, transposed, ok)
+    type(stiffness_system), intent(inout) :: ds
+    complex(wp), intent(inout) :: x(:)                 !! (n) [-]
+    logical, intent(in) :: transposed
+    logical, intent(out) :: ok
+    complex(wp) :: u(ds%n + ds%rows)
+    u = 0.0_wp
+    u(1:ds%n) = x
+    if (transposed) then
+      u = ds%times(ds%slope(ds%mirror), u)
+    else
+      u = ds%times(ds%slope, u)
+    end if
+    call ds%solve(u, transposed)
+    ok = maxval(abs(u)) <= huge(1.0_wp) .and. any(abs(u(1:ds%n)) > 0.0_wp)
+    if (ok) x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
+  end subroutine iterate
+
+  !> The root of y^T T(lambda) x near lambda, by Newton's method.
+  subroutine functional_root(ds, damping, pole, ok)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: damping                    !! [-]
+    type(pole_state), intent(inout) :: pole
+    logical, intent(out) :: ok
+    complex(wp) :: x(ds%n + ds%rows), m, c, k, part(size(ds%groups)), f, df, step, lambda
+    integer :: pass, r
+    x = 0.0_wp
+    x(1:ds%n) = pole%x
+    m = left_product(ds%times(cmplx(ds%m, 0.0_wp, wp), x))
+    c = left_product(ds%times(cmplx(ds%gyro + damping*(ds%c - ds%gyro), 0.0_wp, wp), x))
+    k = left_product(ds%stiffness_product(x, 0))
+    part = 0.0_wp
+    do r = 1, size(part)
+      if (damping > 0.0_wp) part(r) = damping*left_product(ds%stiffness_product(x, r))
+    end do
+    lambda = pole%lambda
+    do pass = 1, 8
+      f = m*lambda**2 + c*lambda + k
+      df = 2*m*lambda + c
+      do r = 1, size(part)
+        associate (p => ds%groups(r))
+          f = f + part(r)*modulus_ratio(p%alpha, p%zeta, p%omega, lambda)
+          df = df + part(r)*modulus_slope(p%alpha, p%zeta, p%omega, lambda)
+        end associate
+      end do
+      step = 0.0_wp
+      if (abs(f) > 0.0_wp) step = -f/df
+      if (abs(step) > 0.3_wp*abs(lambda)) step = step*(0.3_wp*abs(lambda)/abs(step))
+      ok = abs(step) <= abs(lambda)
+      if (.not. ok) return
+      lambda = lambda + step
+      if (abs(step) <= epsilon(1.0_wp)*abs(lambda)) exit
+    end do
+    pole%lambda = lambda
+  contains
+    !> y^T times a force.
+    pure complex(wp) function left_product(force) result(value)
+      complex(wp), intent(in) :: force(:)
+      value = sum(pole%y*force(1:ds%n))
+    end function left_product
+  end subroutine functional_root
+
+  !> Follows an undamped mode while the damping grows from 0 to 1, in steps that keep it recognisable.
+  subroutine follow_damping(ds, longest, pole, vibrates)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: longest                    !! step of the damping [-]
+    type(pole_state), intent(inout) :: pole            !! in: the undamped mode; out: the vibration that it turns into
+    logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
+    type(pole_state) :: next
+    complex(wp) :: rate, foreseen
+    real(wp) :: damping, step, ahead
+    logical :: good
+    damping = 0.0_wp
+    step = 0.1_wp*longest
+    vibrates = .true.
+    if (.not. ds%symmetric) call refine_pole(ds, damping, exact, pole, vibrates)
+    do while (vibrates .and. damping < 1.0_wp)
+      rate = damping_rate(ds, pole, damping)
+      ahead = min(1.0_wp, damping + step)
+      next = pole
+      next%lambda = pole%lambda + rate*(ahead - damping)
+      good = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
+      foreseen = next%lambda
+      if (good) call functional_root(ds, ahead, next, good)
+      if (good) good = abs(next%lambda - foreseen) <= 0.1_wp*abs(next%lambda)
+      foreseen = next%lambda                           ! the shape as it was: small is what it has changed
+      if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, ahead >= 1.0_wp), next, good)
+      if (good) good = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
+      if (good) good = abs(next%lambda - foreseen) <= 0.01_wp*abs(next%lambda)
+      if (good) good = alike(ds, pole, next)
+      if (good) then
+        pole = next
+        damping = ahead
+        step = min(2*step, longest)
+      else
+        step = step/2
+        vibrates = step > smallest_step
+      end if
+    end do
+  end subroutine follow_damping
+
+  !> d lambda/d(damping) = -y^T (s C + sum g_r K_r) x / y^T T' x.
+  complex(wp) function damping_rate(ds, pole, damping) result(rate)
+    type(stiffness_system), intent(inout) :: ds
+    type(pole_state), intent(in) :: pole
+    real(wp), intent(in) :: damping                    !! [-]
+    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), with(size(ds%values))
+    x = 0.0_wp
+    y = 0.0_wp
+    x(1:ds%n) = pole%x
+    y(1:ds%n) = pole%y
+    call ds%set(pole%lambda, 1.0_wp)
+    with = ds%values
+    call ds%set(pole%lambda, 0.0_wp)
+    with = with - ds%values
+    call ds%set(pole%lambda, damping)
+    rate = -sum(y*ds%times(with, x))/sum(y*ds%times(ds%slope, x))
+  end function damping_rate
+
+  !> Whether two poles belong to one path: their vectors are biorthogonal to those of all others.
+  logical function alike(ds, a, b) result(yes)
+    type(stiffness_system), intent(in) :: ds
+    type(pole_state), intent(in) :: a, b
+    complex(wp) :: v(ds%n + ds%rows), w(ds%n + ds%rows)
+    v = 0.0_wp
+    w = 0.0_wp
+    v(1:ds%n) = a%x
+    w(1:ds%n) = b%x
+    v = ds%times(ds%slope, v)
+    w = ds%times(ds%slope, w)
+    associate (va => v(1:ds%n), wb => w(1:ds%n))
+      yes = abs(sum(a%y*wb)*sum(b%y*va)/(sum(a%y*va)*sum(b%y*wb)) - 1.0_wp) < 0.05_wp
+    end associate
+  end function alike
+end module pole_iteration

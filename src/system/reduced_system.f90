@@ -1,0 +1,316 @@
+!> The linearised mechanism on a subspace of undamped motions, GHM terms as coordinates of their own in the space that each
+!> set of terms deforms (theory.md, section 5), K_r = F F^T:
+!>   x'' = -K x - C x' - sum_r F sum_k alpha_k (F^T x - z_rk),   z_rk'' = -2 zeta_k omega_k z_rk' - omega_k^2 (z_rk - F^T x)
+!> Motions that hardly couple are taken apart: each mode of a homogeneous body is a system of its own. The poles start the
+!> search for those of the whole, and their number bounds it.
+module reduced_system
+  use kinds, only: wp
+  use dynamic_stiffness, only: stiffness_system
+  use lapack, only: dgeev, dsyev
+  implicit none (type, external)
+  private
+  public :: reduced_model, reduced_poles
+
+  integer, parameter :: largest = 400                  !! unknowns of first order beyond which a part is cut at weak couplings
+  real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
+  real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
+
+  real(wp), parameter :: spread_zero = 3.0e-8_wp       !! modulus of a zero that rounding spreads, over the highest frequency [-]
+  real(wp), parameter :: undamped = 1.0e-13_wp         !! rate of a rigid motion that is rounding, over the highest frequency [-]
+
+  !> The matrices on the subspace.
+  type :: reduced_model
+    integer :: p = 0                                   !! motions
+    real(wp), allocatable :: basis(:, :)               !! (n, p) of unit modal mass [1/sqrt(kg)]
+    logical, allocatable :: rigid(:)                   !! (p) motions without stiffness
+    real(wp), allocatable :: k(:, :)                   !! (p, p) at E_R [1/s2]
+    real(wp), allocatable :: g(:, :)                   !! (p, p) gyroscopic terms [1/s]
+    real(wp), allocatable :: c(:, :)                   !! (p, p) damping [1/s]
+    real(wp), allocatable :: part(:, :, :)             !! (p, p, groups) of each set of terms [1/s2]
+    real(wp), allocatable :: scale(:)                  !! (p) about the frequency of each motion [rad/s]
+    integer, allocatable :: label(:)                   !! (p) which part each motion is in
+    integer :: parts = 0
+    logical :: exact = .true.                          !! no coupling was cut
+  contains
+    procedure :: build
+    procedure :: take_apart
+  end type reduced_model
+
+  !> Poles of one part.
+  type :: reduced_poles
+    complex(wp), allocatable :: lambda(:)              !! those with Im >= 0, zeros of rigid motions left out [1/s]
+    complex(wp), allocatable :: shape(:, :)            !! (p, poles)
+    integer, allocatable :: rank(:)                    !! (groups) of the stiffness of each set of terms
+    integer :: zeros = 0                               !! poles at zero
+  contains
+    procedure :: find
+  end type reduced_poles
+
+contains
+
+  !> Products of all matrices with the basis.
+  subroutine build(self, ds, basis, rigid)
+    class(reduced_model), intent(out) :: self
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: basis(:, :)                !! (n, p) [1/sqrt(kg)]
+    logical, intent(in) :: rigid(:)                    !! (p)
+    complex(wp) :: v(ds%n + ds%rows)
+    integer :: j, r
+    self%p = size(basis, 2)
+    self%basis = basis
+    self%rigid = rigid
+    associate (p => self%p)
+      allocate (self%k(p, p), self%g(p, p), self%c(p, p), self%part(p, p, size(ds%groups)), self%scale(p))
+    end associate
+    do j = 1, self%p
+      v = 0.0_wp
+      v(1:ds%n) = basis(:, j)
+      self%k(:, j) = projected(ds%stiffness_product(v, 0))
+      self%g(:, j) = projected(ds%times(cmplx(ds%gyro, 0.0_wp, wp), v))
+      self%c(:, j) = projected(ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), v))
+      do r = 1, size(ds%groups)
+        self%part(:, j, r) = projected(ds%stiffness_product(v, r))
+      end do
+    end do
+    if (ds%symmetric) self%k = 0.5_wp*(self%k + transpose(self%k))
+    do j = 1, self%p
+      if (.not. rigid(j)) cycle
+      self%k(:, j) = 0.0_wp
+      if (ds%conservative) self%k(j, :) = 0.0_wp
+      self%part(:, j, :) = 0.0_wp
+      self%part(j, :, :) = 0.0_wp
+    end do
+    do j = 1, self%p
+      self%scale(j) = abs(self%k(j, j))
+      do r = 1, size(ds%groups)
+        self%scale(j) = self%scale(j) + sum(ds%groups(r)%alpha)*self%part(j, j, r)
+      end do
+      self%scale(j) = max(sqrt(self%scale(j)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
+      if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
+    end do
+  contains
+    !> Components of a force on the basis.
+    function projected(force) result(y)
+      complex(wp), intent(in) :: force(:)
+      real(wp) :: y(size(basis, 2))
+      y = matmul(real(force(1:ds%n), wp), basis)
+    end function projected
+  end subroutine build
+
+  !> Sorts the motions into parts that do not couple; parts too large are cut where they couple least.
+  subroutine take_apart(self, ds)
+    class(reduced_model), intent(inout) :: self
+    type(stiffness_system), intent(in) :: ds
+    real(wp) :: coupling(self%p, self%p), cut
+    integer :: i, j, r, part, order
+    do j = 1, self%p
+      do i = 1, self%p
+        associate (d => self%scale(i)*self%scale(j))
+          coupling(i, j) = max(abs(self%k(i, j))/d, (abs(self%g(i, j)) + abs(self%c(i, j)))/sqrt(d))
+          do r = 1, size(ds%groups)
+            coupling(i, j) = max(coupling(i, j), sum(ds%groups(r)%alpha)*abs(self%part(i, j, r))/d)
+          end do
+        end associate
+      end do
+    end do
+    coupling = max(coupling, transpose(coupling))
+    allocate (self%label(self%p), source=0)
+    self%parts = 0
+    do j = 1, self%p
+      if (self%label(j) > 0) cycle
+      cut = uncoupled
+      do
+        self%parts = self%parts + 1
+        part = self%parts
+        call spread_label(j)
+        order = order_of(self, ds, pack([(i, i=1, self%p)], self%label == part))
+        if (order <= largest .or. count(self%label == part) == 1) exit
+        where (self%label == part) self%label = 0      ! cut higher and try again
+        self%parts = self%parts - 1
+        self%exact = .false.
+        cut = 3*cut
+      end do
+    end do
+  contains
+    !> Labels all motions that couple to one, directly or through others.
+    subroutine spread_label(start)
+      integer, intent(in) :: start
+      integer :: queue(self%p), head, tail, m
+      self%label(start) = part
+      queue(1) = start
+      head = 1
+      tail = 1
+      do while (head <= tail)
+        do m = 1, self%p
+          if (self%label(m) > 0 .or. coupling(m, queue(head)) <= cut) cycle
+          self%label(m) = part
+          tail = tail + 1
+          queue(tail) = m
+        end do
+        head = head + 1
+      end do
+    end subroutine spread_label
+  end subroutine take_apart
+
+  !> Unknowns of first order of some motions.
+  integer function order_of(self, ds, members) result(order)
+    type(reduced_model), intent(in) :: self
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: members(:)
+    real(wp), allocatable :: f(:, :)
+    integer :: r
+    order = 2*size(members)
+    do r = 1, size(ds%groups)
+      call deformation(self, members, r, f)
+      order = order + 2*size(f, 2)*size(ds%groups(r)%alpha)
+    end do
+  end function order_of
+
+  !> F of one set of terms in scaled unknowns, (K_r)_ij/(scale_i scale_j) = (F F^T)_ij.
+  subroutine deformation(self, members, r, f)
+    type(reduced_model), intent(in) :: self
+    integer, intent(in) :: members(:), r
+    real(wp), allocatable, intent(out) :: f(:, :)      !! (members, rank) [-]
+    real(wp) :: a(size(members), size(members)), w(size(members)), work(40*size(members))
+    integer :: i, n, info
+    n = size(members)
+    do i = 1, n
+      a(:, i) = 0.5_wp*(self%part(members, members(i), r) + self%part(members(i), members, r)) &
+                /(self%scale(members)*self%scale(members(i)))
+    end do
+    call dsyev('V', 'U', n, a, n, w, work, size(work), info)
+    f = a(:, pack([(i, i=1, n)], w > still))
+    w(1:size(f, 2)) = pack(w, w > still)
+    do i = 1, size(f, 2)
+      f(:, i) = sqrt(w(i))*f(:, i)
+    end do
+  end subroutine deformation
+
+  !> All poles of one part, or those of its undamped system.
+  subroutine find(self, model, ds, members, damped, ok)
+    class(reduced_poles), intent(inout) :: self
+    type(reduced_model), intent(in) :: model
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: members(:)                  !! the motions of the part
+    logical, intent(in) :: damped
+    logical, intent(out) :: ok
+    real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
+    real(wp) :: left(1, 1)
+    logical, allocatable :: kept(:)
+    integer :: n, c, j, k, info
+    call first_order(self, model, ds, members, damped, a)
+    n = size(a, 1)
+    c = size(members)
+    allocate (wr(n), wi(n), vr(n, n), work(34*n))
+    call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
+    ok = info == 0
+    if (ds%symmetric) then
+      self%zeros = zero_poles(model, members, damped)
+    else                                               ! rounding spreads a double zero over a circle
+      self%zeros = max(count(model%rigid(members)), count(hypot(wr, wi) <= spread_zero*maxval(model%scale)))
+    end if
+    kept = wi >= 0.0_wp
+    do j = 1, self%zeros
+      k = minloc(hypot(wr, wi), 1)
+      wr(k) = huge(1.0_wp)                             ! counted, not looked for
+      kept(k) = .false.
+    end do
+    if (damped) then
+      do j = 1, n
+        if (kept(j)) kept(j) = .not. unseen(ds, cmplx(wr(j), wi(j), wp))
+      end do
+    end if
+    allocate (self%lambda(count(kept)), self%shape(model%p, count(kept)))
+    self%shape = 0.0_wp
+    k = 0
+    do j = 1, n
+      if (.not. kept(j)) cycle
+      k = k + 1
+      self%lambda(k) = cmplx(wr(j), wi(j), wp)
+      self%shape(members, k) = vr(1:c, j)/model%scale(members)
+      if (wi(j) > 0.0_wp) self%shape(members, k) = cmplx(vr(1:c, j), vr(1:c, j + 1), wp)/model%scale(members)
+    end do
+  end subroutine find
+
+  !> The matrix of first order for (scale x, x', then F^T-sized z and z'/omega of each term of each group).
+  subroutine first_order(self, model, ds, members, damped, a)
+    class(reduced_poles), intent(inout) :: self
+    type(reduced_model), intent(in) :: model
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: members(:)
+    logical, intent(in) :: damped
+    real(wp), allocatable, intent(out) :: a(:, :)      !! [1/s]
+    real(wp), allocatable :: f(:, :), whole(:, :)
+    integer :: c, r, k, i, j, m, n, groups
+    groups = merge(size(ds%groups), 0, damped)
+    c = size(members)
+    n = 2*c
+    allocate (self%rank(groups), source=0)
+    do r = 1, groups
+      call deformation(model, members, r, f)
+      self%rank(r) = size(f, 2)
+      n = n + 2*size(f, 2)*size(ds%groups(r)%alpha)
+    end do
+    allocate (a(n, n), source=0.0_wp)
+    do j = 1, c
+      a(j, c + j) = model%scale(members(j))
+      a(c + 1:2*c, j) = -model%k(members, members(j))/model%scale(members(j))
+      a(c + 1:2*c, c + j) = -model%g(members, members(j))
+      if (damped) a(c + 1:2*c, c + j) = a(c + 1:2*c, c + j) - model%c(members, members(j))
+    end do
+    i = 2*c
+    do r = 1, groups
+      call deformation(model, members, r, f)
+      m = size(f, 2)
+      whole = f
+      do j = 1, m
+        whole(:, j) = f(:, j)*model%scale(members)
+      end do
+      associate (g => ds%groups(r))
+        do k = 1, size(g%alpha)
+          a(c + 1:2*c, 1:c) = a(c + 1:2*c, 1:c) - g%alpha(k)*matmul(whole, transpose(f))
+          a(c + 1:2*c, i + 1:i + m) = g%alpha(k)*whole
+          a(i + m + 1:i + 2*m, 1:c) = g%omega(k)*transpose(f)
+          do j = 1, m
+            a(i + j, i + m + j) = g%omega(k)
+            a(i + m + j, i + j) = -g%omega(k)
+            a(i + m + j, i + m + j) = -2*g%zeta(k)*g%omega(k)
+          end do
+          i = i + 2*m
+        end do
+      end associate
+    end do
+  end subroutine first_order
+
+  !> Poles at zero: each rigid motion has one, and another where nothing damps it.
+  integer function zero_poles(model, members, damped) result(zeros)
+    type(reduced_model), intent(in) :: model
+    integer, intent(in) :: members(:)
+    logical, intent(in) :: damped
+    real(wp), allocatable :: rate(:, :), w(:), work(:)
+    integer, allocatable :: r(:)
+    integer :: n, info
+    r = pack(members, model%rigid(members))
+    n = size(r)
+    zeros = 2*n
+    if (n == 0 .or. .not. damped) return
+    allocate (w(n), work(40*n))
+    rate = model%c(r, r) + model%g(r, r)
+    rate = matmul(transpose(rate), rate)
+    call dsyev('N', 'U', n, rate, n, w, work, size(work), info)
+    zeros = zeros - count(w > (undamped*maxval(model%scale))**2)
+  end function zero_poles
+
+  !> Whether a pole is one of a GHM term alone, in which the mechanism stands still.
+  pure logical function unseen(ds, lambda) result(yes)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    integer :: r
+    yes = .false.
+    do r = 1, size(ds%groups)
+      associate (g => ds%groups(r))
+        yes = yes .or. any(abs(lambda**2 + 2*g%zeta*g%omega*lambda + g%omega**2) <= 1.0e-9_wp*g%omega**2)
+      end associate
+    end do
+  end function unseen
+end module reduced_system

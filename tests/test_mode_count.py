@@ -1,0 +1,319 @@
+"""Modes and poles of random scenes against all eigenvalues of the same scene, made dense and of first order.
+
+The matrices are those of the linearisation (which `test_linearisation.py` holds against finite differences); null space of the
+constraints, internal variables in the space that each set of terms deforms, and the eigenvalues are numpy's.
+"""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from histories import read
+from test_linearisation import evaluate, layout
+
+UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
+
+
+class Dense:
+    """The linearised scene on the null space of its constraints.
+
+    Attributes:
+        mass, gyro, damping, stiffness: (p, p)
+        parts: (alpha, zeta, omega, K_r) of each distinct set of terms
+    """
+
+    def __init__(self, probe, path):
+        nq, nz, rows, _ = layout(str(path))
+        text = subprocess.run([str(probe), "layout", str(path)], check=True, capture_output=True, text=True).stdout
+        initial = [np.array(line.split()[1:], float) for line in text.splitlines() if line.startswith("initial")]
+        state = [0.0, *initial[0], *initial[1], *np.zeros(2 * nz)]
+        named = evaluate(str(path), [state], "linear")[0]
+        base, runs = {}, []
+        for key, value in named:
+            if key == "run":
+                runs.append([value.reshape(3, -1)])
+            elif key == "run_stiffness":
+                runs[-1].append(value.reshape(nq, nq).T)
+            else:
+                base[key] = value
+        null = np.eye(nq)
+        if rows:
+            jac = base["rows"].reshape(nq, rows).T
+            _, s, vt = np.linalg.svd(jac)
+            null = vt[int((s > 1e-9 * s.max()).sum()) :].T
+        full = {k: base[k].reshape(nq, nq).T for k in ("mass", "damping", "stiffness")}
+        mass = null.T @ full["mass"] @ null
+        null = null @ np.linalg.inv(np.linalg.cholesky((mass + mass.T) / 2)).T
+        damping = null.T @ full["damping"] @ null
+        self.stiffness = null.T @ full["stiffness"] @ null
+        self.gyro, self.damping = (damping - damping.T) / 2, (damping + damping.T) / 2
+        sets = {}
+        for terms, k in runs:
+            key = terms.tobytes()
+            sets.setdefault(key, [terms, 0.0])
+            sets[key][1] = sets[key][1] + null.T @ k @ null
+        self.parts = list(sets.values())
+        self.modes = np.linalg.eigh((self.stiffness + self.stiffness.T) / 2)[1]
+        for name in ("stiffness", "gyro", "damping"):
+            setattr(self, name, self.modes.T @ getattr(self, name) @ self.modes)
+        self.parts = [(terms, self.modes.T @ k @ self.modes) for terms, k in self.parts]
+
+    def matrix(self, share):
+        """Return the matrix of first order with a share of the damping."""
+        p = len(self.stiffness)
+        whole = np.abs(np.diag(self.stiffness)) + sum(t[0].sum() * np.diag(k) for t, k in self.parts)
+        scale = np.sqrt(np.maximum(whole, 1e-9 * whole.max() + 1e-30))
+        blocks, order = [], 2 * p
+        for terms, k in self.parts if share else []:
+            w, v = np.linalg.eigh((k + k.T) / 2 / np.outer(scale, scale))
+            f = (v * np.sqrt(np.maximum(w, 0.0)))[:, w > 1e-9]
+            blocks += [(*term, f) for term in terms.T]
+        order += 2 * sum(b[3].shape[1] for b in blocks)
+        a = np.zeros((order, order))
+        a[:p, p : 2 * p] = np.diag(scale)
+        a[p : 2 * p, :p] = -self.stiffness / scale
+        a[p : 2 * p, p : 2 * p] = -self.gyro - share * self.damping
+        i = 2 * p
+        for alpha, zeta, omega, f in blocks:
+            m = f.shape[1]
+            z, y = slice(i, i + m), slice(i + m, i + 2 * m)
+            a[p : 2 * p, :p] -= share * alpha * scale[:, None] * (f @ f.T)
+            a[p : 2 * p, z] = share * alpha * scale[:, None] * f
+            a[z, y] = omega * np.eye(m)
+            a[y, :p] = omega * f.T
+            a[y, z] = -omega * np.eye(m)
+            a[y, y] = -2 * zeta * omega * np.eye(m)
+            i += 2 * m
+        return a
+
+    def poles(self, share=1.0):
+        """Return all poles with Im >= 0 in which the mechanism moves."""
+        values = np.linalg.eigvals(self.matrix(share))
+        values = values[np.abs(values) > 1e-6 * np.abs(values).max() ** 0.5]
+        for terms, _ in self.parts if share else []:
+            for _, zeta, omega in terms.T:
+                values = values[np.abs(values**2 + 2 * zeta * omega * values + omega**2) > 1e-6 * omega**2]
+        return values[values.imag >= 0.0]
+
+    def dynamic(self, s, share):
+        """Return T(s) and its derivative."""
+        t = s * s * np.eye(len(self.stiffness)) + s * (self.gyro + share * self.damping) + self.stiffness
+        slope = 2 * s * np.eye(len(self.stiffness)) + self.gyro + share * self.damping
+        for terms, k in self.parts:
+            for alpha, zeta, omega in terms.T:
+                below = s * s + 2 * zeta * omega * s + omega**2
+                t = t + share * alpha * (below - omega**2) / below * k
+                slope = slope + share * alpha * 2 * (s + zeta * omega) * omega**2 / below**2 * k
+        return t, slope
+
+    def follow(self, s, x, steps=150):
+        """Return what an undamped pole becomes while the damping grows, None where it meets the real axis or is not sure."""
+        for i in range(1, steps + 1):
+            before = s
+            for _ in range(20):  # numpy refuses a matrix that is singular to the last bit
+                t, slope = self.dynamic(s, (i / steps) ** 1.5)
+                u = np.linalg.solve(t + 1e-14 * np.abs(t).max() * np.eye(len(t)), slope @ x)
+                step = np.vdot(x, x) / np.vdot(x, u)
+                s, x = s - step, u / np.linalg.norm(u)
+                if abs(step) < 1e-12 * abs(s):
+                    break
+            if s.imag < 1e-3 * abs(s) or abs(s - before) > 0.1 * abs(s):
+                return None
+        return s
+
+
+def material(rng, name):
+    text = f"&material name='{name}' density={rng.uniform(1000, 3000):.6g} young={10 ** rng.uniform(7.5, 9.5):.6g}"
+    terms = rng.integers(0, 4)
+    if terms:
+        text += ghm(rng, terms)
+    if rng.random() < 0.3:
+        text += f" rayleigh_mass={rng.uniform(0.1, 5):.6g} rayleigh_stiffness={10 ** rng.uniform(-6, -4):.6g}"
+    return text + " /\n"
+
+
+def ghm(rng, terms):
+    lists = [10 ** rng.uniform(low, high, terms) for low, high in ((-1, 0.4), (-0.5, 0.5), (1.5, 3.5))]
+    return " ghm_alpha={} ghm_zeta={} ghm_omega={}".format(*(",".join(f"{x:.6g}" for x in values) for values in lists))
+
+
+def scene(seed):
+    """A random scene: beams and rigid bodies on joints and springs, free, turning, or on their own."""
+    rng = np.random.default_rng(seed)
+    text = "&scene title='random' gravity={},{} /\n".format(*(rng.uniform(-3, 3, 2).round(3) if rng.random() < 0.4 else (0, 0)))
+    materials = [f"m{i}" for i in range(rng.integers(1, 4))]
+    text += "".join(material(rng, m) for m in materials)
+    text += "&section name='s' shape='rectangle' width=0.01 height=0.01 /\n&section name='t' area=7e-5 inertia=1e-9 /\n"
+    for b in range(rng.integers(1, 4)):
+        spin = f" angular_velocity={rng.uniform(-30, 30):.4g}" if rng.random() < 0.25 else ""
+        place = "position={:.4g},{:.4g} angle={:.4g}".format(*rng.uniform(-1, 1, 3)) + spin
+        flexible = rng.random() < 0.7
+        if flexible:
+            n = rng.integers(1, 4)
+            own = ",".join(f"'{m}'" for m in rng.choice(materials, n))
+            reference = rng.choice(["pinned", "clamped", "free"])
+            more = f"reference='{reference}'" + (f" modes={rng.integers(1, 4)}" if reference == "free" else "")
+            text += f"&body name='b{b}' kind='beam' length={rng.uniform(0.2, 0.6):.4g} elements={n} element_material={own} section="
+            text += f"'{rng.choice(['s', 't'])}' {more} {place} /\n"
+            end = " node_a=1"
+        else:
+            text += f"&body name='b{b}' kind='rigid' mass={rng.uniform(0.1, 2):.4g} "
+            text += f"inertia={rng.uniform(0.001, 0.05):.4g} {place} /\n"
+            end = ""
+        kind = rng.choice(["none", "revolute", "weld", "prismatic"]) if not spin else rng.choice(["none", "revolute"])
+        x, y = (float(v) for v in re.search(r"position=(\S+),(\S+) ", text.splitlines()[-1] + " ").groups())
+        other = f" point_b={x:.6g},{y:.6g}"
+        if kind != "none":
+            direction = " direction=0.3" if kind == "prismatic" else ""
+            text += f"&joint name='j{b}' type='{kind}' body_a='b{b}'{end}{other}{direction} /\n"
+        if rng.random() < 0.7:
+            text += f"&spring name='t{b}' type='torsional' body_a='b{b}'{end} stiffness={10 ** rng.uniform(0, 2):.4g}"
+            text += f" damping={10 ** rng.uniform(-4, -1):.4g}" if rng.random() < 0.5 else ""
+            text += (ghm(rng, rng.integers(1, 3)) if rng.random() < 0.5 else "") + " /\n"
+        if rng.random() < 0.4 and b > 0:
+            first = " node_b=1" if "name='b0' kind='beam'" in text else ""
+            text += f"&spring name='l{b}' type='linear' body_a='b{b}'{end} body_b='b0'{first} "
+            text += f"stiffness={10 ** rng.uniform(2, 4):.4g} damping=1.0 /\n"
+    return text
+
+
+def nearest(found, expected):
+    """Return for each found pole its relative distance to an expected one, each of those taken once."""
+    left, distances = list(expected), []
+    for s in found:
+        k = int(np.argmin(np.abs(np.array(left) - s)))
+        distances.append(abs(left.pop(k) - s) / abs(s))
+        if not left:
+            break
+    return np.array(distances)
+
+
+class Listed:
+    """The rows of modes.txt."""
+
+    def __init__(self, run):
+        table = read(run.folder, "modes")
+        self.kind, self.mode = table["kind"].astype(int), table["mode"].astype(int)
+        self.poles = table["real"] + 1j * table["imag"]
+        self.head = [line[2:] for line in (run.folder / "modes.txt").read_text(encoding="utf-8").splitlines() if line[0] == "#"]
+
+    def note(self, word):
+        """Return the line on completeness that starts with a word."""
+        return next(line for line in self.head if line.startswith(word))
+
+    def vibration(self, mode):
+        """Return the poles listed as a mode's vibration."""
+        return self.poles[(self.kind == VIBRATION) & (self.mode == mode)]
+
+    def seen(self, dense):
+        """Return the damped poles in which the mechanism moves."""
+        found = self.poles[self.kind != UNDAMPED]
+        for terms, _ in dense.parts:
+            for _, zeta, omega in terms.T:
+                found = found[np.abs(found**2 + 2 * zeta * omega * found + omega**2) > 1e-6 * omega**2]
+        return found
+
+
+SEEDS = [*range(0, 24), 30, 51, 133, 180, 186, 200, 219]  # the last ones: motions that grow, modes that pass each other
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_every_pole_of_a_random_scene_is_listed(run_deck, probe, tmp_path, seed):
+    """All poles, no more; every undamped mode is followed to its vibration; with few modes the same rows and the same words."""
+    deck = scene(seed)
+    told = f"seed {seed}\n{deck}"
+    all_modes = Listed(run_deck(deck + "&modal modes=999 /\n", name="all"))
+    (tmp_path / "dense.nml").write_text(deck, encoding="utf-8")
+    dense = Dense(probe, tmp_path / "dense.nml")
+    undamped, expected = dense.poles(0.0), dense.poles()
+    undamped = undamped[(undamped.imag > 0.0) | (undamped.real > 0.0)]
+    mine = all_modes.poles[(all_modes.kind == UNDAMPED) & (np.abs(all_modes.poles) > 0.0)]
+    assert len(mine) == len(undamped), told
+    assert np.all(nearest(mine, undamped) < 1e-6), told
+    assert "complete" in all_modes.note("undamped modes") or not len(mine), told
+    if np.any(all_modes.kind != UNDAMPED):
+        found = all_modes.seen(dense)
+        assert len(found) == len(expected), told
+        assert np.all(nearest(found, expected) < 1e-6), told
+        assert all_modes.note("poles").startswith("poles: complete, all "), told
+    few = Listed(run_deck(deck + "&modal modes=4 /\n", name="few"))
+    for mode, kind, pole in zip(few.mode, few.kind, few.poles):
+        same = all_modes.poles[(all_modes.kind == kind) & ((all_modes.mode == mode) | (kind > VIBRATION))]
+        assert np.min(np.abs(same - pole)) <= 1e-6 * abs(pole), told
+    for mode in np.unique(few.mode):
+        assert len(few.vibration(mode)) == len(all_modes.vibration(mode)), told
+    assert not any("missing" in line or "not counted" in line for line in few.head), told
+
+
+@pytest.mark.parametrize("seed", SEEDS[1::3])
+def test_every_mode_is_followed_to_its_vibration(run_deck, probe, tmp_path, seed):
+    """By small steps of the damping in the dense system; over-damped modes have none."""
+    deck = scene(seed)
+    listed = Listed(run_deck(deck + "&modal modes=999 /\n"))
+    (tmp_path / "scene.nml").write_text(deck, encoding="utf-8")
+    dense = Dense(probe, tmp_path / "scene.nml")
+    for mode, pole in zip(listed.mode[listed.kind == UNDAMPED], listed.poles[listed.kind == UNDAMPED]):
+        if pole.imag <= 0.0 or not np.any(listed.kind != UNDAMPED):
+            continue
+        if np.sum(np.abs(listed.poles[listed.kind == UNDAMPED] - pole) < 1e-5 * abs(pole)) > 1:
+            continue  # a free body seen from its turning axes: a double pole with one shape
+        shape = np.linalg.svd(dense.dynamic(pole, 0.0)[0])[2][-1].conj()
+        end = dense.follow(pole, shape)
+        if end is not None:
+            assert len(listed.vibration(mode)) == 1, f"seed {seed} mode {mode}"
+            assert abs(listed.vibration(mode)[0] - end) < 1e-6 * abs(end), f"seed {seed} mode {mode}"
+
+
+ALONE = {
+    "pinned": "&body name='b' kind='rigid' mass=0.08 inertia=0.0014 /\n&joint name='j' type='revolute' body_a='b' /\n",
+    "rotor": "&body name='b' kind='rigid' mass=0.08 inertia=0.0014 angular_velocity=40.0 /\n"
+    "&joint name='j' type='revolute' body_a='b' /\n",
+    "free": "&body name='b' kind='rigid' mass=0.08 inertia=0.0014 /\n",
+    "slider": "&body name='b' kind='rigid' mass=0.08 inertia=0.0014 /\n&joint name='j' type='slider' body_a='b' direction=0.4 /\n",
+}
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_a_coordinate_on_its_own_has_its_damped_mode(run_deck, name):
+    """The search begins at the root itself, where the matrix is singular to the last bit."""
+    deck = ALONE[name] + "&spring name='k' type='torsional' body_a='b' stiffness=6.13 damping=0.01 /\n&modal /\n"
+    listed = Listed(run_deck(deck))
+    expected = np.roots([0.0014, 0.01, 6.13])
+    found = listed.poles[listed.kind == VIBRATION]
+    np.testing.assert_allclose(found, [expected[expected.imag > 0][0]], rtol=1e-12)
+
+
+def test_a_free_beam_in_its_own_modes_has_its_vibrations(run_deck):
+    """Each solves s^2 + w^2 E(s)/E_R = 0."""
+    deck = "&material name='m' density=1200.0 young=1.0e9 ghm_alpha=0.5 ghm_zeta=1.5 ghm_omega=400.0 /\n"
+    deck += "&section name='s' shape='rectangle' width=0.02 height=0.01 /\n&body name='b' kind='beam' length=0.8 elements=8 "
+    listed = Listed(run_deck(deck + "material='m' section='s' reference='free' modes=3 /\n&modal /\n"))
+    undamped, found = (listed.poles[listed.kind == k] for k in (UNDAMPED, VIBRATION))
+    assert np.all(undamped[:3] == 0.0)
+    assert len(found) == 3
+    modulus = 1 + 0.5 * (found**2 + 1200.0 * found) / (found**2 + 1200.0 * found + 160000.0)
+    np.testing.assert_allclose(found**2, undamped[3:].imag ** 2 * -modulus, rtol=1e-8)
+    assert "complete, all 12 with conjugates" in listed.note("poles")
+
+
+STRIP = """&material name='steel' density=7850.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.002 /
+&body name='b' kind='beam' length=1.0 elements={elements} material='steel' section='s' reference='clamped' {more} /
+"""
+PUSHED = "&joint name='j' type='weld' body_a='b' node_a=1 /\n&force name='f' type='force' body='b' node=-1 fy=1.0 /\n"
+TURNED = """&joint name='j' type='revolute' body_a='b' node_a=1 /
+&history name='w' kind='polynomial' coefficients=2.0 /
+&drive name='d' type='rotation' body_a='b' history='w' rate=.true. /
+&static /
+"""
+
+
+@pytest.mark.parametrize(("elements", "rest"), [(300, PUSHED), (600, TURNED)], ids=["pushed", "turning"])
+def test_the_lowest_mode_of_a_fine_mesh_is_not_lost(run_deck, elements, rest):
+    """K is not symmetric, and the lowest squared frequency is 1e-14 and less of the highest."""
+    more = "stiffening=.true." if rest == TURNED else ""
+    listed = Listed(run_deck(STRIP.format(elements=elements, more=more) + rest + "&modal modes=3 /\n"))
+    exact = np.array([1.8751040687, 4.6940911330, 7.8547574382]) ** 2 * np.sqrt(2.1e11 * 0.002**2 / 12 / 7850.0)
+    np.testing.assert_allclose(listed.poles.imag, exact, rtol=1e-5 if rest == PUSHED else 5e-3)
+    assert "undamped modes: 3, complete between" in listed.note("undamped")
