@@ -3,6 +3,7 @@
 !> program with status 0, is noted instead: whoever runs an analysis asks for it (`refused_routine`).
 module lapack
   use kinds, only: wp
+  use text, only: to_text
   use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_char, c_int, c_size_t, c_null_ptr, c_null_char, c_associated, &
                                          c_f_procpointer
   implicit none (type, external)
@@ -235,14 +236,12 @@ contains
     integer(c_size_t), value :: length           !! of the name
     character(kind=c_char), intent(in) :: name(length)
     integer(c_int), intent(in) :: argument       !! its number
-    character(12) :: number
     integer :: k
     if (len_trim(refused) > 0) return
     do k = 1, min(int(length), 16)
       refused(k:k) = name(k)
     end do
-    write (number, '(i0)') argument
-    refused = trim(refused)//', argument '//number
+    refused = trim(refused)//', argument '//to_text(int(argument))
   end subroutine note_refusal
 
   !> The first routine that has refused its arguments since the last question, and which argument; empty: none.

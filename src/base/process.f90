@@ -87,9 +87,11 @@ contains
   !> Gives the handler of memory faults a stack of its own: what it is called for is that the other one has ended.
   subroutine watch_memory()
     integer(c_intptr_t) :: stack(3), action(19)            ! stack_t: address, flags, bytes; sigaction: handler first
+    type(c_funptr) :: handler
     integer(c_int) :: status
+    handler = c_funloc(memory_fault)
     action = 0
-    action(1) = transfer(c_funloc(memory_fault), action(1))
+    action(1) = transfer(handler, action(1))
     action(18) = on_own_stack                              ! behind the handler and 128 bytes of a signal mask
     stack = [transfer(c_loc(own_stack), stack(1)), 0_c_intptr_t, int(size(own_stack), c_intptr_t)]
     status = c_sigaltstack(stack)
