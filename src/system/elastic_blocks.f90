@@ -4,12 +4,11 @@ module elastic_blocks
   use kinds, only: wp
   use beam_element, only: element_mass, element_gyroscopic, element_stiffness, stiffening_tangent
   use body, only: body_model
-  use body_matrices, only: translational_product
   use linear_matrices, only: linear_mechanism, count_runs
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: elastic_matrices, elastic_products, modal_block, nodal_block
+  public :: elastic_matrices, modal_block, nodal_block
 
 contains
 
@@ -34,38 +33,6 @@ contains
       end associate
     end do
   end subroutine elastic_matrices
-
-  !> m x (translational part) and Z x of a body.
-  subroutine elastic_products(bo, x, mx, zx)
-    type(body_model), intent(in) :: bo
-    real(wp), intent(in) :: x(:)
-    real(wp), allocatable, intent(out) :: mx(:), zx(:)
-    real(wp) :: a(6), xx(0:size(x)), az(0:size(x))
-    integer :: e, k, i, j
-    allocate (mx(size(x)), zx(size(x)))
-    if (bo%modal) then
-      mx = x - matmul(bo%jmodal, x)
-      zx = matmul(bo%zmodal, x)
-      return
-    end if
-    xx(0) = 0.0_wp
-    xx(1:) = x
-    az = 0.0_wp
-    do e = 1, bo%ne
-      a = matmul(element_gyroscopic(bo%elements(e)), xx(bo%edof(:, e)))
-      do k = 1, 6
-        az(bo%edof(k, e)) = az(bo%edof(k, e)) + a(k)
-      end do
-    end do
-    do k = 1, size(bo%lumps)
-      i = bo%dof(1, bo%lumps(k)%node)
-      j = bo%dof(2, bo%lumps(k)%node)
-      az(i) = az(i) + bo%lumps(k)%mass*xx(j)
-      az(j) = az(j) - bo%lumps(k)%mass*xx(i)
-    end do
-    mx = translational_product(bo, x)
-    zx = az(1:)
-  end subroutine elastic_products
 
   !> Elastic block of a modal body.
   subroutine modal_block(bo, b, f, thetad, thetadd, lin)

@@ -11,7 +11,7 @@
 module linearisation
   use kinds, only: wp
   use constraint, only: place_stiffness
-  use linear_bodies, only: body_terms
+  use linear_bodies, only: linear_body
   use linear_matrices, only: linear_mechanism, count_runs
   use load, only: load_force, axes_body
   use mechanism, only: mechanism_model
@@ -26,7 +26,7 @@ contains
   !> Linearises about the state of the last `evaluate` of m.
   subroutine linearise(m, q, v, lin)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)       !! (nq) the evaluated state
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) the evaluated state [m, rad] and per second
     type(linear_mechanism), intent(out) :: lin
     real(wp), allocatable :: wrench(:, :)
     integer :: b
@@ -37,7 +37,7 @@ contains
     call place_terms(m, q, v, lin, wrench)
     call constraint_rows_matrix(m, lin)
     do b = 1, size(m%s%bodies)
-      call body_terms(m, b, q, v, lin)
+      call linear_body(m, b, q, v, lin)
     end do
     call turning_terms(m, wrench, lin)
   end subroutine linearise
