@@ -58,7 +58,7 @@ export FC LDLIBS PYTHON
 all: $(BIELA)                      ## bin/biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
-probe: $(PROBE)            ## bin/probe, bin/tangent: the solver's inside, for the tests
+probe: $(PROBE)            ## bin/probe, bin/tangent, bin/terms: the solver's inside, for the tests
 setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
 
 demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures
@@ -67,7 +67,8 @@ joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both:
 	@$(RUN) post/attenuation.py --biela $(BIELA)
 
 test: $(BIELA) $(PROBE) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
-	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
+	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) TERMS=bin/terms$(SUFFIX) \
+	  $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
 test-debug:                        ## all tests, against the checked build
 	@$(MAKE) DEBUG=1 test
 

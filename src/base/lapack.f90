@@ -8,7 +8,7 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgetrf, dgetrs, dgbtrf, dgbtrs, dgtsv
+  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
   public :: zgetrf, zgetrs, zgbtrf, zgbtrs, zgesv, dgesdd, dgelsd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
@@ -83,22 +83,6 @@ module lapack
       real(wp), intent(inout) :: a(lda, *), b(ldb, *)
       integer, intent(out) :: ipiv(*), info
     end subroutine dgesv
-    !> LU factor of a general dense matrix.
-    subroutine dgetrf(m, n, a, lda, ipiv, info)
-      import :: wp
-      integer, intent(in) :: m, n, lda
-      real(wp), intent(inout) :: a(lda, *)
-      integer, intent(out) :: ipiv(*), info
-    end subroutine dgetrf
-    !> Solves with the factor of dgetrf.
-    subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
-      import :: wp
-      character, intent(in) :: trans
-      integer, intent(in) :: n, nrhs, lda, ldb, ipiv(*)
-      real(wp), intent(in) :: a(lda, *)
-      real(wp), intent(inout) :: b(ldb, *)
-      integer, intent(out) :: info
-    end subroutine dgetrs
     !> Solves with a tridiagonal matrix.
     subroutine dgtsv(n, nrhs, dl, d, du, b, ldb, info)
       import :: wp

@@ -5,7 +5,7 @@ module modal_kernel
   use body, only: body_model
   implicit none (type, external)
   private
-  public :: modal_forces, modal_dissipation
+  public :: modal_forces
 
 contains
 

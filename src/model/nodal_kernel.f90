@@ -8,7 +8,7 @@ module nodal_kernel
   use ghm_kernel, only: advance_run, run_dissipation, copy_values
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, element_stress, rayleigh_power, stress_forces
+  public :: nodal_forces, deformations, element_stress, stress_forces
   public :: gather, mass_times, gyroscopic_times
 
 contains
@@ -273,19 +273,6 @@ contains
       f(6) = f(6) + m2
     end associate
   end subroutine damping_times
-
-  !> Power dissipated by Rayleigh damping alone [W].
-  function rayleigh_power(b) result(power)
-    type(body_model), intent(in) :: b
-    real(wp) :: power, v(6), f(6)
-    integer :: e
-    power = 0.0_wp
-    do e = 1, b%ne
-      call gather(b, e, b%vx, v)
-      call damping_times(b, e, v, f)
-      power = power + dot_product(v, f)
-    end do
-  end function rayleigh_power
 
   !> Lumps: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
   subroutine lump_forces(b, thetad, qmq, qmv)
