@@ -93,7 +93,7 @@ def tabulate(biela: Path) -> int:
 def main(words: list[str] | None = None) -> int:
     """Run the four cases; status 0, or 1 with one line on standard error."""
     parser = argparse.ArgumentParser(prog="attenuation.py", description=__doc__.split("\n")[0])
-    parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
     args = parser.parse_args(words)
     return command.attempt("attenuation", lambda: tabulate(args.biela), failed=1)
 

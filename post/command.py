@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
+import argparse
+import math
 import os
 import sys
+from pathlib import Path
 from typing import Callable, NoReturn
 
 from histories import HistoryError
 
 CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
+ROOT = Path(__file__).resolve().parent.parent
+SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
+
+
+def finite(text: str) -> float:
+    """Return a number from the command line; infinities and NaN are none."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text!r}: a number expected")
+    return number
+
+
+def positive(text: str) -> float:
+    """Return a number above zero from the command line."""
+    number = finite(text)
+    if number <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 expected")
+    return number
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least one from the command line."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of at least 1 expected")
+    return number
 
 
 def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:

@@ -21,7 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,12 +39,10 @@ COUNTS = {
     "multipliers": r"^\s*constraints \(multipliers\): (\d+)",
 }
 SECONDS = r"^timing: analyses took\s+[\d.]+ s, ([\d.]+) s of the processor"
-REPEATS = 3
 ALONE = 9  # a run timed alone is repeated so often at most
 ENOUGH = 1.0  # [s] of repeats of a run timed alone
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-QUICK = 0.1  # [s] runs below are timed as the median of repeats
 MARK = "\n! timed alone\n"
 
 
@@ -69,7 +67,7 @@ class Outcome:
         message: its first error line, '' where it ran
         names: columns without the time
         data: rows of the history, shape (rows, 1 + columns), the time first
-        seconds: of the processor, median of the repeats [s], analyses only
+        seconds: of the processor, analyses only; median of the repeats where it was timed alone [s]
         counts: steps, evaluations, newton, solves, coordinates, dissipative, multipliers
     """
 
@@ -117,7 +115,8 @@ class Runner:
         jobs: how many run at a time
         longest: a run that takes longer is stopped [s]
         quiet: no progress bar
-        time: no run is begun after this time of the study [s]
+        time: that the study may take, from the start of the process [s]
+        share: of that time after which no run of the present phase goes on
     """
 
     biela: Path
@@ -126,6 +125,7 @@ class Runner:
     longest: float = 300.0
     quiet: bool = False
     time: float = math.inf
+    share: float = 1.0
 
     def __post_init__(self) -> None:
         try:
@@ -137,11 +137,15 @@ class Runner:
         self.stopped = threading.Event()
         self.drawing = threading.Lock()
         self.made = self.found = 0
-        self.started = time.monotonic()
+        self.started = time.monotonic() - time.process_time()  # what loading the tool took is counted
+
+    def left(self) -> float:
+        """Return the seconds that the present phase of the study still has."""
+        return self.share * self.time - (time.monotonic() - self.started)
 
     def late(self, share: float = 1.0) -> bool:
-        """Whether that share of the study's time is over."""
-        return time.monotonic() - self.started > share * self.time
+        """Whether that share of the time until the present phase ends is over."""
+        return self.left() <= (1.0 - share) * self.share * self.time if math.isfinite(self.time) else False
 
     def one(self, text: str) -> Outcome:
         """Run one deck."""
@@ -152,7 +156,7 @@ class Runner:
 
         Raises:
             InterruptedRunsError: after Ctrl-C.
-            OutOfTimeError: the study's time is over and one of them was not kept.
+            OutOfTimeError: the time of the phase is over and one of them was neither kept nor finished.
         """
         texts = list(texts)
         pool = ThreadPoolExecutor(self.jobs)
@@ -197,39 +201,70 @@ class Runner:
         """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
         return self.all([text + MARK])[0]
 
+    def beside(self, first: str, second: str) -> tuple[Outcome, Outcome]:
+        """Run two decks in turn, so that other work on the machine slows both alike; kept like other runs."""
+        marked = [f"{a}{MARK}! beside {self._key(b)}\n" for a, b in ((first, second), (second, first))]
+        found = [self.kept(text) for text in marked]
+        if all(found):
+            return found[0], found[1]
+        runs: list[tuple[Outcome, Outcome]] = []
+        while not runs or len(runs) < min(ALONE, ENOUGH / max(runs[0][0].seconds + runs[0][1].seconds, 1.0e-6)):
+            try:
+                runs.append(tuple(self._made(text.replace(MARK, "\n"), self._key(text)) for text in marked))
+            except OutOfTimeError:
+                if runs:
+                    break
+                raise
+        done = [_median(outcomes) for outcomes in zip(*runs)]
+        for text, outcome in zip(marked, done):
+            _save(self.folder / f"{self._key(text)}.npz", outcome)
+        return done[0], done[1]
+
+    def _key(self, text: str) -> str:
+        """Return the name under which a run is kept."""
+        return hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
+
+    def kept(self, text: str) -> Outcome | None:
+        """Return a kept run, None where it was not made yet."""
+        with contextlib.suppress(OSError, ValueError, KeyError, EOFError):
+            return _load(self.folder / f"{self._key(text)}.npz")
+        return None
+
     def _kept(self, text: str) -> Outcome:
         """Return a kept run or make it."""
-        key = hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
-        kept = self.folder / f"{key}.npz"
-        with contextlib.suppress(OSError, ValueError, KeyError, EOFError):
-            outcome = _load(kept)
+        outcome = self.kept(text)
+        if outcome:
             self.found += 1
             return outcome
         if self.stopped.is_set():
             raise InterruptedRunsError
-        if self.late():
-            raise OutOfTimeError
+        key = self._key(text)
         outcome = self._made(text, key)
         if self.stopped.is_set() and not outcome.ok:
             raise InterruptedRunsError
-        _save(kept, outcome)
+        _save(self.folder / f"{key}.npz", outcome)
         self.made += 1
         return outcome
 
     def _made(self, text: str, key: str) -> Outcome:
-        """Run a deck, several times where it is quick."""
+        """Run a deck, several times where it is timed alone."""
         place = self.folder / f"{key}.{os.getpid()}.run"
         place.mkdir(exist_ok=True)
         try:
             (place / "deck.nml").write_text(text, encoding="utf-8")
-            first = self._run(place)
-            seconds = [first.seconds, *(self._run(place).seconds for _ in range(_repeats(text, first)))]
-            return Outcome(**{**first.__dict__, "seconds": float(np.median(seconds))})
+            outcomes = [self._run(place)]
+            with contextlib.suppress(OutOfTimeError):
+                while text.endswith(MARK) and len(outcomes) < min(ALONE, ENOUGH / max(outcomes[0].seconds, 1.0e-6)):
+                    outcomes.append(self._run(place))
+            return _median(outcomes)
         finally:
             shutil.rmtree(place, ignore_errors=True)
 
     def _run(self, place: Path) -> Outcome:
-        """Call the solver on the deck in a folder."""
+        """Call the solver on the deck in a folder; OutOfTimeError where the phase ends before the run."""
+        limit = min(self.longest, self.left())
+        if limit <= 0.0:
+            raise OutOfTimeError
         command = [str(self.biela.resolve()), "--quiet", "--output", "out", "deck.nml"]
         child = subprocess.Popen(
             command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -238,12 +273,17 @@ class Runner:
         if self.stopped.is_set():
             _end(child)
         try:
-            _, told = child.communicate(timeout=self.longest)
+            _, told = child.communicate(timeout=limit)
             status = child.returncode
         except subprocess.TimeoutExpired:
             _end(child)
-            _, told = child.communicate()
+            child.communicate()
+            if limit < self.longest:
+                raise OutOfTimeError from None
             status, told = -1, f"deck.nml: stopped after {self.longest:g} s"
+        except BaseException:
+            _end(child)
+            raise
         finally:
             self.children.discard(child)
         lines = [line for line in told.splitlines() if "warning" not in line]
@@ -276,13 +316,9 @@ class Runner:
             print("\r" + " " * 118 + "\r", end="", file=sys.stderr, flush=True)
 
 
-def _repeats(text: str, first: Outcome) -> int:
-    """Return how often a run is repeated for its seconds: quick ones twice, those timed alone up to a second in all."""
-    if not first.ok:
-        return 0
-    if text.endswith(MARK):
-        return min(max(int(ENOUGH / max(first.seconds, 1.0e-6)), REPEATS), ALONE) - 1
-    return REPEATS - 1 if first.seconds < QUICK else 0
+def _median(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the first of several runs of a deck with the median of their seconds."""
+    return replace(outcomes[0], seconds=float(np.median([outcome.seconds for outcome in outcomes])))
 
 
 def _end(child: subprocess.Popen) -> None:

@@ -45,7 +45,7 @@ FINE = "slider_crank_fine_elastic"
 
 def deck(name: str) -> Path:
     """Return the path of a deck of input/."""
-    return Path("input") / f"{name}.nml"
+    return command.ROOT / "input" / f"{name}.nml"
 
 
 def run(biela: Path, decks: list[Path]) -> None:
@@ -151,7 +151,7 @@ def demonstrate(biela: Path) -> int:
 def main(words: list[str] | None = None) -> int:
     """Run the demonstration; status 0, or 1 with one line on standard error."""
     parser = argparse.ArgumentParser(prog="demo.py", description=__doc__.split("\n")[0])
-    parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
     args = parser.parse_args(words)
     return command.attempt("demo", lambda: demonstrate(args.biela), failed=1)
 

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import f90nml
 import numpy as np
+from deck_text import DeckError
+from deck_text import read as read_deck
 from histories import History, HistoryError
 from scipy.interpolate import CubicSpline
 
 NODE = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.x")
-INCLUDE = re.compile(r"^[ \t]*&include\b.*?file\s*=\s*(['\"])(?P<file>.*?)\1.*?/", re.IGNORECASE | re.MULTILINE | re.DOTALL)
 PER_ELEMENT = 8
 
 
@@ -56,7 +57,10 @@ class Place:
 
 @dataclass
 class Mechanism:
-    """Bodies by name in lower case, massless links and springs as pairs of places, slider lines, and the ground's points."""
+    """Bodies and sensors' places by name in lower case, massless links and springs as pairs of places, slider lines, pins, lumps.
+
+    Traces are paths that are drawn whole, each of shape (rows, 2) [m].
+    """
 
     time: np.ndarray
     bodies: dict[str, Body]
@@ -65,6 +69,9 @@ class Mechanism:
     springs: list[tuple[Place, Place]] = field(default_factory=list)
     sliders: list[tuple[Place, Place, float]] = field(default_factory=list)
     pins: list[Place] = field(default_factory=list)
+    lumps: list[Place] = field(default_factory=list)
+    sensors: dict[str, Place] = field(default_factory=dict)
+    traces: list[np.ndarray] = field(default_factory=list)
 
     def nodes(self, body: Body, row: int) -> np.ndarray:
         """Return a body's nodes in its axes with the deflections exaggerated, shape (nodes, 2) [m]."""
@@ -144,21 +151,6 @@ def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
     return Mechanism(motion.time, bodies, exaggerate)
 
 
-def deck_text(path: Path, depth: int = 0) -> str:
-    """Return a deck's text with its included files read in.
-
-    Raises:
-        HistoryError: the deck, or a file that it includes, cannot be read.
-    """
-    if depth > 20:
-        raise HistoryError(f"{path}: files include each other without end")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as fault:
-        raise HistoryError(f"{path}: cannot be read ({fault})") from None
-    return INCLUDE.sub(lambda found: deck_text(path.parent / found["file"], depth + 1), text)
-
-
 def add_deck(scene: Mechanism, path: Path) -> None:
     """Add to a mechanism what its deck says about links, springs, sliders, pins and the places on rigid bodies.
 
@@ -166,7 +158,9 @@ def add_deck(scene: Mechanism, path: Path) -> None:
         HistoryError: the deck cannot be read, or is of another scene.
     """
     try:
-        groups = f90nml.reads(deck_text(path))
+        groups = f90nml.reads(read_deck(path).text)
+    except DeckError as fault:
+        raise HistoryError(str(fault)) from None
     except Exception as fault:
         raise HistoryError(f"{path}: cannot be read as a deck ({fault})") from None
     for group in _all(groups, "body"):
@@ -177,10 +171,33 @@ def add_deck(scene: Mechanism, path: Path) -> None:
     for kind in ("joint", "spring"):
         for group in _all(groups, kind):
             _connection(scene, kind, group)
-    for kind in ("force", "lump", "sensor", "drive"):
+    for kind in ("force", "drive"):
         for group in _all(groups, kind):
             _place(scene, group, "")
             _place(scene, group, "_a")
+    scene.lumps += [place for group in _all(groups, "lump") if (place := _place(scene, group, ""))]
+    for group in _all(groups, "sensor"):
+        place = _place(scene, group, "")
+        if place:
+            scene.sensors[str(group["name"]).lower()] = place
+
+
+def add_trace(scene: Mechanism, name: str) -> None:
+    """Let the path of a sensor's place, of a body's node (BODY.NODE) or of its frame (BODY) be drawn.
+
+    Raises:
+        HistoryError: there is no such place.
+    """
+    body, _, node = name.lower().rpartition(".")
+    place = scene.sensors.get(name.lower())
+    if place is None and name.lower() in scene.bodies:
+        place = Place(scene.bodies[name.lower()], None, np.zeros(2))
+    elif place is None and body in scene.bodies and node.isdecimal() and 0 < int(node) <= len(scene.bodies[body].rest):
+        place = Place(scene.bodies[body], int(node) - 1, np.zeros(2))
+    if place is None:
+        known = ", ".join([*scene.sensors, *(f"{key}.1" if len(b.rest) else key for key, b in scene.bodies.items())])
+        raise HistoryError(f"no place {name!r} to trace; there are {known}")
+    scene.traces.append(np.array([scene.at(place, row) for row in range(len(scene.time))]))
 
 
 def _all(groups: f90nml.Namelist, kind: str) -> list[f90nml.Namelist]:

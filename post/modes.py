@@ -16,15 +16,18 @@ mpl.use("Agg")
 import command
 import matplotlib.pyplot as plt
 import numpy as np
-from animate import Picture
+from animate import Picture, tiles
 from histories import RESULT_FILES, History, HistoryError, read
 from mechanism import Mechanism, add_deck, from_motion
-from plot import COLOURS, LOOK, axis_label, save
+from plot import COLOURS, LOOK, STYLES, axis_label, save
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
 SIZE = 0.12
 ROUNDING = 1.0e-11
+ROUNDED = 1.0e-9  # the part of a pole that is rounding
+DECADES = 7  # of the axes of a picture of poles
 POSITIONS = "# positions:"
+INPUT = "# input:"
 KINDS = {
     UNDAMPED: ("undamped", "o", "none"),
     VIBRATION: ("vibration", "o", COLOURS[0]),
@@ -82,7 +85,8 @@ def moved(table: History, row: int, deck: Path | None) -> Mechanism:
         raise HistoryError(f"{table.path}: {len(rest)} positions for {len(names)} shape columns")
     points = np.array([rest[[k, k + 1]] for k, name in enumerate(names) if name.endswith(".x")])
     extent = max(np.max(np.ptp(points, axis=0)), 1.0e-9)
-    part = SIZE * extent * shape[row].real / max(np.max(np.abs(shape[row].real)), 1.0e-300)
+    largest = shape[row][np.argmax(np.abs(shape[row]))] or 1.0
+    part = SIZE * extent * (shape[row] / largest).real  # at the instant when the largest displacement is at its extreme
     rows = np.array([[0.0, *rest], [1.0, *(rest + part)], [2.0, *(rest - part)]])
     scene = from_motion(History(table.path, ["t", *names], {}, rows))
     if deck:
@@ -99,13 +103,15 @@ def caption(table: History, row: int) -> str:
 
 def draw_shapes(table: History, rows: list[int], deck: Path | None = None, title: str = "") -> plt.Figure:
     """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
-    columns = min(3, len(rows))
-    lines = -(-len(rows) // columns)
+    scenes = [moved(table, row, deck) for row in rows]
+    corners = np.array([scene.extent() for scene in scenes])
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    lines, columns, width, height = tiles(len(rows), low, high)
     with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
-        figure, axes = plt.subplots(lines, columns, figsize=(3.4 * columns, 2.7 * lines + 0.6), squeeze=False, layout="constrained")
-        for axis, row in zip(axes.flat, rows):
-            scene = moved(table, row, deck)
-            picture = Picture(axis, scene, 0.12)
+        size = (width * columns + 0.5, (height + 0.3) * lines + 0.6)
+        figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
+        for axis, row, scene in zip(axes.flat, rows, scenes):
+            picture = Picture(axis, scene, (low, high))
             picture.show(2)
             ghosts = [line.get_xydata().copy() for line in picture.bodies]
             picture.show(0)
@@ -125,32 +131,53 @@ def draw_shapes(table: History, rows: list[int], deck: Path | None = None, title
     return figure
 
 
-def smallest(values: np.ndarray, floor: np.ndarray) -> float:
-    """Return the smallest of the values above their floor, 1 where there is none."""
-    above = values[values > floor]
-    return float(above.min()) if above.size else 1.0
+def threshold(values: np.ndarray, poles: np.ndarray) -> float:
+    """Return the power of ten below which a part of the poles is drawn linearly: no more than `DECADES` below the largest pole.
+
+    A part below `ROUNDED` of its own pole is rounding, and so is a pole that small beside the largest one.
+    """
+    size = np.abs(poles)
+    largest = size.max(initial=0.0)
+    above = np.abs(values)[np.abs(values) > np.maximum(ROUNDED * size, 10.0**-DECADES * largest)]
+    return float(10.0 ** np.floor(np.log10(above.min()))) if above.size else float(largest or 1.0)
+
+
+def number_modes(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
+    """Write the numbers of modes beside their poles; one text for poles that lie at one place of the picture."""
+    at = axis.transData.transform(np.column_stack([real, imag]))
+    groups: list[list[int]] = []
+    for k in np.argsort(at[:, 1], kind="stable"):
+        near = next((g for g in groups if abs(at[g[-1], 0] - at[k, 0]) < 24.0 and abs(at[g[0], 1] - at[k, 1]) < 11.0), None)
+        near.append(k) if near else groups.append([k])
+    for group in groups:
+        words = ", ".join(map(str, sorted(modes[group])))
+        axis.annotate(words, (real[group].max(), imag[group[-1]]), xytext=(6, -3), textcoords="offset points", fontsize=8)
 
 
 def draw_poles(table: History, title: str = "") -> plt.Figure:
     """Return a figure of the poles in the upper half plane, both axes symmetric-logarithmic."""
     kinds = table["kind"].astype(int)
-    real, imag = table["real"], table["imag"]
+    poles = table["real"] + 1j * table["imag"]
+    real, imag = poles.real, poles.imag
     with plt.rc_context(LOOK):
-        figure, axis = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
-        axis.set_xscale("symlog", linthresh=0.5 * smallest(np.abs(real), 1.0e-9 * np.hypot(real, imag)))
-        axis.set_yscale("symlog", linthresh=0.5 * smallest(imag, 1.0e-9 * np.hypot(real, imag)))
+        figure, axis = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
+        linear = [threshold(part, poles) for part in (real, imag)]
+        axis.set_xscale("symlog", linthresh=linear[0])
+        axis.set_yscale("symlog", linthresh=linear[1])
         for kind, (label, marker, fill) in KINDS.items():
             mine = kinds == kind
             if mine.any():
                 edge = "#666666" if kind == UNDAMPED else fill
                 axis.plot(real[mine], imag[mine], marker, mfc=fill, mec=edge, ls="none", ms=6, label=label)
-        for k in np.flatnonzero(kinds == (VIBRATION if (kinds == VIBRATION).any() else UNDAMPED)):
-            axis.annotate(str(int(table["mode"][k])), (real[k], imag[k]), xytext=(5, 3), textcoords="offset points", fontsize=8)
         axis.axvline(0.0, color="#999999", lw=0.8)
         axis.margins(0.08)
-        axis.set_ylim(bottom=-0.15 * smallest(imag, 0.0 * imag))
+        axis.set_xlim(min(real.min() * 2.0, -linear[0]), max(real.max() * 2.0, 0.3 * linear[0]))
+        axis.set_ylim(-0.3 * linear[1], max(imag.max() * 2.0, linear[1]))
         axis.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title=title)
-        axis.legend(loc="best")
+        figure.legend(loc="outside upper center", ncols=4)
+        figure.draw_without_rendering()
+        mine = np.flatnonzero(kinds == (VIBRATION if (kinds == VIBRATION).any() else UNDAMPED))
+        number_modes(axis, table["mode"][mine].astype(int), real[mine], imag[mine])
     return figure
 
 
@@ -167,7 +194,7 @@ def sensors(table: History, patterns: list[str] | None) -> list[str]:
 
 
 def draw_response(table: History, names: list[str], title: str = "") -> plt.Figure:
-    """Return a figure with a column of panels for each unit: amplitude (logarithmic) above, phase below."""
+    """Return a figure with two panels for each unit: amplitude (logarithmic) above, phase below, per unit of the input."""
     f = table["f"]
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -187,20 +214,30 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
             upper, lower = axes[2 * k : 2 * k + 2, 0]
             for j, name in enumerate(group):
                 amplitude = np.where(table[f"{name}.amplitude"] > 0.0, table[f"{name}.amplitude"], np.nan)
-                upper.plot(f, amplitude, color=COLOURS[j % len(COLOURS)], label=name)
-                lower.plot(f, np.degrees(np.unwrap(table[f"{name}.phase"])), color=COLOURS[j % len(COLOURS)])
+                style = {"color": COLOURS[j % len(COLOURS)], "ls": STYLES[j % len(STYLES)]}
+                upper.plot(f, amplitude, label=name, **style)
+                lower.plot(f, np.degrees(np.unwrap(table[f"{name}.phase"])), **style)
             upper.set_yscale("log")
             upper.set_ylabel(axis_label("amplitude", unit))
             upper.legend(ncols=min(len(group), 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
             lower.set_ylabel("phase [°]")
-            lower.yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, steps=[1, 1.8, 4.5, 9, 10]))
+            middle = np.mean(lower.get_ylim())
+            lower.set_ylim(min(lower.get_ylim()[0], middle - 100.0), max(lower.get_ylim()[1], middle + 100.0))
+            lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
         if logarithmic:
             axes[-1, 0].set_xscale("log")
         axes[-1, 0].set_xlabel(axis_label("f", "Hz"))
         axes[-1, 0].margins(x=0.01)
-        if title:
-            figure.suptitle(title)
+        figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
     return figure
+
+
+def input_of(path: Path) -> str:
+    """Return what the amplitudes of a response belong to, from the file's comment."""
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
+        if line.startswith(INPUT):
+            return f"response to {line[len(INPUT) :].split(';')[0].strip()}, per unit of its history"
+    return ""
 
 
 def arguments() -> argparse.ArgumentParser:

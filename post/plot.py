@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
 
-Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Several runs
-lie over each other in one picture: the first blue, the second red (elastic, viscoelastic).
+Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are
+zero throughout are left out, unless they are named. Several runs lie over each other in one picture: the first blue, the second
+red (elastic, viscoelastic). Lengths against lengths (a path) are drawn to scale.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import matplotlib as mpl
@@ -18,9 +20,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from histories import RESULT_FILES, History, HistoryError, read
 
-COLOURS = ["#1f4fc4", "#d3222a", "#1d8a4a", "#e08a00", "#7b3fa0", "#00909e", "#8a5a2b", "#5a5a5a"]
-STYLES = ["-", "--", ":", "-."]
+# told apart by colour-blind readers, and in grey by lightness or by line style
+COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5b3a1e", "#8c8c8c"]
+STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
 FLAT = 50.0
+ONE_COLUMN = 5  # more panels stand in two columns
 LOOK = {
     "font.size": 10,
     "axes.grid": True,
@@ -57,14 +61,17 @@ def unit_of(runs: list[History], name: str) -> str:
 
 
 def panels(runs: list[History], names: list[str]) -> list[list[str]]:
-    """Return the names panel by panel: one unit a panel, and no column below a fiftieth of its panel's largest range."""
+    """Return the names panel by panel: one unit a panel, and no column below a fiftieth of its panel's largest range.
+
+    A panel holds no more columns than there are line styles.
+    """
     result: list[list[str]] = []
     span = {name: max(float(np.ptp(run[name])) for run in runs if name in run) for name in names}
     for name in names:
         for panel in result:
             first = panel[0]
             near = span[name] == span[first] == 0.0 or 1.0 / FLAT < span[name] / (span[first] or 1.0e-300) < FLAT
-            if unit_of(runs, first) == unit_of(runs, name) != "" and near:
+            if unit_of(runs, first) == unit_of(runs, name) != "" and near and len(panel) < len(STYLES):
                 panel.append(name)
                 break
         else:
@@ -76,26 +83,34 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
     """Return a figure of the named columns of all runs.
 
     Args:
-        runs: histories of one kind; a column that one of them lacks is drawn for the others
+        runs: histories of one kind, which all have the columns
         labels: what the legend calls the runs
         names: columns
         against: the column of the horizontal axis (the first one, time)
         title: written above, where given
 
     Raises:
-        HistoryError: the column of the horizontal axis is missing in a run.
+        HistoryError: a column is missing in a run.
     """
     abscissa = against or runs[0].names[0]
     groups = panels(runs, names)
+    path = against is not None and unit_of(runs, abscissa) == "m"
+    columns = 1 if len(groups) <= ONE_COLUMN else 2
+    lines = -(-len(groups) // columns)
     with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(
-            len(groups), 1, figsize=(8.0, 0.8 + 2.2 * len(groups)), sharex=True, squeeze=False, layout="constrained"
-        )
-        for axis, group in zip(axes[:, 0], groups):
+        size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
+        figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
+        for axis, group in zip(axes.T.flat, groups):
             _panel(axis, runs, labels, group, abscissa)
             axis.margins(x=0.01)
             _log_scales(axis, runs, group, abscissa)
-        axes[-1, 0].set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
+            if path and unit_of(runs, group[0]) == "m":
+                axis.set_aspect("equal", adjustable="datalim")
+        for axis in axes.T.flat[len(groups) :]:
+            axis.axis("off")
+        for axis in (axes.T.flat[min(lines * (k + 1), len(groups)) - 1] for k in range(columns)):
+            axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
+            axis.tick_params(labelbottom=True)
         figure.align_ylabels()
         if title:
             figure.suptitle(title)
@@ -103,16 +118,14 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
 
 
 def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str) -> None:
-    """Draw one panel: colour tells the run and line style the column, or colour the column where there is one run."""
+    """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other."""
     for k, (run, label) in enumerate(zip(runs, labels)):
         for j, name in enumerate(group):
-            if name not in run:
-                continue
             colour = COLOURS[(k if len(runs) > 1 else j) % len(COLOURS)]
-            style = STYLES[j % len(STYLES)] if len(runs) > 1 else "-"
+            style = STYLES[(j if len(group) > 1 else k) % len(STYLES)]
             words = [label] if len(runs) > 1 else []
             words += [name] if len(group) > 1 else []
-            axis.plot(run[abscissa], run[name], style, color=colour, label=": ".join(words) or None)
+            axis.plot(run[abscissa], run[name], ls=style, color=colour, label=": ".join(words) or None)
     axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
     if len(runs) > 1 or len(group) > 1:
         entries = len(group) * len(runs)
@@ -126,7 +139,7 @@ def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa:
     steps = np.diff(np.log(np.maximum(runs[0][abscissa], 1.0e-300)))
     if steps.size > 1 and np.ptp(steps) <= 1.0e-6 * np.abs(steps).max():
         axis.set_xscale("log")
-    amplitudes = [run[name] for run in runs for name in group if name in run and name.endswith(".amplitude")]
+    amplitudes = [run[name] for run in runs for name in group if name.endswith(".amplitude")]
     if len(amplitudes) == len(group) * len(runs) and min(map(np.min, amplitudes)) > 0.0:
         axis.set_yscale("log")
 
@@ -137,16 +150,38 @@ def usual_columns(run: History) -> list[str]:
     Raises:
         HistoryError: the rows are modes, which no line should join.
     """
-    names = run.match(None)
+    names = [name for name in run.match(None) if np.any(run[name])] or run.match(None)
     if run.path.name == RESULT_FILES["modes"]:
         raise HistoryError(f"{run.path}: its rows are modes, not times: name --columns, or draw them with post/modes.py")
     if run.path.name == RESULT_FILES["static"]:
         return [name for name in names if not name.startswith("state.") and name not in ("residual", "newton_steps")] or names
     if run.path.name == RESULT_FILES["frequency_response"]:
-        drawn = {name.rpartition(".")[0] for name in names if name.endswith(".amplitude") and np.any(run[name])}
-        shown = [name for name in names if name.rpartition(".")[0] in drawn]
+        drawn = {name.rpartition(".")[0] for name in names if name.endswith(".amplitude")}
+        shown = [name for name in run.names if name.rpartition(".")[0] in drawn]
         return [name for name in shown if name.endswith((".amplitude", ".phase"))] or names
     return names
+
+
+def chosen_columns(runs: list[History], patterns: list[str] | None, against: str | None) -> tuple[list[str], list[str]]:
+    """Return the columns that are drawn, and those that are not because they are zero throughout in every run.
+
+    Raises:
+        HistoryError: a pattern selects nothing in a run, or a column is not in every run.
+    """
+    found = [run.match(patterns) if patterns else usual_columns(run) for run in runs]
+    names = [name for name in dict.fromkeys(name for mine in found for name in mine) if name != against]
+    for run in runs:
+        for name in names:
+            run[name]
+    idle = [name for name in runs[0].names[1:] if not any(np.any(run[name]) for run in runs if name in run)]
+    if not patterns:
+        names = [name for name in names if name not in idle] or names
+    return names, [] if patterns else [name for name in idle if name not in names]
+
+
+def usual_stem(words: list[str]) -> str:
+    """Return the name of a picture from what it shows: kind of file, columns, runs."""
+    return re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
 
 
 def save(figure: plt.Figure, stem: Path) -> list[Path]:
@@ -181,7 +216,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
     parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
     parser.add_argument("--title", default="", help="written above the picture")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (plot, in the first run's folder)")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (in the first run's folder)")
     return parser
 
 
@@ -190,11 +225,13 @@ def plot(args: argparse.Namespace) -> int:
     runs = [read(source, args.file) for source in args.runs]
     if args.labels and len(args.labels) != len(runs):
         raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
-    chosen = runs[0].match(args.columns) if args.columns else usual_columns(runs[0])
-    names = [name for name in chosen if name != args.against]
+    names, idle = chosen_columns(runs, args.columns, args.against)
     labels = args.labels or names_of([run.path for run in runs])
     figure = draw(runs, labels, names, args.against, args.title)
-    paths = save(figure, args.output or runs[0].path.parent / "plot")
+    words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
+    paths = save(figure, args.output or runs[0].path.parent / usual_stem(words))
+    if idle:
+        print(f"left out, zero throughout: {', '.join(idle)}")
     print("wrote " + " and ".join(map(str, paths)))
     return 0
 

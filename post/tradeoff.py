@@ -18,6 +18,7 @@ Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the b
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import os
 import signal
@@ -27,19 +28,22 @@ from pathlib import Path
 
 import command
 from deck_models import in_force
-from deck_runs import InterruptedRunsError, OutOfTimeError, Runner, RunsError
+from deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
 from deck_text import DeckError, DeckText, read
-from tradeoff_errors import gap, sizes_of
+from tradeoff_causes import PARTS, cancellation, deciding, offset
+from tradeoff_errors import Compared, gap, sizes_of
 from tradeoff_picture import draw
 from tradeoff_report import Result, head, table, verdict
 from tradeoff_search import EFFECT, cheapest, greedy
-from tradeoff_settings import FAMILIES, METHODS, Setting, grid_of, length_of, sensors, with_setting
-from tradeoff_study import CALL, Point, Study
-from tradeoff_truth import Base, as_written, deck_truth, effect_settings, parts, refined_truth, stiffened
+from tradeoff_settings import FAMILIES, METHODS, Setting, columns, grid_of, length_of, sensors, with_setting
+from tradeoff_study import CALL, FULL, Point, Study
+from tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
 
-FULL = "full model"
 FINALISTS = 4
+NEAR = 1.5  # settings are timed alone where their price is within this factor of the least
 CLOCK = 0.05  # [s] runs timed alone are ranked by the clock where they take longer
+# shares of --time after which no run goes on: of the deck as written, of the reference, of the search; the rest is for the end
+WRITTEN, REFERENCE, SEARCH = 0.25, 0.5, 0.85
 
 
 def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
@@ -51,78 +55,119 @@ def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
     return found
 
 
-def search(study: Study, base: Base) -> list[Point]:
-    """Return the cheapest adequate point of each model from the full one to the smallest, empty where none is adequate."""
-    for made in base.curves:
-        longest = made.outcomes[-1]
-        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + CALL))
-        study.measure(FULL, base.deck, made.settings, "curves")
+def search(study: Study, base: Base, result: Result) -> None:
+    """Find the cheapest adequate point of each model from the full one to the smallest; none where the truth is too uncertain."""
     starts = first_guesses(study, base)
     families = [made.family for made in base.curves]
-    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families)
+    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families) if study.room > 0.0 else None
     if best is None:
-        return []
+        return
+    result.important, told = left_out(study, base, best)
+    result.notes += told
     study.families = families
-    return greedy(study, base.deck, best, effect_settings(study, base, EFFECT), starts)
+    effects = effect_settings(study, best, EFFECT)[:3]
+    result.path = greedy(study, base.deck, best, effects, starts)
+    last = result.path[-1]
+    if len(result.path) > 1:
+        rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
+        study.measure(last.model, last.deck, rest, "curve of the smallest model")
+    result.important += deciding(study, base, best, effects, starts)
 
 
 def explore(study: Study, base: Base, result: Result) -> None:
     """Search as long as there is time; what was measured stays in the study."""
-    try:
-        result.notes.append(stiffened(study, base.deck, effect_settings(study, base, EFFECT)[0]))
-        result.path = search(study, base)
-        if len(result.path) > 1:
-            last = result.path[-1]
-            rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
-            study.measure(last.model, last.deck, rest, "curve of the smallest model")
-    except OutOfTimeError:
-        pass
+    for made in base.curves:
+        longest = made.outcomes[-1]
+        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + CALL))
+        study.keep(FULL, base.deck, made.settings, made.outcomes)
+    with contextlib.suppress(OutOfTimeError):
+        search(study, base, result)
     if study.runner.late():
-        ended = f"the search was ended after {study.runner.time:g} s (--time); the same command goes on from there"
+        ended = f"the search was ended by --time {study.runner.time:g}; the same command with more goes on from there"
         result.notes.append(ended)
 
 
 def choose(study: Study, budget: float) -> Point | None:
     """Return the cheapest adequate point, timed alone among the best few; within the budget, else the most accurate there."""
     good = sorted((p for p in study.points if p.gap.largest <= study.room), key=study.price)[:FINALISTS]
-    alone = [replace(p, outcome=study.runner.timed(study.text(p.deck, p.setting))) for p in good]
-    best = min(alone, key=lambda p: p.cost if p.cost > CLOCK else study.price(p), default=None)
+    alone = []
+    for point in (p for p in good if study.price(p) <= NEAR * study.price(good[0])):
+        with contextlib.suppress(OutOfTimeError):
+            alone.append(replace(point, outcome=study.runner.timed(study.text(point.deck, point.setting))))
+    best = min(alone or good, key=lambda p: p.cost if p.cost > CLOCK else study.price(p), default=None)
     if best and best.cost <= budget:
         return best
     affordable = [p for p in study.points if p.cost <= budget]
     return min(affordable, key=lambda p: p.gap.largest, default=None) if math.isfinite(budget) else None
 
 
-def verify(study: Study, result: Result, point: Point, folder: Path) -> None:
-    """Write recommended.nml, run it, and put what that run shows into its head."""
+def recommend(study: Study, result: Result, point: Point | None, folder: Path) -> None:
+    """Write recommended.nml: a point's deck as a run of its own shows it, or the deck as written where none does better."""
+    if point:
+        verify(study, result, point)
+    written, chosen = result.written, result.chosen
+    if written.gap.largest <= study.room and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
+        result.chosen, result.taken = replace(written, model="recommended.nml"), []
+    elif chosen:
+        with contextlib.suppress(OutOfTimeError):
+            result.important += cancellation(study, point, chosen.gap.largest)
+    if result.chosen:
+        result.meets = result.chosen.gap.largest <= study.room
+        (folder / "recommended.nml").write_text(head(study, result) + result.chosen.deck.text, encoding="utf-8")
+
+
+def verify(study: Study, result: Result, point: Point) -> None:
+    """Run a point's deck as recommended.nml will be, in turn with the deck as written."""
     deck = with_setting(point.deck, point.setting, study.grid, study.grid.stated or study.grid.interval)
-    outcome = study.runner.timed(deck.text)
+    written = result.written
+    try:
+        if written.outcome.ok:
+            outcome, again = study.runner.beside(deck.text, written.deck.text)
+            result.written = replace(written, outcome=again)
+        else:
+            outcome = study.runner.timed(deck.text)
+    except OutOfTimeError:
+        outcome = point.outcome
+        result.notes.append("the time ended: the figures of recommended.nml are those of the same run of the search")
     if not outcome.ok:
         raise RunsError(f"recommended.nml does not run: {outcome.message}")
     result.chosen = Point("recommended.nml", point.setting, deck, outcome, gap(outcome, study.truth))
     result.taken = [] if point.model == FULL else in_force(point.model.split("; "))
-    result.meets = result.chosen.gap.largest + study.truth.uncertainty <= study.tolerance
-    (folder / "recommended.nml").write_text(head(study, result) + deck.text, encoding="utf-8")
 
 
 def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
     """Split the errors of the deck as written and of the recommended one into parts; a model that fails leaves a note instead."""
     for name, point in (("deck as written", result.written), ("recommended.nml", result.chosen)):
-        if point is None:
+        if point is None or not point.outcome.ok:
             continue
         try:
-            result.parts.append((name, *parts(study, deck, point.deck, point.outcome, doublings)))
-        except RunsError as fault:
-            result.notes.append(f"{name}: its error is not split: {fault}")
+            found = parts(study, deck, point.deck, point.outcome, doublings)
+        except (RunsError, OutOfTimeError) as fault:
+            result.notes.append(f"{name}: its error is not split: {fault or 'the time ended'}")
+            continue
+        result.parts.append((name, *found))
+        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest)
 
 
 def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
     """Return an empty study of a deck."""
     asked = sensors(deck, args.sensor)
     families = [name for name, (method, _) in FAMILIES.items() if method in args.methods]
-    runner = Runner(args.biela, folder / "kept", args.jobs, min(args.longest_run, args.time), args.quiet, args.time)
+    runner = Runner(args.biela, folder / "kept", args.jobs, args.longest_run, args.quiet, args.time)
     grid = grid_of(deck)
-    return Study(runner, grid, asked, args.tolerance, families, sizes_of(length_of(deck), grid.interval))
+    return Study(runner, grid, asked, args.tolerance, families, Compared(sizes_of(length_of(deck), grid.interval)))
+
+
+def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
+    """Let the study compare the columns that were named; DeckError for one that does not exist."""
+    if not any("." in word for word in wanted):
+        return
+    names = written.names
+    if not names:  # the run was not finished: the beginning of it tells the names
+        transient = deck.one("transient")
+        short = {"t_end": f"{study.grid.interval:.17g}", "output_step": f"{study.grid.interval:.17g}"}
+        names = study.runner.one(deck.set(transient, **short).text).names
+    study.compared = replace(study.compared, columns=columns(names, wanted))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -130,35 +175,27 @@ def run(args: argparse.Namespace) -> int:
     deck = read(args.deck)
     folder = args.output or Path("results") / "tradeoff" / args.deck.stem
     study = study_of(args, deck, folder)
+    runner = study.runner
+    runner.share = WRITTEN
     written = as_written(study, deck)
-    base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck)
+    narrow(study, deck, written, args.sensor)
+    runner.share = REFERENCE
+    base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
     own = Point("deck as written", None, deck, written, gap(written, study.truth))
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
+    runner.share = SEARCH
     explore(study, base, result)
-    late, study.runner.time = study.runner.late(), math.inf
-    point = choose(study, args.budget)
-    if point:
-        verify(study, result, point, folder)
-    if args.truth == "refined" and not late:
+    runner.share = 1.0
+    recommend(study, result, choose(study, args.budget), folder)
+    if base.doublings:
         split(study, result, deck, base.doublings)
-    result.notes = [note for note in result.notes if note]
-    study.runner.clear_line()
+    runner.clear_line()
     (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
     draw(study, result, folder / "work_precision.png")
     print(verdict(study, result))
+    print("".join(f"- {line}\n" for line in result.important), end="")
     print(f"Table, deck and picture: {folder}/tradeoff.txt, recommended.nml, work_precision.png")
     return 0 if result.meets else 1
-
-
-def positive(text: str) -> float:
-    """Return a number above zero from the command line."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 expected")
-    return number
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -166,17 +203,18 @@ def arguments() -> argparse.ArgumentParser:
     about = {"description": __doc__.split("\n")[0], "epilog": "see the head of post/tradeoff.py"}
     parser = argparse.ArgumentParser(prog="tradeoff.py", **about)
     parser.add_argument("deck", type=Path, help="the deck, with a &transient and sensors")
-    parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors that must be right (all)")
-    parser.add_argument("--tolerance", type=positive, default=1.0e-3, help="largest error, relative to the range (%(default)g)")
-    parser.add_argument("--budget", type=positive, default=math.inf, metavar="SECONDS", help="of a recommended run at most (any)")
+    seconds = {"type": command.positive, "metavar": "SECONDS"}
+    parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")
+    parser.add_argument("--tolerance", type=command.positive, default=1.0e-3, help="largest error over the range (%(default)g)")
+    parser.add_argument("--budget", **seconds, default=math.inf, help="of a recommended run at most (any)")
     parser.add_argument("--truth", choices=["deck", "refined"], default="deck", help="measures errors (%(default)s)")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
     parser.add_argument("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
-    parser.add_argument("--longest-run", type=positive, default=120.0, metavar="SECONDS", help="of any run at most (%(default)g)")
-    parser.add_argument("--time", type=positive, default=600.0, metavar="SECONDS", help="of the whole search (%(default)g)")
+    parser.add_argument("--jobs", type=command.count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
+    parser.add_argument("--longest-run", **seconds, default=120.0, help="of any run at most (%(default)g)")
+    parser.add_argument("--time", **seconds, default=600.0, help="of the whole study (%(default)g)")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    parser.add_argument("--biela", type=Path, default=Path("bin/biela"), help="the solver (%(default)s)")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
     return parser
 
 

@@ -10,7 +10,7 @@ import math
 import time
 from dataclasses import dataclass, field
 
-from deck_runs import Outcome
+from deck_runs import Outcome, OutOfTimeError
 from deck_text import DeckText
 from tradeoff_errors import NOISE, between, richardson
 from tradeoff_settings import ORDERS, Setting
@@ -20,7 +20,6 @@ LEVELS = 14  # of a curve at most
 CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
 ENOUGH = 0.3  # share of the tolerance to which the other methods are refined, once one has reached the target
 CHEAP, DRAWN = 0.5, 7  # curves have so many points where the next ones cost less [s]: their slopes show the order
-HALF = 0.5  # share of the study's time after which curves are not refined any more
 PAIR, PAIR_BY_TOLERANCE = 4.0, 2.5  # cost of the second of the next two runs, by the last one's
 FEW = 2  # levels without which nothing can be said of a curve's error
 HIGH = 5.0  # order of methods by tolerance: how their errors fall with their cost
@@ -84,18 +83,19 @@ def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, 
         if spare and best < float("inf"):
             break
         made = min(climbing, key=lambda c: _promise(c, target))
-        dearest = min(study.runner.longest, max(PAIR * best, 1.0))
+        dearest = min(study.runner.longest, study.runner.left(), max(PAIR * best, 1.0))
         enough = made.left <= (target if best == float("inf") else ENOUGH * study.tolerance)
         drawn = spare or lone or made.coming > CHEAP or len(made.outcomes) >= DRAWN
         if made.coming > dearest or (enough and drawn):
             made.ended = True
         else:
-            _climb(study, deck, made, stage)
-        if study.runner.late(HALF):
-            break
+            try:
+                _climb(study, deck, made, stage)
+            except OutOfTimeError:
+                break
     for made in found:
         if made.left == float("inf") and len(made.outcomes) == FEW:
-            made.left = between(made.outcomes[0], made.outcomes[1], study.sizes)
+            made.left = between(made.outcomes[0], made.outcomes[1], study.compared)
     return sorted((c for c in found if c.outcomes), key=lambda c: c.left)
 
 
@@ -123,7 +123,7 @@ def doubt(study: Study, found: list[Curve]) -> float:
     """
     first = found[0]
     others = [c for c in found[1:] if c.family in EXPLICIT and c.left <= ENOUGH * study.tolerance]
-    apart = [between(c.outcomes[-1], first.outcomes[-1], study.sizes) - c.left for c in others]
+    apart = [between(c.outcomes[-1], first.outcomes[-1], study.compared) - c.left for c in others]
     return max([first.left, NOISE, *apart])
 
 
@@ -154,7 +154,7 @@ def _left(study: Study, made: Curve) -> float:
     Where tolerances are divided by ten it is taken to fall as it last did, by ten at most; steps go by Richardson.
     """
     last = made.outcomes[-3:]
-    away = [between(a, b, study.sizes) for a, b in zip(last, last[1:])]
+    away = [between(a, b, study.compared) for a, b in zip(last, last[1:])]
     if not away:
         return float("inf")
     if made.settings[-1].adaptive:

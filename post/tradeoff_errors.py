@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,11 +36,33 @@ class Truth:
 
 @dataclass(frozen=True)
 class Gap:
-    """Difference of a run from a truth, relative to the ranges: the worst column's largest and root mean square."""
+    """Difference of a run from a truth, relative to the ranges: the worst column's largest and root mean square.
+
+    Attributes:
+        each: the largest difference of each column
+    """
 
     largest: float
     rms: float
     column: str
+    each: dict[str, float] = field(default_factory=dict)
+
+    def without(self, sensor: str) -> float:
+        """Return the largest difference over the columns of all other sensors."""
+        return max((error for name, error in self.each.items() if name.split(".")[0] != sensor), default=self.largest)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What of a run is compared, and with what.
+
+    Attributes:
+        sizes: what motions of the scene's size are, by unit
+        columns: names of the columns; none: all
+    """
+
+    sizes: dict[str, float]
+    columns: frozenset[str] = frozenset()
 
 
 def sizes_of(length: float, interval: float) -> dict[str, float]:
@@ -70,9 +92,12 @@ def scale_of(outcome: Outcome, sizes: dict[str, float]) -> np.ndarray:
     return np.array([found[name] for name in outcome.names])
 
 
-def truth_of(outcome: Outcome, sizes: dict[str, float], uncertainty: float = 0.0, words: str = "") -> Truth:
-    """Return a run as the truth; sizes as `sizes_of` gives them."""
-    return Truth(outcome.names, outcome.data[:, 0], outcome.data[:, 1:], scale_of(outcome, sizes), uncertainty, words)
+def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:
+    """Return a run as the truth."""
+    keep = [k for k, name in enumerate(outcome.names) if name in compared.columns or not compared.columns]
+    scale = scale_of(outcome, compared.sizes)[keep]
+    names = tuple(outcome.names[k] for k in keep)
+    return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words)
 
 
 def plain_truth(outcome: Outcome, like: Truth) -> Truth:
@@ -98,13 +123,14 @@ def gap(run: Outcome, truth: Truth) -> Gap:
         raise RunsError("a run lacks rows at the times of the reference")
     off = np.abs(run.data[rows, 1:][:, columns] - truth.values) / truth.scale
     rms = np.sqrt(np.mean(off**2, axis=0))
-    worst = int(np.argmax(off.max(axis=0)))
-    return Gap(float(off.max()), float(rms.max()), truth.names[worst])
+    largest = off.max(axis=0)
+    each = dict(zip(truth.names, largest.tolist()))
+    return Gap(float(largest.max()), float(rms.max()), truth.names[int(np.argmax(largest))], each)
 
 
-def between(a: Outcome, b: Outcome, sizes: dict[str, float]) -> float:
+def between(a: Outcome, b: Outcome, compared: Compared) -> float:
     """Return the largest difference of two runs relative to the ranges of the second, infinite where one failed."""
-    return gap(a, truth_of(b, sizes)).largest if a.ok and b.ok else float("inf")
+    return gap(a, truth_of(b, compared)).largest if a.ok and b.ok else float("inf")
 
 
 def richardson(coarse: float, fine: float, ratio: float, order: float) -> float:

@@ -20,7 +20,7 @@ class Result:
     Attributes:
         deck_name: name of the deck
         kind: 'deck' or 'refined'
-        notes: lines about the truth
+        notes: lines about the truth and the search
         curves: work-precision curves of the full model
         written: the deck as written, timed alone
         path: cheapest adequate points, model by model
@@ -29,6 +29,7 @@ class Result:
         meets: whether the verified error is within the tolerance
         budget: solver seconds that the recommended run may take, infinite without [s]
         parts: (what, time, mesh, model) parts of errors
+        important: what a user should know before he trusts the recommendation
     """
 
     deck_name: str
@@ -42,6 +43,12 @@ class Result:
     meets: bool = False
     budget: float = math.inf
     parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
+    important: list[str] = field(default_factory=list)
+
+
+def asked_for(study: Study) -> list[str]:
+    """Return what must be right: columns where some were named, else sensors."""
+    return sorted(study.compared.columns or study.asked)
 
 
 def pareto(points: list[Point]) -> set[int]:
@@ -108,28 +115,47 @@ def speed_up(written: Point, chosen: Point) -> tuple[float, float]:
 
 def verdict(study: Study, result: Result) -> str:
     """Return the paragraph: the cheapest setting that meets the tolerance, what it costs and what it leaves out."""
-    tolerance = f"{study.tolerance:g} of each sensor's range"
-    own = f"The deck as written has an error of {result.written.gap.largest:.1e} and takes {result.written.cost:.4f} s."
-    if result.chosen is None:
-        return f"No setting that was tried meets {tolerance}. {own} The truth itself is known to {study.truth.uncertainty:.1e}."
-    seconds, work = speed_up(result.written, result.chosen)
+    tolerance, truth, written = f"{study.tolerance:g} of each sensor's range", study.truth, result.written
+    own = f"The deck as written has an error of {written.gap.largest:.1e} and takes {written.cost:.4f} s"
+    own = own if written.outcome.ok else f"The deck as written was not measured: {written.outcome.message}"
+    chosen = result.chosen
+    if chosen is None and math.isinf(truth.uncertainty):
+        return f"No reference converged within --time {study.runner.time:g}: nothing is recommended, errors are rough. {own}."
+    if chosen is None:
+        return f"No setting that was tried meets {tolerance}. {own}. The truth itself is known to {truth.uncertainty:.1e}."
+    known = f"(worst column {chosen.gap.column}; the truth is known to {truth.uncertainty:.1e})"
+    if chosen.deck is written.deck:
+        return (
+            f"The deck as written is the cheapest that was found to meet {tolerance}: keep it. Its error is "
+            f"{chosen.gap.largest:.1e} {known}, it takes {chosen.cost:.4f} s."
+        )
     model = "the model " + (" and ".join(["without: " + "; ".join(result.taken)]) if result.taken else "in full")
     said = (
         f"{'The cheapest setting that meets' if result.meets else 'The most accurate setting within the budget, which misses'} "
-        f"{tolerance} is {setting_words(study, result.chosen)} with {model}. "
-        f"recommended.nml was run: its error is {result.chosen.gap.largest:.1e} (worst column {result.chosen.gap.column}; the "
-        f"truth is known to {study.truth.uncertainty:.1e}), it takes {result.chosen.cost:.4f} s. {own[:-1]}: the speed-up is "
-        f"{seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns."
+        f"{tolerance} is {setting_words(study, chosen)} with {model}. "
+        f"recommended.nml was run: its error is {chosen.gap.largest:.1e} {known}, it takes {chosen.cost:.4f} s. {own}"
     )
+    if written.outcome.ok:
+        seconds, work = speed_up(written, chosen)
+        said += f": the speed-up is {seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns"
+        if chosen.cost > written.cost:
+            said += "; the deck as written is cheaper, but misses the tolerance"
+    said += "."
     if math.isfinite(result.budget):
         said += f" The budget was {result.budget:g} s."
     return said
 
 
+def _wrapped(notes: list[str]) -> list[str]:
+    """Return notes as lines of a list."""
+    return [line for note in notes for line in textwrap.wrap(note, WIDTH - 2, initial_indent="- ", subsequent_indent="  ")]
+
+
 def head(study: Study, result: Result) -> str:
     """Return the comment on top of recommended.nml."""
     lines = textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
-    lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(sorted(study.asked))}.", WIDTH - 2)
+    lines += _wrapped(result.important)
+    lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(asked_for(study))}.", WIDTH - 2)
     if not study.grid.stated:
         lines += textwrap.wrap(
             f"The deck as written states no output_step: a row each step. Here a row stands each {study.grid.interval:g} s.",
@@ -145,14 +171,15 @@ def table(study: Study, result: Result) -> str:
         f"Speed against accuracy of {result.deck_name}",
         "",
         *textwrap.wrap(verdict(study, result), WIDTH),
+        *_wrapped(result.important),
         "",
         f"truth ({result.kind}): {truth.words}",
         f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (finest levels and meshes, the other explicit method)",
         *(f"  {note}" for note in result.notes),
-        f"sensors: {', '.join(sorted(study.asked))}; tolerance {study.tolerance:g} of each column's range",
+        f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
-        "seconds: of the processor, analyses alone, without start-up, median of repeats where short",
+        "seconds: of the processor, analyses alone, without start-up; the last two rows: of several runs in turn, the median",
         "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one",
         "",
         "Observed orders on the full model: how fast errors fall with the number of steps",
@@ -165,7 +192,6 @@ def table(study: Study, result: Result) -> str:
         lines += ["", f"{'Parts of the error':44} {'time':>9} {'mesh':>9} {'model':>9}"]
         lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
     lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *_removals(study)]
-    lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study), _line(study, result.written)]
-    if result.chosen:
-        lines.append(_line(study, result.chosen))
+    lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study)]
+    lines += [_line(study, point) for point in (result.written, result.chosen) if point and point.outcome.ok]
     return "\n".join(lines) + "\n"

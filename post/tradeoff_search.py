@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import deck_models
-from deck_runs import OutOfTimeError
+from deck_runs import Outcome, OutOfTimeError
 from deck_text import DeckText
-from tradeoff_errors import Gap, gap
+from tradeoff_errors import Gap, between
 from tradeoff_settings import Setting
 from tradeoff_study import Point, Step, Study
 
-EFFECT = 0.1  # a removal's effect is measured with a time error below this share of the tolerance
-DOUBT = 10.0  # an effect below this many tolerances is measured again with another method before the removal is given up
+EFFECT = 0.5  # an effect that the cheapest adequate setting leaves open is measured with an error below this share of the room
 DEAR = 3.0  # a method is given up where a run that is not adequate costs so many times what another method asks
 GAIN = 0.97  # a removal is worth it where the cost falls below this share
 
@@ -23,6 +22,9 @@ def adequate(study: Study, model: str, deck: DeckText, start: Setting, dearest: 
     None where none does at a cost below `dearest` seconds.
     """
     best, worse, setting = None, float("inf"), start
+    coarser = [p for p in study.points if p.model == model and p.setting.family == start.family and p.setting.index <= start.index]
+    if any(study.price(p) > dearest for p in coarser):
+        return None
     while setting.exists():
         point = study.measure(model, deck, [setting], stage)[0]
         if point.gap.largest <= study.room:
@@ -68,7 +70,7 @@ def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], st
         study: what is shared
         deck: the model to start from
         best: its cheapest adequate point
-        effects: settings of different methods whose time error is small against the tolerance
+        effects: the cheapest settings of different methods whose error leaves room for that of a smaller model
         starts: first guess of the adequate setting by family
 
     Returns:
@@ -78,7 +80,7 @@ def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], st
     while options := [c for c in deck_models.removals(deck, study.asked) if c.label not in hopeless]:
         turn += 1
         try:
-            step, change = _round(study, turn, options, path[-1], name, effects, starts) or (None, None)
+            step, change = _round(study, turn, (deck, options), path[-1], name, effects, starts) or (None, None)
             hopeless |= {s.label for s in study.steps if s.round == turn and not s.effect.largest <= study.room}
             if step is None:
                 break
@@ -93,21 +95,33 @@ def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], st
 def _round(
     study: Study,
     turn: int,
-    options: list[deck_models.Change],
+    models: tuple[DeckText, list[deck_models.Change]],
     last: Point,
     name: str,
     effects: list[Setting],
     starts: dict[str, Setting],
 ) -> tuple[Step, deck_models.Change] | None:
-    """Return the removal that saves most, with its cheapest adequate point; None where none saves anything."""
-    tried = _effects(study, turn, options, effects)
+    """Return the removal that saves most, with its cheapest adequate point; None where none saves anything.
+
+    Args:
+        study: what is shared
+        turn: number of the round
+        models: the model of the last round, and what can be removed from it
+        last: cheapest adequate point of that model
+        name: of that model
+        effects: settings by which effects are measured
+        starts: first guess of the adequate setting by family
+    """
+    deck, options = models
+    titles = [change.label if turn == 1 else f"{name}; {change.label}" for change in options]
+    tried = _effects(study, turn, deck, list(zip(titles, options)), effects)
     fit = [(step, change) for step, change in zip(tried, options) if step.effect.largest <= study.room]
     fit = _promising(study, fit)
     own = [last.setting.family] if len(fit) > 3 else None
 
     def price(pair: tuple[Step, deck_models.Change]) -> Point | None:
         step, change = pair
-        title = step.label if turn == 1 else f"{name}; {step.label}"
+        title = titles[tried.index(step)]
         stage = f"round {turn}: settings without {step.label}"
         return cheapest(study, title, change.deck, dict(starts), 2.0 * study.price(last), stage, own)
 
@@ -128,26 +142,41 @@ def _promising(study: Study, fit: list[tuple[Step, deck_models.Change]]) -> list
     for step, change in fit:
         same = [(s, c) for s, c in fit if (c.body, c.kind) == (change.body, change.kind) and c.count < change.count]
         half = 0.5 * study.room
-        beaten = bool(same) and (step.effect.largest > half or min(s.effect.largest for s, _ in same) <= half)
+        beaten = bool(same) and (step.change > half or min(s.change for s, _ in same) <= half)
         if change.kind == "rigid" or not (beaten or change.body in rigid):
             kept.append((step, change))
     return kept
 
 
-def _effects(study: Study, turn: int, options: list[deck_models.Change], settings: list[Setting]) -> list[Step]:
+def _effects(
+    study: Study, turn: int, deck: DeckText, options: list[tuple[str, deck_models.Change]], settings: list[Setting]
+) -> list[Step]:
     """Return the removals with their measured effects, and keep them.
 
-    A step that suits the full model may not suit a smaller one: a run that fails, or is off by little more than the tolerance,
-    is made with the next method too, and the smaller error counts.
+    The cheapest adequate setting tells how much a removal changes. One that changes less than is left for errors, but has no room
+    beside the setting's own error, is measured with the next setting too, and so is one whose run fails: the smaller error counts.
     """
     stage = f"round {turn}: what each removal changes"
-    found = [Step(turn, change.label, Gap(math.inf, math.inf, ""), note="not run") for change in options]
-    for setting in settings:
-        doubtful = [k for k, step in enumerate(found) if step.note or study.room < step.effect.largest < DOUBT * study.room]
-        outcomes = study.runner.all([study.text(options[k].deck, setting) for k in doubtful], stage)
-        for k, outcome in zip(doubtful, outcomes):
-            effect = gap(outcome, study.truth)
-            if found[k].note or effect.largest < found[k].effect.largest:
-                found[k] = Step(turn, options[k].label, effect, note=outcome.message)
+    found = [Step(turn, change.label, Gap(math.inf, math.inf, ""), note="not run") for _, change in options]
     study.steps += found
+    for setting in settings:
+        doubtful = [k for k, step in enumerate(found) if step.note or step.change <= study.room < step.effect.largest]
+        texts = [study.text(model, setting) for model in (deck, *(options[k][1].deck for k in doubtful))]
+        ended = None
+        try:
+            outcomes = study.runner.all(texts, stage)
+        except OutOfTimeError as fault:
+            ended, outcomes = fault, [study.runner.kept(text) for text in texts]
+        for k, outcome in zip(doubtful, outcomes[1:]):
+            for point in study.keep(options[k][0], options[k][1].deck, [setting], [outcome]):
+                _take(study, found[k], point, outcomes[0])
+        if ended:
+            raise ended
     return found
+
+
+def _take(study: Study, step: Step, point: Point, before: Outcome | None) -> None:
+    """Put a run into a removal's step where it is the first or errs less; before: the larger model by the same setting."""
+    if step.note or point.gap.largest < step.effect.largest:
+        step.effect, step.note = point.gap, point.outcome.message
+        step.change = between(point.outcome, before, study.compared) if before else math.inf

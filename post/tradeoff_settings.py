@@ -7,6 +7,7 @@ one it would write a row each step, and the study chooses an interval.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from deck_text import DeckError, DeckText
@@ -141,11 +142,32 @@ def for_search(deck: DeckText, setting: Setting | None, grid: Grid, asked: set[s
 
 
 def sensors(deck: DeckText, wanted: list[str]) -> set[str]:
-    """Return the names of the sensors that are asked for, all without a wish; DeckError for a name that is no sensor."""
+    """Return the names of the sensors that are asked for, all without a wish; DeckError for a name that is no sensor.
+
+    Args:
+        deck: the deck
+        wanted: names of sensors, or of columns (`tip.v`)
+    """
     known = [group.name for group in deck.all("sensor")]
     if not known:
         raise DeckError("the deck has no &sensor: nothing to compare")
     for name in wanted:
-        if name.lower() not in known:
+        if name.lower().split(".")[0] not in known:
             raise DeckError(f"no sensor {name!r} in the deck; it has {', '.join(known)}")
-    return {name.lower() for name in wanted} or set(known)
+    return {name.lower().split(".")[0] for name in wanted} or set(known)
+
+
+def columns(names: Iterable[str], wanted: list[str]) -> frozenset[str]:
+    """Return the columns that are compared: those of the sensors asked for, and those named themselves.
+
+    Raises:
+        DeckError: a sensor has no such column.
+    """
+    found = set()
+    for word in (name.lower() for name in wanted):
+        mine = {name for name in names if word in (name.lower(), name.lower().split(".")[0])}
+        if not mine:
+            have = ", ".join(name for name in names if name.lower().split(".")[0] == word.split(".")[0])
+            raise DeckError(f"no column {word!r}; its sensor has {have}")
+        found |= mine
+    return frozenset(found)

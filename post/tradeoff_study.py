@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
-from deck_runs import Outcome, Runner
+from deck_runs import Outcome, OutOfTimeError, Runner
 from deck_text import DeckText
-from tradeoff_errors import Gap, Truth, gap
+from tradeoff_errors import Compared, Gap, Truth, gap
 from tradeoff_settings import Grid, Setting, for_search
+
+FULL = "full model"
 
 CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
 SHORT = 2.0  # [s] shorter runs are ranked by their counts: side by side, on a machine with other work, clocks err
@@ -31,11 +34,19 @@ class Point:
 
 @dataclass
 class Step:
-    """One removal that was tried: from which round, what it changes, and the cheapest adequate setting found with it."""
+    """One removal that was tried, and the cheapest adequate setting found with it.
+
+    Attributes:
+        round: of the search
+        label: what is removed
+        effect: error of the model without it
+        change: largest difference from the model before, by the same setting
+    """
 
     round: int
     label: str
     effect: Gap
+    change: float = math.inf
     best: Point | None = None
     taken: bool = False
     note: str = ""
@@ -51,7 +62,7 @@ class Study:
         asked: names of the sensors
         tolerance: largest error that is accepted, relative to the range
         families: curves that are tried
-        sizes: what motions of the scene's size are, by unit
+        compared: columns, and the sizes by which they are judged
         points: everything that was measured against the truth
         steps: every removal that was tried
         rates: seconds for an evaluation of one unknown, by family, from the full model's longest run
@@ -62,7 +73,7 @@ class Study:
     asked: set[str]
     tolerance: float
     families: list[str]
-    sizes: dict[str, float]
+    compared: Compared
     truth: Truth | None = None
     points: list[Point] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -70,8 +81,9 @@ class Study:
 
     @property
     def room(self) -> float:
-        """What an error may be so that it meets the tolerance whatever the truth's own error is."""
-        return max(self.tolerance - self.truth.uncertainty, 0.0)
+        """What an error may be so that it meets the tolerance whatever the truth's own error is; negative: nothing can."""
+        left = self.tolerance - self.truth.uncertainty
+        return left if left > 0.0 else -1.0
 
     def price(self, point: Point) -> float:
         """Return what a point is ranked by: its seconds.
@@ -89,8 +101,16 @@ class Study:
 
     def measure(self, model: str, deck: DeckText, settings: list[Setting], stage: str) -> list[Point]:
         """Run a model with some settings and keep the points."""
-        outcomes = self.runner.all([self.text(deck, s) for s in settings], stage)
-        found = [Point(model, s, deck, o, gap(o, self.truth)) for s, o in zip(settings, outcomes)]
+        texts = [self.text(deck, s) for s in settings]
+        try:
+            return self.keep(model, deck, settings, self.runner.all(texts, stage))
+        except OutOfTimeError:
+            self.keep(model, deck, settings, [self.runner.kept(text) for text in texts])
+            raise
+
+    def keep(self, model: str, deck: DeckText, settings: list[Setting], outcomes: list[Outcome | None]) -> list[Point]:
+        """Keep what a model gave with some settings, None where there was no run, and return the points."""
+        found = [Point(model, s, deck, o, gap(o, self.truth)) for s, o in zip(settings, outcomes) if o]
         known = {(p.model, p.setting) for p in self.points}
         self.points += [p for p in found if p.outcome.ok and (p.model, p.setting) not in known]
         return found

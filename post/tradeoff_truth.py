@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import contextlib
+from dataclasses import dataclass, replace
 
 import deck_models
-from deck_runs import Outcome, RunsError
+from deck_models import ImpossibleError
+from deck_runs import Outcome, OutOfTimeError, RunsError
 from deck_text import DeckText
 from tradeoff_curves import Curve, curves, doubt
 from tradeoff_errors import Gap, between, gap, plain_truth, richardson, truth_of
 from tradeoff_settings import Setting
-from tradeoff_study import Study
+from tradeoff_study import FULL, Point, Study
 
 MESHES = 4  # doublings of the mesh at most
+DEAR = 4.0  # a setting by which effects are measured costs at most so many times the cheapest adequate one
 DEARER = 3.0  # a run of a mesh twice as fine, before any has shown: half the step, and some more work
 SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
+SECOND = 0.7  # share of the study's time after which the second attempt at a truth ends
 RIGHT = 0.7  # share of what an error may be that a model may use up, so that the search starts from it
 
 
@@ -50,29 +54,49 @@ def _words(study: Study, made: Curve) -> str:
     return made.settings[-1].words(study.grid)
 
 
-def deck_truth(study: Study, deck: DeckText) -> Base:
-    """Set the study's truth: the deck's own model, converged in time."""
-    found = _best(study, deck, "reference")
+def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
+    """Set the study's truth: the deck's own model, converged in time.
+
+    Where nothing converged in the time, the finest run takes its place, or else the deck as written, and how far it is off is
+    not known.
+
+    Raises:
+        RunsError: there is no run at all.
+    """
+    found = curves(study, deck, "reference")
+    if not found:
+        if not written.ok:
+            raise RunsError("neither the deck as written nor any other setting came to its end within the time; give more --time")
+        study.truth = truth_of(written, study.compared, float("inf"), "the deck as written: no other run came to its end in time")
+        return Base(deck, [], 0, [])
     finest = found[0].outcomes[-1]
-    study.truth = truth_of(finest, study.sizes, doubt(study, found), f"the deck's model, {_words(study, found[0])}")
+    words = f"the deck's model, {_words(study, found[0])}"
+    if found[0].left == float("inf"):
+        words += ", not known to have converged: the time ended"
+    study.truth = truth_of(finest, study.compared, doubt(study, found), words)
     notes = [
-        f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.sizes):.1e} away"
+        f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.compared):.1e} away"
         for c in found[1:]
     ]
     return Base(deck, found, 0, notes)
 
 
-def refined_truth(study: Study, deck: DeckText) -> Base:
+def refined_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     """Set the study's truth: nodal coordinates, axial deformation, a mesh refined until it has settled, converged in time.
 
-    Raises:
-        RunsError: there are no two meshes whose difference would tell how far off the finer one is.
+    Without two meshes, whose difference tells how far off the finer one is, the deck's own model takes its place.
     """
-    meshes, notes, left = _meshes(study, deck)
+    try:
+        meshes, notes, left = _meshes(study, deck)
+    except (RunsError, OutOfTimeError) as fault:
+        study.runner.share = SECOND
+        base = deck_truth(study, deck, written)
+        note = f"no refined truth: {fault or 'the time ended'}; the errors are those of the time integration alone"
+        return replace(base, notes=[note, *base.notes])
     finest = meshes[-1]
     words = f"mesh x {2 ** (len(meshes) - 1)}, all kinematics modelled, {_words(study, finest.curves[0])}"
     outcome = finest.curves[0].outcomes[-1]
-    study.truth = truth_of(outcome, study.sizes, left + doubt(study, finest.curves), words)
+    study.truth = truth_of(outcome, study.compared, left + doubt(study, finest.curves), words)
     return _start(study, deck, meshes, notes)
 
 
@@ -95,7 +119,7 @@ def _meshes(study: Study, deck: DeckText) -> tuple[list[Base], list[str], float]
             break
         meshes.append(Base(model, found, doublings, []))
         if len(meshes) > 1:
-            off = between(*(mesh.curves[0].outcomes[-1] for mesh in meshes[-2:]), study.sizes)
+            off = between(*(mesh.curves[0].outcomes[-1] for mesh in meshes[-2:]), study.compared)
             left, before = richardson(before, off, 2.0, 4.0), off
             notes.append(f"mesh x {2**doublings}: {off:.1e} from the one before")
             if left <= SETTLED * study.tolerance and (len(meshes) > 2 or off <= SETTLED * study.tolerance):
@@ -129,16 +153,16 @@ def _start(study: Study, deck: DeckText, meshes: list[Base], notes: list[str]) -
     return Base(finest.deck, finest.curves, finest.doublings, notes)
 
 
-def effect_settings(study: Study, base: Base, share: float) -> list[Setting]:
-    """Return settings of the two most accurate families, coarse, with a time error below a share of the tolerance.
+def effect_settings(study: Study, best: Point, share: float) -> list[Setting]:
+    """Return settings by which effects are measured: the cheapest adequate one, and those that follow where it does not do.
 
-    The finest of the best family where there are none.
+    They are, by family, the cheapest that leaves the full model an error below a share of the room, where it is not too dear.
     """
-    found = []
-    for made in base.curves:
-        good = [s for s, o in zip(made.settings, made.outcomes) if gap(o, study.truth).largest <= share * study.tolerance]
-        found += good[:1]
-    return found[:2] or [base.curves[0].settings[-1]]
+    found = {}
+    for point in sorted((p for p in study.points if p.model == FULL), key=study.price):
+        if point.gap.largest <= share * study.room and study.price(point) <= DEAR * study.price(best):
+            found.setdefault(point.setting.family, point.setting)
+    return list(dict.fromkeys([best.setting, *found.values()]))
 
 
 def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings: int) -> tuple[Gap, Gap, Gap]:
@@ -173,27 +197,78 @@ def _on_mesh(study: Study, deck: DeckText, model: DeckText, doublings: int) -> D
     return model
 
 
-def stiffened(study: Study, deck: DeckText, setting: Setting) -> str:
-    """Return a line that says what geometric stiffening would change, '' where it cannot be asked for."""
-    model = deck
-    for body in deck.all("body"):
-        soft = not body.flag("stiffening", False) and body.flag("axial", True) and not body.number("modes")
-        if deck_models.is_flexible(body) and soft:
-            model = model.set(model.one("body", body.name), stiffening=".true.")
-    if model is deck:
-        return ""
-    outcome = study.runner.all([study.text(model, setting)], "geometric stiffening")[0]
-    if not outcome.ok:
-        return f"geometric stiffening could not be tried: {outcome.message}"
-    found = gap(outcome, study.truth)
-    return f"geometric stiffening, where the deck has none, changes the sensors by {found.largest:.1e} ({found.column})"
+def larger_models(deck: DeckText, asked: set[str], mesh: bool) -> dict[str, DeckText]:
+    """Return, by what they add in words, models with what the deck leaves out; what is impossible is not among them.
+
+    Args:
+        deck: the model
+        asked: names of the sensors that must stay
+        mesh: whether a mesh twice as fine is one of them
+    """
+    added: dict[str, DeckText] = {}
+    bodies = [body for body in deck.all("body") if body.word("kind") in ("beam", "frame")]
+    flexible = [body for body in bodies if deck_models.is_flexible(body)]
+    for body in bodies:
+        if body not in flexible:
+            with contextlib.suppress(ImpossibleError):
+                added[f"the flexibility of {body.name}"] = deck_models.changed(deck, body.name, {"flexible": None}, asked)
+    off = {
+        "axial deformation": ("axial", lambda body: not body.flag("axial", True)),
+        "viscoelasticity": ("viscoelastic", lambda body: not body.flag("viscoelastic", True)),
+        "what the modes leave out": ("modes", lambda body: body.number("modes") and body.word("reference") != "free"),
+    }
+    for words, (key, missing) in off.items():
+        _add(added, words, deck, [(body.name, {key: None}) for body in flexible if missing(body)], asked)
+    soft = [body for body in flexible if not body.flag("stiffening", False) and body.word("reference") != "free"]
+    values = {"axial": None, "modes": None, "stiffening": ".true."}
+    edits = [(b.name, {k: v for k, v in values.items() if v or k in b.values}) for b in soft]
+    _add(added, "geometric stiffening", deck, edits, asked)
+    if mesh and flexible:
+        with contextlib.suppress(ImpossibleError):
+            added["a mesh twice as fine"] = deck_models.refined(deck, 1, asked, model=False)
+    return added
+
+
+def _add(added: dict[str, DeckText], words: str, deck: DeckText, edits: list[tuple[str, dict]], asked: set[str]) -> None:
+    """Add a model with values of some bodies changed, where there is such a body."""
+    with contextlib.suppress(ImpossibleError):
+        for body, values in edits:
+            deck = deck_models.changed(deck, body, values, asked)
+        if edits:
+            added[words] = deck
+
+
+def left_out(study: Study, base: Base, best: Point) -> tuple[list[str], list[str]]:
+    """Return what is told of things that the model leaves out: those that change the sensors beyond the tolerance, the others.
+
+    Each is added to the model by itself; the two are compared by the same setting, the first that both accept: explicit steps
+    are bounded by what is added.
+    """
+    settings = [*effect_settings(study, best, 1.0), best.setting.doubled().doubled()]
+    important, others, faults = [], [], {}
+    untried = larger_models(base.deck, study.asked, mesh=not base.doublings)
+    for setting in settings:
+        texts = [study.text(model, setting) for model in (base.deck, *untried.values())]
+        before, *outcomes = study.runner.all(texts, "what the deck leaves out") if untried else [None]
+        for words, outcome in zip(list(untried), outcomes):
+            faults[words] = outcome.message or before.message
+            if outcome.ok and before.ok:
+                del untried[words]
+                off = gap(outcome, plain_truth(before, study.truth))
+                told = f"{words}, which the model leaves out, changes the sensors by {off.largest:.1e} ({off.column})"
+                (important if off.largest > study.tolerance else others).append(told)
+    return important, others + [f"{words} could not be tried: {faults[words]}" for words in untried]
 
 
 def as_written(study: Study, deck: DeckText) -> Outcome:
-    """Return what the deck as it is gives, timed alone; RunsError where it does not run."""
-    outcome = study.runner.timed(deck.text)
+    """Return what the deck as it is gives, timed alone, unfinished where it takes too long; RunsError where it does not run."""
+    limit = min(study.runner.longest, study.runner.left())
+    try:
+        outcome = study.runner.timed(deck.text)
+    except OutOfTimeError:
+        outcome = Outcome(-1, "")
     if outcome.status == -1:
-        raise RunsError(f"the deck as written takes longer than {study.runner.longest:g} s (--longest-run, --time)")
+        return Outcome(-1, f"it takes more than {limit:.3g} s and was not finished")
     if not outcome.ok:
         raise RunsError(f"the deck as written does not run: {outcome.message}")
     return outcome

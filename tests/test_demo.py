@@ -59,9 +59,9 @@ def test_the_elastic_twin_dissipates_nothing(biela, place):
     assert not read(place / "results" / pair.elastic, "energy")["dissipated"].any()
 
 
-def test_a_missing_solver_or_deck_is_one_line(biela, place, capfd):
+def test_a_missing_solver_or_deck_is_one_line(biela, place, capfd, monkeypatch):
     assert demo.main(["--biela", "nowhere/biela"]) == 1
     assert "nowhere/biela: cannot be started" in capfd.readouterr().err
-    (place / "input").unlink()
+    monkeypatch.setattr(demo.command, "ROOT", place / "nowhere")
     assert demo.main(["--biela", str(biela)]) == 1
     assert capfd.readouterr().err.splitlines()[-1].endswith("ended with status 2")

@@ -1,9 +1,13 @@
 """Pictures of modes, poles and responses: files that are there and not blank, the right rows and columns, faults in one line."""
 
+import os
+import re
+from pathlib import Path
+
 import modes
 import numpy as np
 import pytest
-from histories import HistoryError, read
+from histories import History, HistoryError, read
 from PIL import Image
 from test_frequency_response import FORCE, sweep
 from test_modal import beam
@@ -50,6 +54,46 @@ def test_columns_that_are_rounding_are_left_out_unless_asked_for(run):
     table = read(run[0].folder, "frequency_response")
     assert modes.sensors(table, None) == ["tip.v", "tip.r"]
     assert modes.sensors(table, ["tip.u"]) == ["tip.u"]
+
+
+def poles(*rows):
+    """Return a table of poles: (mode, kind, real, imag)."""
+    names = ["number", "mode", "kind", "real", "imag"]
+    return History(Path("modes.txt"), names, {}, np.array([[k + 1.0, *row] for k, row in enumerate(rows)]))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("span", [3.0, 30.0, 300.0])
+def test_poles_of_any_size_are_drawn_without_a_warning(span):
+    draw = np.random.default_rng(14)
+    for _ in range(4):
+        size = 10.0 ** draw.uniform(-span, span, (6, 2))
+        rows = [(k + 1, draw.integers(0, 4), -s[0] * draw.integers(0, 2), s[1]) for k, s in enumerate(size)]
+        figure = modes.draw_poles(poles(*rows))
+        figure.savefig(os.devnull, format="png")
+        modes.plt.close(figure)
+
+
+def test_rounding_does_not_stretch_the_axes_of_the_poles():
+    figure = modes.draw_poles(poles((1, 0, -1e-13, 1e-9), (2, 1, -1e-10, 300.0), (3, 1, -20.0, 4000.0)))
+    axis = figure.axes[0]
+    assert axis.xaxis.get_transform().linthresh == 10.0
+    assert axis.yaxis.get_transform().linthresh == 100.0
+    modes.plt.close(figure)
+
+
+def test_numbers_of_poles_at_one_place_stand_side_by_side():
+    figure = modes.draw_poles(poles((1, 1, -1.0, 50.0), (2, 1, -30.0, 4000.0), (3, 1, -30.1, 4010.0)))
+    assert [text.get_text() for text in figure.axes[0].texts] == ["1", "2, 3"]
+    modes.plt.close(figure)
+
+
+def test_a_response_says_to_what(run):
+    table = read(run[0].folder, "frequency_response")
+    figure = modes.draw_response(table, ["tip.v", "tip.r"])
+    assert re.fullmatch(r'response to force "\w+", per unit of its history', figure.get_suptitle())
+    assert [axis.get_ylabel() for axis in figure.axes] == ["amplitude [m]", "phase [°]", "amplitude [rad]", "phase [°]"]
+    modes.plt.close(figure)
 
 
 def test_faults_are_one_line(run, tmp_path, capsys):

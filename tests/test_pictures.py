@@ -200,16 +200,113 @@ def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
     (tmp_path / "loop.nml").write_text("&include file='loop.nml' /\n")
     cases = [
         ([str(runs[0] / "history.txt")], "has no body frames"),
-        ([str(path), "--deck", str(tmp_path / "none.nml")], "cannot be read"),
+        ([str(path), "--deck", str(tmp_path / "none.nml")], "no such file"),
         ([str(path), "--deck", str(tmp_path / "bad.nml")], "its body 'other' is not in the motion file"),
-        ([str(path), "--deck", str(tmp_path / "loop.nml")], "include each other without end"),
+        ([str(path), "--deck", str(tmp_path / "loop.nml")], "includes itself"),
         ([str(path), "--frames", "1"], "at least 2 frames"),
+        ([str(path), "--trace", "rod.9"], "no place 'rod.9' to trace; there are rod.1, plate"),
     ]
     for words, told in cases:
         assert animate.main(words) == 2
         message = capsys.readouterr().err
         assert told in message
         assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--exaggerate", "nan"], "'nan': a number expected"),
+        (["--exaggerate", "inf"], "'inf': a number expected"),
+        (["--seconds", "nan"], "'nan': a number expected"),
+        (["--seconds", "0"], "'0': a number above 0 expected"),
+        (["--pictures", "-3"], "'-3': a whole number of at least 1 expected"),
+        (["--frames", "many"], "'many': a whole number of at least 1 expected"),
+    ],
+)
+def test_numbers_of_the_command_line_are_refused_with_what_was_expected(motion, capsys, words, told):
+    with pytest.raises(SystemExit) as ended:
+        animate.main([str(motion[0]), *words])
+    assert ended.value.code == 2
+    assert told in capsys.readouterr().err
+
+
+def test_lumps_names_and_paths_are_drawn_and_a_film_is_written(motion, tmp_path):
+    path, deck = motion
+    scene = mechanism.from_motion(read(path))
+    mechanism.add_deck(scene, deck)
+    np.testing.assert_allclose(scene.at(scene.lumps[0], 0), [-0.5, 1.5])
+    mechanism.add_trace(scene, "Rod.3")
+    np.testing.assert_allclose(scene.traces[0][20], [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
+    figure = animate.sheet(scene, 2)
+    first, second = figure.axes
+    assert {"rod", "plate"} < {text.get_text().strip() for text in first.texts}
+    assert len(second.texts) == 1
+    assert any(np.array_equal(line.get_xydata(), scene.traces[0]) for line in first.lines)
+    plot.plt.close(figure)
+    stem = tmp_path / "film"
+    assert animate.main([str(path), "--deck", str(deck), "--frames", "4", "--pictures", "1", "--mp4", "--output", str(stem)]) == 0
+    assert stem.with_suffix(".mp4").read_bytes()[4:8] == b"ftyp"
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+@pytest.mark.parametrize("shape", [(1.0, 0.0), (1.0, 1.0), (0.2, 1.0), (0.0, 0.0)])
+def test_panels_of_a_sheet_fill_it(count, shape):
+    lines, columns, width, height = animate.tiles(count, np.zeros(2), np.array(shape))
+    assert lines * columns >= count > (lines - 1) * columns
+    assert animate.SMALLEST <= width <= animate.LARGEST
+    assert columns * width <= max(animate.SHEET[0], animate.SMALLEST * columns) + 1e-9
+    assert (lines * columns - count) * 3 <= max(3, count)
+    assert height > 0.0
+
+
+def test_columns_of_zeros_are_left_out_and_told_and_shown_where_they_are_named(runs, capsys):
+    for folder in runs:
+        history = read(folder)
+        names = [f"{name}[{history.units[name]}]" for name in history.names]
+        written(folder / "history.txt", [*names, "idle.x[N]"], np.column_stack([history.data, 0.0 * history.time]))
+    assert plot.main([str(runs[0])]) == 0
+    assert "left out, zero throughout: idle.x" in capsys.readouterr().out
+    assert plot.chosen_columns([read(run) for run in runs], ["idle.*"], None) == (["idle.x"], [])
+    assert "idle.x" not in plot.chosen_columns([read(run) for run in runs], None, None)[0]
+
+
+def test_a_run_without_a_column_is_refused_by_name(runs, capsys):
+    history = read(runs[1])
+    written(runs[1] / "history.txt", [f"{name}[{history.units[name]}]" for name in history.names[:-1]], history.data[:, :-1])
+    for words in ([], ["--columns", "small"]):
+        assert plot.main([*map(str, runs), *words]) == 2
+        told = capsys.readouterr().err
+        assert str(runs[1] / "history.txt") in told
+        assert "small" in told
+
+
+def test_pictures_are_named_after_what_they_show(runs):
+    assert plot.main([str(runs[0])]) == 0
+    assert plot.main([str(runs[0]), "--columns", "q.*"]) == 0
+    assert plot.main([*map(str, runs), "--columns", "near", "--against", "large"]) == 0
+    found = {path.name for path in runs[0].glob("*.png")}
+    assert found == {"history.png", "history_q.png", "history_near_against_large_viscoelastic.png"}
+
+
+def test_a_path_is_drawn_to_scale_and_an_angle_over_a_length_is_not(runs):
+    history = read(runs[0])
+    for name, aspect in (("near", 1.0), ("q.q", "auto")):
+        figure = plot.draw([history], ["run"], [name], against="large")
+        assert figure.axes[0].get_aspect() == aspect
+        plot.plt.close(figure)
+
+
+def test_lines_of_a_picture_differ_in_colour_and_in_style(runs):
+    histories = [read(run) for run in runs]
+    for shown, names in ((histories[:1], ["large", "near"]), (histories, ["q.q"]), (histories, ["large", "near"])):
+        figure = plot.draw(shown, ["a", "b"][: len(shown)], names)
+        lines = figure.axes[0].lines
+        looks = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines}
+        styles = {str(line._unscaled_dash_pattern) for line in lines}
+        assert len(looks) == len(lines)
+        assert len(styles) > 1
+        plot.plt.close(figure)
 
 
 def test_a_motion_without_bodies_is_refused(runs):

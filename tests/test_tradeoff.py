@@ -23,6 +23,7 @@ from histories import read
 from oracle import Scene
 from scipy.integrate import solve_ivp
 from tradeoff_curves import Curve, doubt
+from tradeoff_errors import Compared
 
 TOOL = ROOT / "post" / "tradeoff.py"
 CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
@@ -106,9 +107,9 @@ def test_refined_truth_of_the_four_bar_starts_the_search_from_the_decks_own_mode
 
 
 class Fixed:
-    """A study of which `doubt` needs the sizes and the tolerance only."""
+    """A study of which `doubt` needs what is compared and the tolerance only."""
 
-    sizes, tolerance = {}, 1e-2
+    compared, tolerance = Compared({}), 1e-2
 
 
 def test_vibrations_that_one_method_damps_alike_in_all_its_runs_are_doubted():
@@ -218,7 +219,7 @@ def test_an_error_that_cannot_be_split_leaves_a_note_and_the_rest(monkeypatch):
         raise RunsError("no method converged")
 
     monkeypatch.setattr(tradeoff, "parts", failing)
-    result = SimpleNamespace(written=SimpleNamespace(deck=None, outcome=None), chosen=None, parts=[], notes=[])
+    result = SimpleNamespace(written=SimpleNamespace(deck=None, outcome=SimpleNamespace(ok=True)), chosen=None, parts=[], notes=[])
     tradeoff.split(None, result, None, 1)
     assert result.parts == []
     assert result.notes == ["deck as written: its error is not split: no method converged"]

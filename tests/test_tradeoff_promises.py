@@ -1,0 +1,241 @@
+"""post/tradeoff.py: what it says about a recommendation, and what it holds to whatever the time."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import deck_models
+import deck_text
+import numpy as np
+import pytest
+import tradeoff
+import tradeoff_causes
+import tradeoff_truth
+from conftest import REFERENCE, ROOT
+from deck_runs import Outcome, OutOfTimeError, Runner
+from tradeoff_errors import Compared, Gap, gap, truth_of
+from tradeoff_report import Result
+from tradeoff_settings import Setting, columns, grid_of
+from tradeoff_study import FULL, Point, Study
+from tradeoff_truth import Base
+
+CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
+TIMES = np.linspace(0.0, 1.0, 11)
+
+
+def outcome(*values: np.ndarray, seconds: float = 1.0, names: tuple[str, ...] = ("a.x", "b.x")) -> Outcome:
+    data = np.column_stack([TIMES, *values])
+    counts = {"evaluations": int(1000 * seconds), "coordinates": 5}
+    return Outcome(0, "", names, ("m",) * len(names), data, seconds, counts)
+
+
+def study_with(tmp_path: Path, *points: Point, tolerance: float = 1e-2) -> Study:
+    """Return a study with the truth a.x = b.x = t and some points; its runner's solver is no program."""
+    deck = deck_text.read(CRANK)
+    runner = Runner(Path(__file__), tmp_path / "kept", 1)
+    truth = truth_of(outcome(TIMES, TIMES), Compared({}))
+    return Study(runner, grid_of(deck), {"a", "b"}, tolerance, ["rk4"], Compared({}), truth, list(points))
+
+
+def point(a: float, b: float, seconds: float, model: str = FULL, index: int = 3, family: str = "rk4") -> Point:
+    """Return a point whose columns are off by a and b."""
+    made = outcome(TIMES + a, TIMES + b, seconds=seconds)
+    truth = truth_of(outcome(TIMES, TIMES), Compared({}))
+    return Point(model, Setting(family, index), deck_text.read(CRANK), made, gap(made, truth))
+
+
+@pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "-5"], ["--jobs", "x"], ["--tolerance", "nan"], ["--time", "inf"]])
+def test_numbers_of_the_command_line_are_refused(words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        tradeoff.main([str(CRANK), *words])
+    assert ended.value.code == 2
+    assert "expected" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_the_solver_is_found_from_any_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert tradeoff.arguments().parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
+
+
+def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():
+    names = ("rod", "tip.u", "tip.v", "pin.fx", "pin.fy")
+    assert columns(names, ["tip.V", "rod"]) == {"tip.v", "rod"}
+    assert columns(names, ["tip.v", "pin"]) == {"tip.v", "pin.fx", "pin.fy"}
+    with pytest.raises(deck_text.DeckError, match=r"no column 'tip.w'; its sensor has tip.u, tip.v"):
+        columns(names, ["tip.w"])
+
+
+def tables(biela: Path, folder: Path, monkeypatch, runs: int, *options: str) -> tuple[int, str]:
+    """Return the status and the table of a study whose time ends after so many runs of the solver."""
+    made, real = [], Runner._run
+
+    def counted(self: Runner, place: Path) -> Outcome:
+        if len(made) >= runs and self.share < 1.0:
+            raise OutOfTimeError
+        made.append(place)
+        return real(self, place)
+
+    monkeypatch.setattr(Runner, "_run", counted)
+    words = [str(CRANK), "--sensor", "rod", "mid.v", "--tolerance", "1e-2", "--methods", "rk4", "generalized_alpha", *options]
+    status = tradeoff.main([*words, "--biela", str(biela), "--output", str(folder), "--quiet", "--jobs", "1"])
+    return status, (folder / "tradeoff.txt").read_text()
+
+
+@pytest.mark.parametrize("runs", [9, 10, 14, 22, 30, 45, 70])
+def test_the_table_has_rows_whenever_the_time_ends(biela, tmp_path, monkeypatch, capsys, runs):
+    status, text = tables(biela, tmp_path, monkeypatch, runs)
+    rows = re.findall(r"^\S.*  (?:\* )?(?:full model|deck as written|recommended.nml|rod: .*)$", text, re.MULTILINE)
+    assert rows, text
+    assert "sensors: mid.v, rod; tolerance" in text
+    assert not re.search(r"mid\.[ur] ", text)
+    assert status == (0 if (tmp_path / "recommended.nml").exists() else 1)
+    assert capsys.readouterr().err == ""
+
+
+def test_no_run_goes_on_after_its_phase(tmp_path):
+    program = tmp_path / "slow"
+    program.write_text("#!/bin/sh\nsleep 30\n")
+    program.chmod(0o755)
+    runner = Runner(program, tmp_path / "kept", 1, time=1e3)
+    runner.share = (1e3 - runner.left() + 0.2) / 1e3
+    with pytest.raises(OutOfTimeError):
+        runner.one("&scene /\n")
+    assert -5.0 < runner.left() <= 0.0
+    assert not list((tmp_path / "kept").iterdir()), "a run that the time ended is not kept"
+
+
+def test_a_deck_that_is_the_cheapest_is_recommended_as_it_is(tmp_path, monkeypatch):
+    study = study_with(tmp_path)
+    written = point(1e-3, 1e-3, 1.0)
+    best = point(5e-3, 5e-3, 0.5)
+    result = Result("deck.nml", "deck", [], [], written, [])
+    for seconds, kept in ((1.2, True), (0.8, False)):
+        again = outcome(TIMES + 5e-3, TIMES + 5e-3, seconds=seconds)
+        monkeypatch.setattr(study.runner, "beside", lambda *_, again=again: (again, written.outcome), raising=False)
+        monkeypatch.setattr(tradeoff, "cancellation", lambda *_: [])
+        result.written = written
+        tradeoff.recommend(study, result, best, tmp_path)
+        text = (tmp_path / "recommended.nml").read_text()
+        assert ("is the cheapest that was found to meet" in " ".join(text.split())) == kept
+        assert text.endswith(written.deck.text) == kept
+        assert result.chosen.cost <= result.written.cost
+        assert result.meets
+
+
+def test_effects_are_measured_at_the_cheapest_adequate_setting(tmp_path):
+    points = [point(e, 0.0, s, index=k) for k, (e, s) in enumerate([(3e-2, 0.01), (9e-3, 0.02), (4e-3, 0.04), (1e-5, 5.0)])]
+    points.append(point(1e-4, 0.0, 0.05, index=0, family="dopri5"))
+    points.append(point(1e-4, 0.0, 3.0, index=0, family="generalized_alpha"))
+    study = study_with(tmp_path, *points)
+    found = tradeoff_truth.effect_settings(study, points[1], 0.5)
+    assert found == [Setting("rk4", 1), Setting("rk4", 2), Setting("dopri5", 0)]
+
+
+LEAN = """&material name='m' density=1000.0 young=1e9 ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0 /
+&section name='s' area=1e-4 inertia=1e-9 /
+&body name='stiff' kind='beam' length=1.0 elements=2 material='m' section='s' flexible=.false. /
+&body name='short' kind='beam' length=1.0 elements=2 material='m' section='s' axial=.false. /
+&body name='few' kind='beam' length=1.0 elements=4 material='m' section='s' modes=2 /
+&body name='dry' kind='beam' length=1.0 elements=2 material='m' section='s' viscoelastic=.false. stiffening=.true. /
+&sensor name='q' quantity='coordinate' body='few' index=1 /
+&sensor name='a' quantity='angle' body='few' /
+&transient t_end=1.0 step=1e-4 /
+"""
+
+
+def test_everything_that_a_deck_leaves_out_is_tried():
+    deck = deck_text.parse(LEAN)
+    found = tradeoff_truth.larger_models(deck, {"a"}, mesh=True)
+    assert set(found) == {
+        "the flexibility of stiff",
+        "axial deformation",
+        "viscoelasticity",
+        "what the modes leave out",
+        "geometric stiffening",
+        "a mesh twice as fine",
+    }
+    assert found["the flexibility of stiff"].one("body", "stiff").flag("flexible", True)
+    assert found["axial deformation"].one("body", "short").flag("axial", True)
+    assert found["viscoelasticity"].one("body", "dry").flag("viscoelastic", True)
+    stiffened = found["geometric stiffening"]
+    assert [b.name for b in stiffened.all("body") if b.flag("stiffening", False)] == ["short", "few", "dry"]
+    assert not any(b.number("modes") for b in stiffened.all("body"))
+    assert [deck_models.elements_of(b) for b in found["a mesh twice as fine"].all("body")][1:] == [4, 8, 4]
+    kept = tradeoff_truth.larger_models(deck, {"q"}, mesh=False)
+    assert set(kept) == {"the flexibility of stiff", "axial deformation", "viscoelasticity"}, "mode 1 must stay a coordinate"
+
+
+def test_what_is_left_out_and_matters_is_told_apart(tmp_path, monkeypatch):
+    best = point(9e-3, 0.0, 1.0)
+    study = study_with(tmp_path, best)
+    models = {"small": "s", "large": "l", "late": "t", "never": "n"}
+    off = {"before": 9e-3, "s": 8e-3, "l": 5e-2, "t": 9.1e-3}
+    fine = best.setting.doubled().doubled()
+    monkeypatch.setattr(tradeoff_truth, "larger_models", lambda *_, **__: dict(models))
+    monkeypatch.setattr(study, "text", lambda model, setting: ("before" if model is best.deck else model, setting), raising=False)
+
+    def ran(texts: list, _: str) -> list[Outcome]:
+        bad = [model == "n" or (model == "t" and setting != fine) for model, setting in texts]
+        return [Outcome(2, "refused") if b else outcome(TIMES + off[m], TIMES) for (m, _), b in zip(texts, bad)]
+
+    monkeypatch.setattr(study.runner, "all", ran, raising=False)
+    important, others = tradeoff_truth.left_out(study, Base(best.deck, [], 0, []), best)
+    assert important == ["large, which the model leaves out, changes the sensors by 4.1e-02 (a.x)"]
+    assert others[0].startswith("small, which the model leaves out, changes the sensors by 1.0e-03")
+    assert others[1].startswith("late, which the model leaves out, changes the sensors by 1.0e-04")
+    assert others[2] == "never could not be tried: refused"
+
+
+def test_an_error_that_is_small_because_larger_ones_cancel_is_told(tmp_path, monkeypatch):
+    study = study_with(tmp_path)
+    chosen = point(1e-3, 0.0, 1.0, model="rod: rigid")
+    study.steps = [SimpleNamespace(round=1, label="rod: rigid", change=1.2e-2), SimpleNamespace(round=1, label="other", change=0.5)]
+    for fine, told in ((9e-3, True), (1.2e-3, False)):
+        monkeypatch.setattr(study.runner, "one", lambda _, fine=fine: outcome(TIMES + fine, TIMES), raising=False)
+        study.steps[0].change = 1.2e-2 if told else 1.1e-3
+        found = tradeoff_causes.cancellation(study, chosen, 1e-3)
+        assert bool(found) == told
+    monkeypatch.setattr(study.runner, "one", lambda _: outcome(TIMES + 9e-3, TIMES), raising=False)
+    study.steps[0].change = 1.2e-2
+    told = tradeoff_causes.cancellation(study, chosen, 1e-3)[0]
+    assert told.endswith("alone are off by time integration 8.0e-03, 'rod: rigid' 1.2e-02")
+
+
+def test_the_sensor_that_decides_the_cost_is_named_with_what_leaving_it_out_would_buy(tmp_path, monkeypatch):
+    best = point(1e-3, 9e-3, 1.0)
+    cheap = point(2e-3, 0.3, 0.1, model="rod: rigid", index=1)
+    study = study_with(tmp_path, best, cheap, point(0.5, 0.5, 0.01, index=0))
+    monkeypatch.setattr(study.runner, "late", lambda *_: True, raising=False)
+    told = tradeoff_causes.deciding(study, Base(best.deck, [], 0, []), best, [best.setting], {})
+    assert told == [f"b decides the cost: without it {cheap.setting.words(study.grid)}, rod: rigid, would do, 10 times cheaper"]
+    study.points = [best, point(0.3, 0.3, 0.1, index=1)]
+    assert tradeoff_causes.deciding(study, Base(best.deck, [], 0, []), best, [best.setting], {}) == []
+
+
+def test_gaps_of_single_sensors():
+    found = Gap(0.3, 0.1, "b.x", {"a.x": 0.1, "a.y": 0.2, "b.x": 0.3})
+    assert (found.without("a"), found.without("b"), found.without("c")) == (0.3, 0.2, 0.3)
+
+
+OWN = {"five_bar": ("0.01", "2.5e-6"), "press": ("0.008", "2.5e-6"), "swing": ("0.04", "5e-6")}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_recommended_decks_of_larger_mechanisms_keep_their_promise_and_are_no_slower(biela, run_deck, tmp_path, name):
+    t_end, step = OWN[name]
+    deck = deck_text.read(ROOT / "tests" / "tradeoff" / f"{name}.nml")
+    deck = deck.set(deck.one("transient"), t_end=t_end)
+    (tmp_path / "deck.nml").write_text(deck.text)
+    words = [str(tmp_path / "deck.nml"), "--tolerance", "1e-2", "--biela", str(biela), "--time", "60", "--quiet", "--jobs", "2"]
+    assert tradeoff.main([*words, "--output", str(tmp_path / "study")]) == 0
+    path = tmp_path / "study" / "recommended.nml"
+    fine = deck.set(deck.one("transient"), step=step)
+    truth, run, own = (run_deck(d) for d in (fine.text, path, tmp_path / "deck.nml"))
+    for column in truth.history.names[1:]:
+        exact = np.interp(run.history.time, truth.history.time, truth.history[column])
+        if np.ptp(exact) > 1e-9 * np.abs(truth.history.data[:, 1:]).max():
+            assert np.abs(run.history[column] - exact).max() < 1e-2 * np.ptp(exact), column
+    counts = [int(re.search(r"banded solves: (\d+)|evaluations: (\d+)", r.summary)[0].split()[-1]) for r in (run, own)]
+    assert counts[0] <= counts[1], "counts of the recommended deck and of the one given"
