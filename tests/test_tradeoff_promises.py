@@ -83,7 +83,7 @@ def tables(biela: Path, folder: Path, monkeypatch, runs: int, *options: str) -> 
     return status, (folder / "tradeoff.txt").read_text()
 
 
-@pytest.mark.parametrize("runs", [9, 10, 14, 22, 30, 45, 70])
+@pytest.mark.parametrize("runs", [9, 14, 30, 60])
 def test_the_table_has_rows_whenever_the_time_ends(biela, tmp_path, monkeypatch, capsys, runs):
     status, text = tables(biela, tmp_path, monkeypatch, runs)
     rows = re.findall(r"^\S.*  (?:\* )?(?:full model|deck as written|recommended.nml|rod: .*)$", text, re.MULTILINE)
@@ -223,7 +223,9 @@ OWN = {"five_bar": ("0.01", "2.5e-6"), "press": ("0.008", "2.5e-6"), "swing": ("
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_recommended_decks_of_larger_mechanisms_keep_their_promise_and_are_no_slower(biela, run_deck, tmp_path, name):
+def test_recommended_decks_of_own_mechanisms_keep_their_promise_and_are_no_slower(biela, run_deck, tmp_path, monkeypatch, name):
+    real = deck_models.removals
+    monkeypatch.setattr(deck_models, "removals", lambda deck, asked: real(deck, asked)[::9])  # a part of the search
     t_end, step = OWN[name]
     deck = deck_text.read(ROOT / "tests" / "tradeoff" / f"{name}.nml")
     deck = deck.set(deck.one("transient"), t_end=t_end)
