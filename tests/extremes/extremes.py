@@ -23,11 +23,14 @@ import matplotlib.pyplot as plt
 from extreme_cases import BIELA, Case, Row, judge
 from extreme_factors import all_factors
 from extreme_mixtures import COUNT, implicit_mixture, mixture
+from plot import COLOURS
 
 SEED = 2024
 FOLDER = Path("results") / "extremes"
 COLUMNS = 3
-STYLES = {"rk4": ("tab:blue", "o"), "dopri5": ("tab:orange", "s"), "generalized_alpha": ("tab:green", "D")}
+COLUMN, LABEL, LINE, TITLE = 4.8, 2.4, 0.16, 4  # width of a column, of its labels, height of a line [inch]; lines for a title
+WRONG = COLOURS[1]
+STYLES = {"rk4": (COLOURS[0], "o"), "dopri5": (COLOURS[3], "s"), "generalized_alpha": (COLOURS[2], "D")}
 Maker = Callable[[int, int], Case]
 
 
@@ -73,45 +76,56 @@ def text(rows: list[Row], seed: int, seconds: float) -> str:
 
 
 def picture_of_factors(rows: list[Row], path: Path) -> None:
-    """Draw each factor's figures against their limits; refusals and stops stand on the upper edge."""
-    factors = list(dict.fromkeys(row.case.factor for row in rows))
-    lines = 1 + -(-(len(factors) - 1) // COLUMNS)
-    figure = plt.figure(figsize=(14, 2.7 * lines), layout="constrained")
-    grid = figure.add_gridspec(lines, COLUMNS)
-    for k, factor in enumerate(factors):
-        mine = [row for row in rows if row.case.factor == factor]
-        draw_factor(figure.add_subplot(grid[0, :] if k == 0 else grid[1 + (k - 1) // COLUMNS, (k - 1) % COLUMNS]), mine)
+    """Draw each factor's figures against their limits, a line of text a value; refusals and stops stand on the right edge."""
+    factors = {name: [row for row in rows if row.case.factor == name] for name in dict.fromkeys(row.case.factor for row in rows)}
+    columns: list[list[str]] = [[] for _ in range(COLUMNS)]
+    lines = {name: len({row.case.value for row in mine}) + TITLE for name, mine in factors.items()}
+    for name in sorted(factors, key=lambda name: -lines[name]):
+        min(columns, key=lambda column: sum(lines[n] for n in column)).append(name)
+    tall = max(sum(lines[name] for name in column) for column in columns) + 2 * TITLE
+    width = COLUMN * max(sum(map(bool, columns)), 1)
+    figure = plt.figure(figsize=(width, tall * LINE))
+    for k, column in enumerate(columns):
+        top = 1.0 - 2.0 * TITLE / tall
+        for name in (n for n in factors if n in column):
+            height = (lines[name] - TITLE) / tall
+            axis = figure.add_axes(((k * COLUMN + LABEL) / width, top - height, (COLUMN - LABEL - 0.15) / width, height))
+            draw_factor(axis, factors[name])
+            top -= lines[name] / tall
     marks = [plt.Line2D([], [], color=c, marker=m, ls="-", lw=1, label=f"{n}: figure and limit") for n, (c, m) in STYLES.items()]
     marks += [
         plt.Line2D([], [], color="0.3", marker=m, ls="", label=t)
-        for m, t in (("v", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
+        for m, t in ((">", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
     ]
-    marks += [plt.Line2D([], [], color="tab:red", marker="o", ls="", label="not as stated")]
-    figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), fontsize=9)
+    marks += [plt.Line2D([], [], color=WRONG, marker="o", ms=10, mfc="none", ls="", label="not as stated")]
+    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9)
     figure.savefig(path, dpi=90)
     plt.close(figure)
 
 
 def draw_factor(axis: plt.Axes, rows: list[Row]) -> None:
-    """Draw one factor: its values side by side, the methods above each other."""
+    """Draw one factor: its values above each other, the methods side by side where they refuse."""
     values = list(dict.fromkeys(row.case.value for row in rows))
     for row in rows:
-        x = values.index(row.case.value)
+        y = values.index(row.case.value)
         colour, mark = STYLES[row.case.method]
-        shown = colour if row.passed else "tab:red"
+        x = 1e2 * 30.0 ** list(STYLES).index(row.case.method)
         if row.figure == row.figure:
-            axis.semilogy(x, max(row.figure, 1e-17), mark, color=shown, ms=4)
-            axis.semilogy([x - 0.4, x + 0.4], [row.case.limit] * 2, "-", color=colour, lw=1)
+            x = max(row.figure, 1e-17)
+            axis.plot(x, y, mark, color=colour, ms=4)
+            axis.plot([row.case.limit] * 2, [y - 0.4, y + 0.4], "-", color=colour, lw=1.5)
         else:
-            height = 1e2 * 30.0 ** list(STYLES).index(row.case.method)
-            axis.semilogy(x, height, "PXv"[row.case.status], color=shown, ms=5)
+            axis.plot(x, y, "PX>"[row.case.status], color=colour, ms=5)
+        if not row.passed:
+            axis.plot(x, y, "o", mec=WRONG, mfc="none", ms=10, mew=1.5)
     axis.set_title(rows[0].case.factor, fontsize=10)
-    axis.set_xticks(range(len(values)), [value[:20] for value in values], rotation=90, fontsize=7 if len(values) < 40 else 6)
-    axis.set_xlim(-0.7, len(values) - 0.3)
-    axis.set_ylim(1e-18, 1e7)
-    axis.set_yticks([10.0**k for k in range(-16, 5, 4)])
-    axis.tick_params(axis="y", labelsize=7)
-    axis.grid(axis="y", lw=0.3)
+    axis.set_xscale("log")
+    axis.set_xlim(1e-18, 1e7)
+    axis.set_xticks([10.0**k for k in range(-16, 5, 4)])
+    axis.set_yticks(range(len(values)), values)
+    axis.set_ylim(len(values) - 0.3, -0.7)
+    axis.tick_params(labelsize=8)
+    axis.grid(axis="x", lw=0.3)
 
 
 def picture_of_mixtures(rows: list[Row], path: Path) -> None:
@@ -122,7 +136,7 @@ def picture_of_mixtures(rows: list[Row], path: Path) -> None:
         figures = sorted(max(row.figure, 1e-17) for row in rows if row.case.method == method and row.figure == row.figure)
         if figures:
             axis.semilogy(figures, mark, color=colour, ms=3, label=f"{method}: {len(figures)} ran")
-    axis.axhline(1.0, color="tab:red", lw=1, ls="--", label="limit")
+    axis.axhline(1.0, color=WRONG, lw=1, ls="--", label="limit")
     axis.set_xlabel("mixtures that ran, in order")
     axis.set_ylabel("worst of joints and energy / limit")
     axis.set_title(f"{COUNT} random mixtures; rk4 refused {refused} steps above its bound, as stated", fontsize=10)
