@@ -146,7 +146,7 @@ def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
             result.notes.append(f"{name}: its error is not split: {fault or 'the time ended'}")
             continue
         result.parts.append((name, *found))
-        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest)
+        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest, study.tolerance)
 
 
 def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:

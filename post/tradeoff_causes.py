@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from deck_models import in_force
 from tradeoff_errors import between, gap
 from tradeoff_search import greedy
 from tradeoff_settings import Setting
@@ -40,7 +41,8 @@ def deciding(study: Study, base: Base, best: Point, effects: list[Setting], star
         greedy(others, base.deck, start, effects, dict(starts))
     cheap = min((p for p in others.points if p.gap.largest <= others.room), key=study.price)
     gain = study.price(last) / study.price(cheap)
-    other = f"{cheap.setting.words(study.grid)}, {cheap.model}, would do, {gain:.3g} times cheaper"
+    model = FULL if cheap.model == FULL else "; ".join(in_force(cheap.model.split("; ")))
+    other = f"{cheap.setting.words(study.grid)}, {model}, would do, {gain:.3g} times cheaper"
     return [f"{sensor} decides the cost: without it {other}"] if gain > WORTH else []
 
 
@@ -60,15 +62,21 @@ def cancellation(study: Study, point: Point, error: float) -> list[str]:
     The time integration's is the difference from a run with steps four times finer (a hundredth of the tolerance).
     """
     outcome = study.runner.one(study.text(point.deck, point.setting.doubled().doubled()))
-    found = {PARTS[0]: between(point.outcome, outcome, study.compared)} if outcome.ok else {}
+    found = {}
+    if outcome.ok:
+        found = {PARTS[0]: between(point.outcome, outcome, study.compared), PARTS[2]: gap(outcome, study.truth).largest}
     for turn, label in enumerate([] if point.model == FULL else point.model.split("; "), 1):
         found |= {f"'{label}'": s.change for s in study.steps if (s.round, s.label) == (turn, label)}
-    return offset("recommended.nml", found, error)
+    return offset("recommended.nml", found, error, study.tolerance)
 
 
-def offset(what: str, found: dict[str, float], error: float) -> list[str]:
-    """Return the line that says that an error is small because larger ones cancel, none where they do not."""
-    large = {name: part for name, part in found.items() if OFFSET * error < part < float("inf")}
+def offset(what: str, found: dict[str, float], error: float, tolerance: float) -> list[str]:
+    """Return the line that says that an error is small because larger ones cancel, none where they do not.
+
+    They do where one alone is much larger than their sum, or misses the tolerance that the sum meets.
+    """
+    much = OFFSET * error if error > tolerance else min(OFFSET * error, tolerance)
+    large = {name: part for name, part in found.items() if much < part < float("inf")}
     if not large:
         return []
     told = ", ".join(f"{name} {part:.1e}" for name, part in large.items())

@@ -200,7 +200,13 @@ def test_an_error_that_is_small_because_larger_ones_cancel_is_told(tmp_path, mon
     monkeypatch.setattr(study.runner, "one", lambda _: outcome(TIMES + 9e-3, TIMES), raising=False)
     study.steps[0].change = 1.2e-2
     told = tradeoff_causes.cancellation(study, chosen, 1e-3)[0]
-    assert told.endswith("alone are off by time integration 8.0e-03, 'rod: rigid' 1.2e-02")
+    assert told.endswith("alone are off by time integration 8.0e-03, the model 9.0e-03, 'rod: rigid' 1.2e-02")
+
+
+def test_a_part_that_misses_the_tolerance_by_itself_is_told():
+    assert tradeoff_causes.offset("deck", {"the model": 1.3e-2}, 8e-3, 1e-2)
+    assert not tradeoff_causes.offset("deck", {"the model": 9e-3}, 8e-3, 1e-2)
+    assert not tradeoff_causes.offset("deck", {"the model": 1.3e-2}, 1.2e-2, 1e-2)
 
 
 def test_the_sensor_that_decides_the_cost_is_named_with_what_leaving_it_out_would_buy(tmp_path, monkeypatch):
