@@ -74,8 +74,10 @@ def test_a_beam_bent_beyond_all_shape_stops_the_run_between_rows(run_deck):
     assert 'body "rod" deflects by more than a thousand times the size of the scene' in told
 
 
-def test_a_load_that_no_step_can_follow(run_deck):
+def test_a_load_that_no_step_can_follow(run_deck, biela):
     """A load that grows so fast that Newton's method fails however often the step is halved."""
+    if biela.name.endswith("-debug"):
+        pytest.skip("the checked build traps the overflow from which the other recovers by halving the step")
     run, told = failed(run_deck, BENT + IMPLICIT + "t_end=1.0 step=1e-4 output_step=1e-2 /\n")
     assert "the equations of a step could not be solved" in told
     assert 'body "rod"' in told
