@@ -5,24 +5,23 @@ module run_deck
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, remove_file, replace_file, write_bytes, standard_output, tell
+  use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response
   use lapack, only: refused_routine
   use load, only: stage_transient
+  use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use static_analysis, only: run_static, refuse_free_bodies
-  use summary, only: model_lines, version, add_line
-  use text, only: es_text, fixed_text, to_text
-  use text_file, only: result_file
+  use summary, only: model_lines, add_line
+  use text, only: es_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   use typical_slips, only: warn_of_slips
-  use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
   private
   public :: run_one_deck, run_options
@@ -178,6 +177,8 @@ contains
     if (lock <= 0) return
     call system_clock(t0, rate)
     call cpu_time(p0)
+    run%opening = text
+    if (.not. run%restart) call begin_results(run, fail)
     call mind_lapack('set-up', fail)
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call mind_lapack('static analysis', fail)
@@ -194,12 +195,8 @@ contains
     call system_clock(t1)
     call cpu_time(p1)
     if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
-    call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), p1 - p0, text)
     ok = .true.
-    if (fail%status /= status_bad_input) then
-      call write_whole(run%folder//'/summary.txt', text, ok)
-      call remove_old_results(run)
-    end if
+    if (fail%status /= status_bad_input) call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), p1 - p0, text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
     call hold_signals(.false.)
@@ -222,50 +219,4 @@ contains
     call fail%raise(status_failed, 'the '//analysis//' cannot be done: the linear algebra library refuses a matrix of it ('// &
                     routine//'); this is a fault of biela')
   end subroutine mind_lapack
-
-  !> Removes what an earlier run of biela left in the folder and this deck does not ask for; other files are not touched.
-  subroutine remove_old_results(run)
-    type(run_state), intent(in) :: run
-    if (.not. run%d%static%present) call remove_file(run%folder//'/static.txt')
-    if (.not. run%d%modal%present) call remove_file(run%folder//'/modes.txt')
-    if (.not. run%d%response%present) call remove_file(run%folder//'/frequency_response.txt')
-    if (.not. run%d%transient%present) then
-      call remove_file(run%folder//'/history.txt')
-      call remove_file(run%folder//'/energy.txt')
-    end if
-    if (.not. run%d%transient%motion_step > 0.0_wp) call remove_file(run%folder//'/motion.txt')
-  end subroutine remove_old_results
-
-  !> The end of the summary: outcome, version, times, the deck's text.
-  subroutine finish_summary(run, fail, seconds, processor, text)
-    type(run_state), intent(in) :: run
-    type(failure), intent(in) :: fail
-    real(wp), intent(in) :: seconds, processor   !! by the clock, of the processor [s]
-    character(:), allocatable, intent(inout) :: text
-    call add_line(text, '')
-    if (fail%happened()) then
-      call add_line(text, 'outcome: '//fail%message)
-    else
-      call add_line(text, 'outcome: done')
-    end if
-    call add_line(text, 'timing: analyses took '//fixed_text(seconds, 6)//' s, '//fixed_text(processor, 6)// &
-                  ' s of the processor')
-    call add_line(text, 'version: biela '//version//', '//compiler_version())
-    call add_line(text, '')
-    call add_line(text, 'deck text')
-    call add_line(text, run%d%text)
-  end subroutine finish_summary
-
-  !> Writes a whole file beside its place and renames it, so that it is never half there.
-  subroutine write_whole(path, text, ok)
-    character(*), intent(in) :: path, text
-    logical, intent(out) :: ok
-    type(result_file) :: file
-    call file%open(path//'.new')
-    call file%line(text)
-    call file%close()
-    ok = .not. file%failed
-    if (ok) ok = replace_file(path//'.new', path)
-    if (.not. ok) call remove_file(path//'.new')
-  end subroutine write_whole
 end module run_deck

@@ -31,6 +31,7 @@ module scene_run
     type(value_archive) :: saved              !! a restart's checkpoint
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
     character(:), allocatable :: folder       !! results folder
+    character(:), allocatable :: opening      !! first part of the summary: the model, its stable steps
     logical :: quiet = .false.
     logical :: restart = .false.
     integer :: warnings = 0                   !! warnings shown

@@ -3,7 +3,7 @@
 module transient
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use checkpoint, only: write_checkpoint, remove_checkpoint
+  use checkpoint, only: write_checkpoint
   use choose_stepper, only: make_stepper, method_order
   use corner_list, only: off_step
   use error_groups, only: group_unknowns, out_of_shape
@@ -15,6 +15,7 @@ module transient
   use process, only: caught_signal
   use progress, only: progress_line
   use results, only: result_set
+  use run_summary, only: announce
   use scene_run, only: run_state
   use step_control, only: error_norm
   use step_counts, only: step_count
@@ -108,12 +109,11 @@ contains
     run%sys%bound = run%sys%stabilisation == stabilise_projection .and. run%sys%m%s%rows > 0
   end subroutine choose_stabilisation
 
-  !> Replaces the files of earlier runs and writes the row of t = 0.
+  !> Opens the result files and writes the row of t = 0.
   subroutine start_run(run, march, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
-    call remove_checkpoint(run%folder)
     call march%files%open(run%folder, run%d%name, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%failed()) call no_output(run, fail)
     if (.not. fail%happened()) call write_state(run, march, 0.0_wp, 0_ip, fail)
@@ -137,6 +137,7 @@ contains
     else if (march%files%failed()) then
       call no_output(run, fail)
     end if
+    if (.not. fail%happened()) call announce(run, fail)
   end subroutine continue_run
 
   !> Marches to the next output time and writes its row.
