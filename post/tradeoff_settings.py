@@ -112,7 +112,7 @@ def with_setting(deck: DeckText, setting: Setting, grid: Grid, output: float) ->
     """Return the deck with a setting and an interval of output; what belongs to other methods is taken out."""
     transient = deck.one("transient")
     values: dict[str, str | None] = dict.fromkeys(key for key in ONLY_ADAPTIVE if key in transient.values)
-    values["accept_unstable"] = None
+    values |= {"accept_unstable": None, "check_error": None}
     if setting.method == "generalized_alpha":
         values |= {"stabilization": None, "baumgarte_alpha": None, "baumgarte_beta": None}
     else:

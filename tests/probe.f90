@@ -99,12 +99,12 @@ contains
 
   !> Evaluates every state of the input.
   subroutine evaluate_all()
-    real(wp), allocatable :: y(:), dy(:), rate(:)
+    real(wp), allocatable :: y(:), dy(:), rate(:), strain(:)
     real(wp) :: t, kinetic, potential
     integer :: status, nq, nz
     nq = run%sys%m%s%nq
     nz = run%sys%m%s%nz
-    allocate (y(run%sys%n), dy(run%sys%n), rate(run%sys%m%s%rows), source=0.0_wp)
+    allocate (y(run%sys%n), dy(run%sys%n), rate(run%sys%m%s%rows), strain(size(run%sys%m%s%bodies)), source=0.0_wp)
     do
       read (input_unit, *, iostat=status) t, y(1:2*nq + 2*nz)
       if (status /= 0) exit
@@ -118,7 +118,7 @@ contains
         call show('phidot', rate)
         call gamma(m%s%rows)
         call jacobian()
-        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), kinetic, potential)
+        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), kinetic, potential, strain)
         call show('energy', [kinetic, potential])
         call show('power', [m%dissipated_power, m%input_power])
       end associate

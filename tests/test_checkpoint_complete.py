@@ -36,7 +36,9 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("integrate/alpha_state", "position_measures", "integrate/alpha_state", "self%measure"): {"group", "grows", "weight", "whole"},
     ("integrate/alpha_state", "newton_memory", "integrate/alpha_state", "self%newton"): set(),
     ("integrate/alpha_state", "error_memory", "integrate/alpha_state", "self%error"): {"next"},
-    ("output/results", "result_set", "output/results", "self"): {"energy_floor", "incomplete", "nodes", "values"},
+    ("output/results", "result_set", "output/results", "self"): {"incomplete", "nodes", "values"},
+    ("analysis/energy_balance", "balance_watch", "analysis/energy_balance", "self"): {"least", "strain"},
+    ("analysis/error_check", "error_watch", "analysis/error_check", "self"): {"active", "factor"},
     ("output/text_file", "result_file", "output/text_file", "self"): {"buffer", "failed", "handle", "path", "used"},
     ("output/validity", "validity_watch", "output/validity", "self"): {"weight"},
     ("analysis/step_monitor", "stability_monitor", "analysis/step_monitor", "self"): {

@@ -193,23 +193,19 @@ def test_a_flexible_pendulum_for_a_million_steps(run_deck):
     assert 3.5 < np.log2(coarse / fine) < 5.5
 
 
-@pytest.mark.parametrize(
-    ("step", "sentence"),
-    [
-        (4e-7, "the integration is as good as exact"),
-        (4e-6, "the integration can be trusted at that level"),
-            ],
-)
-def test_the_summary_says_how_far_to_trust_it(step, sentence, run_deck):
-    run = run_deck(CRANK + f"&transient t_end=0.01 method='rk4' step={step} output_step=1e-4 /\n")
-    assert sentence in run.summary
+def test_the_summary_says_how_far_the_energy_balance_closed(run_deck):
+    """Over the largest swing of an energy, from the rows themselves."""
+    run = run_deck(CRANK + "&transient t_end=0.01 method='rk4' step=4e-6 output_step=1e-4 /\n")
     energy = run.energy
-    share = np.abs(energy["residual"]).max() / max(np.abs(energy[n]).max() for n in ("kinetic", "potential", "dissipated", "work"))
-    told = re.search(r"J;\s+(\S+) of the largest energy", run.summary)
-    assert float(told[1]) == pytest.approx(share, rel=1e-3)
+    share = np.abs(energy["residual"]).max() / max(np.ptp(energy[n]) for n in ("kinetic", "potential", "dissipated", "work"))
+    told = re.search(r"energy balance: closed to (\S+) of the energy that moved", run.summary)
+    assert float(told[1]) == pytest.approx(share, rel=0.06)  # told to two digits
 
 
-@pytest.mark.parametrize(("step", "sentence"), [(0.1, "good for pictures"), (0.2, "the results cannot be trusted")])
-def test_a_coarse_run_is_called_so(step, sentence, run_deck):
+@pytest.mark.parametrize(("step", "warned"), [(0.05, False), (0.2, True)])
+def test_a_coarse_run_is_called_so(step, warned, run_deck):
+    """Once in the summary and once on standard error; the run has ended well all the same."""
     pendulum = PENDULUM.replace("elements=1", "elements=1 flexible=.false.")
-    assert sentence in run_deck(pendulum.format(t_end=20.0, step=step, output=step)).summary
+    run = run_deck(pendulum.format(t_end=20.0, step=step, output=step))
+    for told in (run.summary, run.stderr):
+        assert told.count("the results cannot be trusted") == warned

@@ -38,6 +38,7 @@ METHODS = {
     "rk4": "method='rk4' step=4e-6",
     "dopri5 fixed": "method='dopri5' step=4e-6",
     "dopri5 adaptive": "method='dopri5' tolerance=1e-8",
+    "errors checked": "method='dopri5' tolerance=1e-7 check_error=.true.",
 }
 
 

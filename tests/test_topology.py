@@ -112,7 +112,7 @@ def test_a_start_at_a_change_point(run_deck):
     """The flat parallelogram, all of its links turning alike, goes on as a parallelogram at constant speed (no gravity)."""
     turning = parallelogram(2, 0.0, (3.0, 3.0)).replace("&body name='top'", "&body angular_velocity=0.0 name='top'")
     run = run_deck(WEIGHTLESS + turning + sensor("a", "angle", "body='l0'") + sensor("b", "angle", "body='l1'") + transient(2.5))
-    assert run.stderr == ""
+    assert re.search(r"^\S+ warning: redundant constraints at the start among [^\n]*\n\Z", run.stderr)
     for name in ("a", "b"):
         np.testing.assert_allclose(run.history[name], 3.0 * run.history.time, rtol=0, atol=1e-8)
 
@@ -216,7 +216,7 @@ def test_a_welded_body_stands_still_whatever_its_stated_velocity(run_deck):
     run = run_deck(GRAVITY + text + sensor("v", "velocity", "body='a' point=0.5,0.0") + transient(0.01))
     assert "was corrected by 1.00E+00 m/s" in run.stderr
     assert abs(run.history["v.y"]).max() < 1e-12
-    assert "trust: no energy moves in this scene" in run.summary
+    assert "energy balance: no energy moves in this scene" in run.summary
 
 
 @pytest.mark.parametrize(("offset", "warned"), [(0.049, False), (0.051, True)])

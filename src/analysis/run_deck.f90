@@ -17,7 +17,7 @@ module run_deck
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use static_analysis, only: run_static, refuse_free_bodies
-  use summary, only: model_lines, add_line
+  use summary, only: model_lines, model_warnings, add_line, add_warnings
   use text, only: es_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
@@ -59,12 +59,13 @@ contains
       status = fail%status
       return
     end if
-    do k = 1, size(run%assembly%warnings)
-      call tell(path//': warning: '//trim(run%assembly%warnings(k)))
-    end do
+    text = ''
+    call add_warnings(text, path, model_warnings(run%sys%m, run%assembly))
     call warn_of_slips(run%d, options%check)
     text = model_lines(run%d, run%sys%m, run%assembly)
     call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
+    k = method_number(run%d%transient%method)
+    if (k > 0) run%stable_step = advice%safe%step(k)
     call add_line(text, '')
     text = text//advice%text//deck_step(run, advice)
     if (step_refused(run, advice, options%check)) return
@@ -189,7 +190,7 @@ contains
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%m%stage = stage_transient
       call run_transient(run, march, fail)
-      call transient_lines(run, march, text)
+      call transient_lines(run, march, fail%status, text)
     end if
     call mind_lapack('transient', fail)
     call system_clock(t1)

@@ -12,13 +12,15 @@ module scene_run
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
   use nodal_kernel, only: deformations
+  use posix, only: tell
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor
+  use summary, only: add_line
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, relax
+  public :: run_state, prepare_run, relax, warn
 
   !> What analyses share.
   type :: run_state
@@ -32,6 +34,7 @@ module scene_run
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
     character(:), allocatable :: folder       !! results folder
     character(:), allocatable :: opening      !! first part of the summary: the model, its stable steps
+    real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     logical :: quiet = .false.
     logical :: restart = .false.
     integer :: warnings = 0                   !! warnings shown
@@ -60,6 +63,15 @@ contains
     call relax(run%sys, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
   end subroutine prepare_run
+
+  !> A warning, in the summary and on standard error.
+  subroutine warn(run, words, text)
+    type(run_state), intent(in) :: run
+    character(*), intent(in) :: words
+    character(:), allocatable, intent(inout) :: text    !! the summary so far
+    call add_line(text, '  warning: '//words)
+    call tell(run%d%path//': warning: '//words)
+  end subroutine warn
 
   !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).
   subroutine relax(sys, y)

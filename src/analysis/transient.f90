@@ -6,6 +6,8 @@ module transient
   use checkpoint, only: write_checkpoint
   use choose_stepper, only: make_stepper, method_order
   use corner_list, only: off_step
+  use energy_balance, only: balance_watch
+  use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
   use force_scale, only: largest_force
@@ -17,6 +19,7 @@ module transient
   use results, only: result_set
   use run_summary, only: announce
   use scene_run, only: run_state
+  use sensors, only: read_sensors
   use step_control, only: error_norm
   use step_counts, only: step_count
   use text, only: es_text, to_text
@@ -31,6 +34,8 @@ module transient
   type, public :: transient_march
     class(stepper), allocatable :: method
     type(result_set) :: files
+    type(balance_watch) :: balance
+    type(error_watch) :: check                 !! estimate of the columns' errors, where the deck asks for it
     type(error_norm) :: norm                   !! largest values so far, to name what grows
     integer(ip) :: outputs = 0                 !! output intervals of the run
     integer(ip) :: done = 0                    !! of them done
@@ -88,9 +93,11 @@ contains
       march%outputs = step_count(0.0_wp, r%t_end, r%output_step)
       march%warning = ''
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
-      march%files%energy_floor = sum(s%bodies%mass)*(1.0e-6_wp*s%size/r%t_end)**2
+      call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
       call march%method%begin(run%sys, 0.0_wp, run%y)
+      if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
+                                                  run%list%columns)
     end associate
   end subroutine prepare
 
@@ -151,6 +158,11 @@ contains
       from = real(march%done, wp)*r%output_step
       to = min(real(march%done + 1, wp)*r%output_step, r%t_end)
       if (march%done + 1 == march%outputs) to = r%t_end
+      do while (march%check%behind(march%done + 1))   ! the second run goes first: a pause leaves the first one whole
+        call march%check%advance(run%list, from, to, portion)
+        if (march%check%behind(march%done + 1)) call interrupt(run, march, fail)
+        if (fail%happened()) return
+      end do
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
@@ -196,13 +208,16 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip) :: every
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
-      call files%read_row(t, run%sys%m, run%list, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
-                          y(2*nq + nz + 1:2*nq + 2*nz), y(2*nq + 2*nz + 1), y(2*nq + 2*nz + 2))
-      if (k == 0) files%energy_floor = max(files%energy_floor, energy_in_reach(run%sys%m, r%output_step))
+      call read_sensors(run%list, run%sys%m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), files%values)
+      call march%balance%read(run%sys%m, t, y, k == 0)
+      if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, r%output_step)
       call judge(run, march, t, fail)
       if (fail%happened()) return
+      call march%balance%count()
+      if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance%in_reach)
+      call march%check%compare(files%values)
       call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
-      call files%write_row(t)
+      call files%write_row(t, march%balance%row)
       march%last = t
       if (r%motion_step > 0.0_wp) then
         every = max(1_ip, nint(r%motion_step/r%output_step, ip))
@@ -228,10 +243,10 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), parameter :: drift = 1.0e-2_wp   !! of the scene's size: joints that far open are none [-]
     integer :: b
-    associate (files => march%files, m => run%sys%m, adaptive => run%d%transient%adaptive)
-      if (files%balance_lost()) then
-        call explain_balance(m, march%norm, run%y, t, march%last, files%residual, files%trusted_energy, adaptive, fail)
-      else if (files%last(6) > drift*m%s%size) then
+    associate (balance => march%balance, m => run%sys%m, adaptive => run%d%transient%adaptive)
+      if (balance%lost()) then
+        call explain_balance(m, march%norm, run%y, t, march%last, balance%row(5), balance%held, adaptive, fail)
+      else if (balance%row(6) > drift*m%s%size) then
         call explain_drift(m, t, march%last, fail)
       else
         call march%norm%watch(run%y)
@@ -289,6 +304,8 @@ contains
     call self%method%exchange(a)
     call a%exchange(self%norm%largest)
     call self%files%exchange(a)
+    call self%balance%exchange(a)
+    call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)
     call a%exchange(run%sys%m%evaluations)

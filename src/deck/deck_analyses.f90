@@ -66,6 +66,7 @@ contains
     call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 generalized_alpha')
     call get(deck, 'spectral_radius', t%spectral_radius, least=0.0_wp, most=0.99_wp, kinds='generalized_alpha')
     call get(deck, 'accept_unstable', t%accept_unstable)
+    call get(deck, 'check_error', t%check_error)
     call get(deck, 'output_step', t%output_step, above=0.0_wp)
     call get(deck, 'checkpoint_interval', t%checkpoint_interval, least=0.0_wp)
     call get(deck, 'motion_step', t%motion_step, least=0.0_wp)

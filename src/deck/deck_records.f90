@@ -227,6 +227,7 @@ module deck_records
     real(wp) :: baumgarte_beta = 0.0_wp      !! [1/s], default already filled in
     real(wp) :: spectral_radius = 0.9_wp     !! [-]
     logical :: accept_unstable = .false.
+    logical :: check_error = .false.         !! a second run estimates the errors of all columns
     real(wp) :: checkpoint_interval = 0.0_wp !! [s of simulated time]
     real(wp) :: motion_step = 0.0_wp         !! [s]
   end type transient_record

@@ -1,13 +1,11 @@
 !> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (README.md).
 module results
   use column_names, only: joined, motion_names
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use archive, only: value_archive
   use body, only: body_model
   use mechanism, only: mechanism_model
-  use sensors, only: sensor_list, read_sensors
-  use energy, only: energies
-  use projection, only: violations
+  use sensors, only: sensor_list
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -19,21 +17,9 @@ module results
     real(wp), allocatable :: values(:)        !! columns of the sensors
     real(wp), allocatable :: nodes(:)         !! a row of motion
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
-    real(wp) :: energy_start = 0.0_wp         !! T + V at t = 0 [J]
-    real(wp) :: energy_floor = 0.0_wp         !! energies below it mean nothing [J]
-    real(wp) :: trusted_energy = 0.0_wp       !! largest energy of the rows whose balance is not lost [J]
-    real(wp) :: residual = 0.0_wp             !! last energy residual [J]
-    real(wp) :: largest_residual = 0.0_wp     !! [J]
-    real(wp) :: largest_energy = 0.0_wp       !! largest of T, |V|, dissipated, |work| so far [J]
-    real(wp) :: worst_position = 0.0_wp       !! [m]
-    real(wp) :: worst_velocity = 0.0_wp       !! [m/s]
-    real(wp) :: last(7) = 0.0_wp              !! last energy row without the time
-    integer(ip) :: rows = 0
   contains
     procedure :: open => open_results
     procedure :: resume => resume_results
-    procedure :: read_row
-    procedure :: balance_lost
     procedure :: write_row
     procedure :: write_motion
     procedure :: sync => sync_results
@@ -102,47 +88,13 @@ contains
     if (with_motion) allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
   end subroutine allocate_rows
 
-  !> Reads the sensors and the energies of a state. m holds the evaluation at it.
-  subroutine read_row(self, t, m, list, q, v, z, zd, dissipated, work)
+  !> Writes a row of sensors, which `values` holds, and one of energies.
+  subroutine write_row(self, t, energy)
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    type(mechanism_model), intent(inout) :: m
-    type(sensor_list), intent(inout) :: list
-    real(wp), intent(in), contiguous :: q(:), v(:), z(:), zd(:)
-    real(wp), intent(in) :: dissipated, work  !! [J]
-    real(wp) :: kinetic, potential, position, velocity
-    call read_sensors(list, m, q, v, z, self%values)
-    call energies(m, q, v, z, zd, kinetic, potential)
-    call violations(m, t, q, v, position, velocity)
-    if (self%rows == 0) self%energy_start = kinetic + potential
-    self%residual = kinetic + potential + dissipated - work - self%energy_start
-    self%last = [kinetic, potential, dissipated, work, self%residual, position, velocity]
-  end subroutine read_row
-
-  !> Whether the energy balance of the row just read says that the solution has nothing to do with the mechanism any more:
-  !> the residual is most of the largest energy, and far above all energies that the run had while its balance held.
-  function balance_lost(self) result(yes)
-    class(result_set), intent(inout) :: self
-    logical :: yes
-    real(wp), parameter :: most_of = 0.5_wp, far_above = 1.0e3_wp   !! [-]
-    real(wp) :: largest
-    largest = maxval(abs(self%last(1:4)))
-    yes = abs(self%residual) > most_of*largest
-    if (.not. yes) self%trusted_energy = max(self%trusted_energy, largest)
-    if (yes) yes = abs(self%residual) > far_above*max(self%trusted_energy, self%energy_floor)
-  end function balance_lost
-
-  !> Writes the row just read.
-  subroutine write_row(self, t)
-    class(result_set), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: energy(:)         !! columns of energy.txt after the time [J], [m], [m/s]
     call self%history%row(self%values, t)
-    call self%energy%row(self%last, t)
-    self%largest_residual = max(self%largest_residual, abs(self%residual))
-    self%largest_energy = max(self%largest_energy, maxval(abs(self%last(1:4))))
-    self%worst_position = max(self%worst_position, self%last(6))
-    self%worst_velocity = max(self%worst_velocity, self%last(7))
-    self%rows = self%rows + 1
+    call self%energy%row(energy, t)
   end subroutine write_row
 
   !> Writes one row of motion.
@@ -188,22 +140,13 @@ contains
     if (allocated(self%nodes)) call self%motion%sync()
   end subroutine sync_results
 
-  !> Saves or restores how far the files are and what the rows have shown.
+  !> Saves or restores how far the files are.
   subroutine exchange(self, a)
     class(result_set), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call self%history%exchange(a)
     call self%energy%exchange(a)
     call self%motion%exchange(a)
-    call a%exchange(self%energy_start)
-    call a%exchange(self%trusted_energy)
-    call a%exchange(self%residual)
-    call a%exchange(self%largest_residual)
-    call a%exchange(self%largest_energy)
-    call a%exchange(self%worst_position)
-    call a%exchange(self%worst_velocity)
-    call a%exchange(self%last)
-    call a%exchange(self%rows)
   end subroutine exchange
 
   !> Closes the files.

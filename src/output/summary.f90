@@ -9,7 +9,7 @@ module summary
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: model_lines, version, add_line, add_warnings, number
+  public :: model_lines, model_warnings, version, add_line, add_warnings, number
 
   character(*), parameter :: version = '0.1.0'   !! of the program
 
@@ -132,17 +132,40 @@ contains
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
     character(:), allocatable, intent(inout) :: text
-    character(:), allocatable :: names
-    integer :: k
     if (report%rank == m%s%rows) return
-    names = ''
-    do k = 1, size(m%s%constraints)
-      if (report%dependent(k)) names = names//' "'//trim(m%s%constraints(k)%item%name)//'"'
-    end do
-    call add_line(text, '  redundant constraints: '//number(m%s%rows - report%rank)//' at the start, among'//names// &
-                  '; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are'// &
-                  ' reported)')
+    call add_line(text, '  redundant constraints: '//to_text(m%s%rows - report%rank)//' at the start, among'// &
+                  undetermined(m, report))
   end subroutine redundancy
+
+  !> The joints of redundant sets and what becomes of their reactions.
+  function undetermined(m, report) result(text)
+    type(mechanism_model), intent(in) :: m
+    type(assembly_report), intent(in) :: report
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    do k = 1, size(m%s%constraints)
+      if (report%dependent(k)) text = text//' "'//trim(m%s%constraints(k)%item%name)//'"'
+    end do
+    text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
+  end function undetermined
+
+  !> What of the model's part of the summary is a warning, one line each.
+  function model_warnings(m, report) result(text)
+    type(mechanism_model), intent(in) :: m
+    type(assembly_report), intent(in) :: report
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    do k = 1, size(report%warnings)
+      call add_line(text, 'warning: '//trim(report%warnings(k)))
+    end do
+    if (report%rank < m%s%rows) call add_line(text, 'warning: redundant constraints at the start among'//undetermined(m, report))
+    do k = 1, size(m%s%bodies)
+      if (m%s%bodies(k)%extra_references > 0) call add_line(text, 'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
+        to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure')
+    end do
+  end function model_warnings
 
   !> Says where a drive, torque or torsional spring acts on the frame of a flexible body.
   subroutine frame_notes(m, text)

@@ -10,12 +10,13 @@ module energy
 
 contains
 
-  !> Kinetic and potential energy at a state [J].
-  subroutine energies(self, q, v, z, zd, kinetic, potential)
+  !> Kinetic and potential energy at a state [J], and what of the latter the deformation of each body stores.
+  subroutine energies(self, q, v, z, zd, kinetic, potential, strain)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp), intent(out) :: kinetic, potential
+    real(wp), intent(out) :: strain(:)                !! (nb) [J]
     real(wp) :: p(2)
     integer :: b, i, n, o, k
     call set_frames(self, q)
@@ -34,8 +35,8 @@ contains
           p(2) = p(2) + bo%sbar(k, 2)*q(i + 3 + k)
         end do
         p = [self%c(b)*p(1) - self%sn(b)*p(2), self%sn(b)*p(1) + self%c(b)*p(2)]
-        potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) &
-                    + strain_energy(bo, q(i + 4:i + 3 + n), z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz))
+        strain(b) = strain_energy(bo, q(i + 4:i + 3 + n), z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz))
+        potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate
     end do
     potential = potential + spring_energy(self, z, zd)

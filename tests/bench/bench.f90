@@ -8,12 +8,14 @@ program bench
   use choose_stepper, only: make_stepper
   use deck_reader, only: read_deck
   use dynamics, only: evaluate
+  use energy_balance, only: balance_watch
   use errors, only: failure, fault_list
   use lapack, only: use_one_blas_thread, dpbtrf, dpbtrs, dsbmv, dgesv
   use body_matrices, only: mass_triplets, stiffness_triplets
   use projection, only: project
   use results, only: result_set
   use scene_run, only: run_state, prepare_run
+  use sensors, only: read_sensors
   use time_stepper, only: stepper, reached
   use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
@@ -172,16 +174,19 @@ contains
   !> Rows of history and energy.
   subroutine time_rows()
     type(result_set) :: files
+    type(balance_watch) :: balance
     integer :: r, i, nq, nz
     nq = run%sys%m%s%nq
     nz = run%sys%m%s%nz
     call files%open('.', 'bench', run%sys%m, run%list, .false.)
+    call balance%begin(run%sys%m, 1.0_wp)
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
-        call files%read_row(0.0_wp, run%sys%m, run%list, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:2*nq + nz), &
-                            run%y(2*nq + nz + 1:2*nq + 2*nz), 0.0_wp, 0.0_wp)
-        call files%write_row(0.0_wp)
+        call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:2*nq + nz), files%values)
+        call balance%read(run%sys%m, 0.0_wp, run%y, i == 1)
+        call balance%count()
+        call files%write_row(0.0_wp, balance%row)
       end do
       seconds(r) = seconds(r) + clock()
     end do

@@ -1,0 +1,151 @@
+!> What the summary says of a transient's accuracy: how far its joints opened, how far its energy balance closed, and the
+!> estimated errors of the sensors' columns where the deck asks for them. Energies bound no column's error: a vibration that
+!> is late keeps its energy. The words say so; only the second run of `error_check` speaks of columns.
+module accuracy_words
+  use kinds, only: wp
+  use energy_balance, only: balance_watch
+  use error_check, only: error_watch
+  use scene_run, only: run_state, warn
+  use summary, only: add_line
+  use text, only: es_text, to_text
+  use transient, only: transient_march
+  implicit none (type, external)
+  private
+  public :: accuracy_lines
+
+  real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
+  real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
+  real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
+  real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
+  real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
+
+contains
+
+  !> All of it; lost: the run could not go on.
+  subroutine accuracy_lines(run, march, lost, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    logical, intent(in) :: lost
+    character(:), allocatable, intent(inout) :: text
+    associate (b => march%balance)
+      call add_line(text, '  largest violations: position '//es_text(b%violation(1), 3)//' m ('// &
+                    es_text(b%violation(1)/run%sys%m%s%size, 3)//' of the size), velocity '//es_text(b%violation(2), 3)//' m/s')
+      call add_line(text, '  energy residual: largest '//es_text(b%largest_residual, 3)//' J, at the end '// &
+                    es_text(b%row(5), 3)//' J; largest swing of an energy '//es_text(maxval(b%high - b%low), 3)//' J')
+      if (run%d%transient%method == 'generalized_alpha') then
+        call add_line(text, '  energy removed by the method itself: '//es_text(march%method%removed, 3)// &
+                      ' J, numerical damping that the residual shows; without it the residual at the end: '// &
+                      es_text(b%row(5) + march%method%removed, 3)//' J')
+      end if
+      if (lost) then
+        call add_line(text, '  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
+        return
+      end if
+      call balance_lines(run, march, text)
+      if (march%check%active) then
+        call error_lines(run, march, text)
+      else
+        call add_line(text, '  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
+                      'check_error=.true. in &transient estimates the error of every column')
+      end if
+    end associate
+  end subroutine accuracy_lines
+
+  !> What the energy balance says, of the whole scene and of the body whose deformation exchanged least.
+  subroutine balance_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    character(:), allocatable, intent(inout) :: text
+    character(:), allocatable :: name
+    real(wp) :: x, exchanged
+    integer :: body
+    associate (b => march%balance)
+      if (.not. b%moved() > 0.0_wp) then
+        call add_line(text, '  energy balance: no energy moves in this scene, so that it says nothing')
+        return
+      end if
+      call add_line(text, '  energy balance: closed to '//short(b%share())//' of the energy that moved')
+      if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short(b%share())// &
+        ' of the energy that moved: the results cannot be trusted; use a smaller step or tolerance'// &
+        damped(march%method%removed, b), text)
+      call b%body_share(body, x, exchanged)
+      if (body == 0) return
+      name = trim(run%sys%m%s%bodies(body)%name)
+      call add_line(text, '  energy balance: closed to '//short(x)//' of what the deformation of body "'//name// &
+                    '" took up and gave back, '//short(exchanged)//' J')
+      if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short(x)//' of '// &
+        'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
+        'check_error=.true. tells', text)
+    end associate
+  end subroutine balance_lines
+
+  !> What a warning adds where numerical damping explains most of the residual.
+  function damped(removed, b) result(text)
+    real(wp), intent(in) :: removed            !! by the method itself [J]
+    type(balance_watch), intent(in) :: b
+    character(:), allocatable :: text
+    text = ''
+    if (abs(b%row(5)) < 0.5_wp*b%largest_residual .or. abs(b%row(5) + removed) > 0.2_wp*abs(b%row(5))) return
+    text = '; most of that is numerical damping of vibrations that the steps do not resolve: slower motion may be better'
+  end function damped
+
+  !> The estimated errors of all columns, with a warning where some are large or the estimate is doubtful.
+  subroutine error_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    character(:), allocatable, intent(inout) :: text
+    real(wp), allocatable :: e(:), range(:), x(:)
+    character(:), allocatable :: doubt, share
+    integer :: k
+    associate (c => march%check, names => run%list%names)
+      e = c%estimate()
+      range = c%ranges(names, run%d%transient%t_end)
+      x = [(0.0_wp, k=1, size(e))]
+      where (range > 0.0_wp) x = e/range
+      call add_line(text, '  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
+        'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%m%evaluations)//' evaluations):')
+      call add_line(text, '    column, largest error, of its range')
+      do k = 1, size(e)
+        share = '  (constant but for rounding)'
+        if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)
+        call add_line(text, '    '//trim(names(k))//' '//es_text(e(k), 2)//share)
+      end do
+      call add_line(text, '  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
+      doubt = doubts(march%balance, c)
+      if (len(doubt) > 0) call warn(run, doubt, text)
+      if (size(x) == 0) return
+      k = maxloc(x, 1)
+      if (len(doubt) > 0) then
+        call add_line(text, '  accuracy: unknown, columns may err by more than was estimated')
+      else
+        call add_line(text, '  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short(x(k))// &
+                      ' of its range')
+      end if
+      if (x(k) > noticed) call warn(run, to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
+        short(noticed)//' of their range, the worst, '//trim(names(k))//', by an estimated '//short(x(k))// &
+        '; use a smaller step or tolerance', text)
+    end associate
+  end subroutine error_lines
+
+  !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second
+  !> one's energy balance then closes no better.
+  function doubts(first, c) result(text)
+    type(balance_watch), intent(in) :: first
+    type(error_watch), intent(in) :: c
+    character(:), allocatable :: text
+    text = ''
+    if (c%lost_at >= 0.0_wp) then
+      text = 'the second run was lost at t = '//trim(adjustl(es_text(c%lost_at, 3)))//' s: errors are unknown from there on'
+    else if (first%share() > rounding .and. c%balance%largest_residual > converging*first%largest_residual) then
+      text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
+             'are missing in these estimates; a smaller output_step or step shows them'
+    end if
+  end function doubts
+
+  !> A number in two digits.
+  function short(x) result(text)
+    real(wp), intent(in) :: x                  !! any unit
+    character(:), allocatable :: text
+    text = trim(adjustl(es_text(x, 1)))
+  end function short
+end module accuracy_words

@@ -1,0 +1,161 @@
+!> The energy balance of a transient: kinetic + potential + dissipated - work - start is zero for exact integration. What it
+!> is off by is compared with what moved, the largest swing of a kind of energy, which does not depend on where the scene
+!> stands; and for each flexible body with the energy that its deformation took up and gave back, which a balance closed by
+!> large rigid motion may hide. Errors add up in the residual: each step counts, whether a row is written after it or not.
+module energy_balance
+  use kinds, only: wp
+  use archive, only: value_archive
+  use energy, only: energies
+  use mechanism, only: mechanism_model
+  use projection, only: violations
+  implicit none (type, external)
+  private
+
+  !> The balance so far. Energies are kinetic, potential, dissipated and work, in this order.
+  type, public :: balance_watch
+    real(wp) :: row(7) = 0.0_wp               !! a row of energy.txt: four energies, residual [J], violations [m], [m/s]
+    real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
+    real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
+    real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
+    real(wp) :: held = 0.0_wp                 !! largest energy of the rows whose balance is not lost [J]
+    real(wp) :: largest(4) = 0.0_wp           !! absolute energies, whose rounding the residual contains [J]
+    real(wp) :: low(4) = 0.0_wp, high(4) = 0.0_wp   !! smallest and largest energies [J]
+    real(wp), allocatable :: strain(:)        !! (nb) energy stored in the deformation of each body [J]
+    real(wp), allocatable :: strain_low(:), strain_high(:)      !! (nb) smallest and largest [J]
+    real(wp) :: largest_residual = 0.0_wp     !! [J]
+    real(wp) :: violation(2) = 0.0_wp         !! largest, of positions [m] and of velocities [m/s]
+  contains
+    procedure :: begin
+    procedure :: read
+    procedure :: lost
+    procedure :: count
+    procedure :: moved
+    procedure :: share
+    procedure :: body_share
+    procedure :: exchange
+  end type balance_watch
+
+contains
+
+  !> Before the first row.
+  subroutine begin(self, m, t_end)
+    class(balance_watch), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: t_end             !! length of the run [s]
+    integer :: nb
+    nb = size(m%s%bodies)
+    self%least = sum(m%s%bodies%mass)*(1.0e-6_wp*m%s%size/t_end)**2   ! a millionth of the scene's size in the run
+    allocate (self%strain(nb), self%strain_low(nb), self%strain_high(nb), source=0.0_wp)
+  end subroutine begin
+
+  !> Reads the energies and violations of a state; first: the one at t = 0.
+  subroutine read(self, m, t, y, first)
+    class(balance_watch), intent(inout) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model`
+    logical, intent(in) :: first
+    associate (nq => m%s%nq, nz => m%s%nz, x => self%row)
+      call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), x(1), x(2), self%strain)
+      call violations(m, t, y(1:nq), y(nq + 1:2*nq), x(6), x(7))
+      x(3:4) = y(2*nq + 2*nz + 1:2*nq + 2*nz + 2)
+      if (first) then
+        self%start = x(1:2)
+        self%low = x(1:4)
+        self%high = x(1:4)
+        self%strain_low = self%strain
+        self%strain_high = self%strain
+      end if
+      x(5) = x(1) + x(2) + x(3) - x(4) - sum(self%start)
+    end associate
+  end subroutine read
+
+  !> Whether the balance just read says that the solution has nothing to do with the mechanism any more: the residual is most
+  !> of the energy there is, and far above all energies that the run had while its balance held.
+  function lost(self) result(yes)
+    class(balance_watch), intent(inout) :: self
+    logical :: yes
+    real(wp), parameter :: most_of = 0.5_wp, far_above = 1.0e3_wp   !! [-]
+    real(wp) :: present
+    associate (x => self%row)
+      present = max(x(1), abs(x(2) - self%start(2)), abs(x(3)), abs(x(4)))
+      yes = abs(x(5)) > most_of*present
+      if (.not. yes) self%held = max(self%held, present)
+      if (yes) yes = abs(x(5)) > far_above*max(self%held, self%least, self%in_reach, epsilon(1.0_wp)*abs(x(2)))
+    end associate
+  end function lost
+
+  !> Counts the row just read.
+  pure subroutine count(self)
+    class(balance_watch), intent(inout) :: self
+    self%low = min(self%low, self%row(1:4))
+    self%high = max(self%high, self%row(1:4))
+    self%largest = max(self%largest, abs(self%row(1:4)))
+    self%strain_low = min(self%strain_low, self%strain)
+    self%strain_high = max(self%strain_high, self%strain)
+    self%largest_residual = max(self%largest_residual, abs(self%row(5)))
+    self%violation = max(self%violation, self%row(6:7))
+  end subroutine count
+
+  !> Energy that moved: the largest swing of a kind; zero where it is none to speak of, or rounding [J].
+  pure function moved(self) result(energy)
+    class(balance_watch), intent(in) :: self
+    real(wp) :: energy
+    energy = max(maxval(self%high - self%low), 0.0_wp)
+    if (.not. energy > floor_of(self)) energy = 0.0_wp
+  end function moved
+
+  !> Energies below it say nothing: too small to move anything, or of the size of rounding [J].
+  pure function floor_of(self) result(energy)
+    class(balance_watch), intent(in) :: self
+    real(wp) :: energy
+    real(wp), parameter :: digits = 1.0e4_wp*epsilon(1.0_wp)   !! [-]
+    energy = max(self%least, digits*maxval(self%largest))
+  end function floor_of
+
+  !> Largest residual over the energy that moved; 0 where none did [-].
+  pure function share(self) result(x)
+    class(balance_watch), intent(in) :: self
+    real(wp) :: x
+    x = 0.0_wp
+    if (self%moved() > 0.0_wp) x = self%largest_residual/self%moved()
+  end function share
+
+  !> The body for whose deformation the balance says least: the largest residual over the energy that it took up and gave
+  !> back; body = 0 where no deformation stores energy to speak of.
+  pure subroutine body_share(self, body, x, energy)
+    class(balance_watch), intent(in) :: self
+    integer, intent(out) :: body
+    real(wp), intent(out) :: x                !! [-]
+    real(wp), intent(out) :: energy           !! that the body's deformation exchanged [J]
+    real(wp) :: swing
+    integer :: b
+    body = 0
+    x = 0.0_wp
+    energy = huge(1.0_wp)
+    do b = 1, size(self%strain)
+      swing = self%strain_high(b) - self%strain_low(b)
+      if (.not. swing > floor_of(self) .or. swing >= energy) cycle
+      body = b
+      energy = swing
+      x = self%largest_residual/swing
+    end do
+  end subroutine body_share
+
+  !> Saves or restores the balance.
+  subroutine exchange(self, a)
+    class(balance_watch), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%row)
+    call a%exchange(self%start)
+    call a%exchange(self%in_reach)
+    call a%exchange(self%held)
+    call a%exchange(self%largest)
+    call a%exchange(self%low)
+    call a%exchange(self%high)
+    call a%exchange(self%strain_low)
+    call a%exchange(self%strain_high)
+    call a%exchange(self%largest_residual)
+    call a%exchange(self%violation)
+  end subroutine exchange
+end module energy_balance

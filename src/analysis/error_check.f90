@@ -1,0 +1,207 @@
+!> Estimated errors of sensor columns (check_error=.true.): a second run of the same model with half the step, or a tenth of
+!> the tolerance, goes beside the first, row by row. It is the more accurate one, so that the difference is the error of the
+!> first run, but for a share that the method's order tells (Richardson). Twice the step would cost less and tell less: it
+!> is unstable above half of the stable bound, and where vibrations are not resolved the order says nothing. Both runs share
+!> times of rows, signals, checkpoints; the first run is the same, to the last bit, with the second one and without.
+module error_check
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use choose_stepper, only: make_stepper, method_order
+  use deck_records, only: transient_record
+  use energy_balance, only: balance_watch
+  use mechanism_ode, only: mechanism_system
+  use sensors, only: sensor_list, read_sensors
+  use step_counts, only: actual_step
+  use time_stepper, only: stepper, reached, lost
+  implicit none (type, external)
+  private
+
+  real(wp), parameter :: tighter = 0.1_wp     !! tolerance of the second run, of the first one's [-]
+  real(wp), parameter :: controlled = 4.0_wp/3.0_wp  !! error over difference: errors fall to a tenth or a fifth with it [-]
+
+  !> The second run and what it has shown.
+  type, public :: error_watch
+    logical :: active = .false.
+    type(mechanism_system) :: sys
+    class(stepper), allocatable :: method
+    type(balance_watch) :: balance
+    real(wp), allocatable :: y(:)             !! (ny) state at its last row
+    real(wp), allocatable :: values(:)        !! (columns) of that row [of the column]
+    real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
+    real(wp), allocatable :: low(:), high(:)  !! (columns) smallest and largest value of the first run [of the column]
+    real(wp) :: factor = 1.0_wp               !! error of the first run over the difference [-]
+    integer(ip) :: done = -1                  !! rows done after that of t = 0
+    real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
+  contains
+    procedure :: begin
+    procedure :: start
+    procedure :: behind
+    procedure :: advance
+    procedure :: compare
+    procedure :: estimate
+    procedure :: ranges
+    procedure :: exchange
+  end type error_watch
+
+contains
+
+  !> A second run from the state in which the first one starts.
+  subroutine begin(self, sys, r, fastest, stable, y, columns)
+    class(error_watch), intent(inout) :: self
+    type(mechanism_system), intent(in) :: sys
+    type(transient_record), intent(in) :: r
+    real(wp), intent(in) :: fastest           !! largest frequency of the scene, where it is known [rad/s]
+    real(wp), intent(in) :: stable            !! safe bound of the step of an explicit method [s]
+    real(wp), intent(in) :: y(:)              !! (ny)
+    integer, intent(in) :: columns            !! of all sensors
+    type(transient_record) :: finer
+    finer = r
+    finer%first_step = r%first_step/2
+    finer%max_step = r%max_step/2
+    if (r%adaptive) then
+      finer%tolerance = tighter*r%tolerance
+      if (stable < huge(stable)) then         ! steps that stability limits are as long whatever the tolerance
+        finer%max_step = stable/2
+        if (r%max_step > 0.0_wp) finer%max_step = min(r%max_step, stable)/2
+      end if
+      self%factor = controlled
+    else
+      finer%step = actual_step(r%output_step, r%step)/2
+      self%factor = 1.0_wp/(1.0_wp - 0.5_wp**method_order(r%method))
+    end if
+    self%active = .true.
+    self%sys = sys
+    self%sys%m%evaluations = 0
+    call make_stepper(finer, sys%m%s, fastest, self%method)
+    self%y = y
+    allocate (self%values(columns), self%error(columns), self%low(columns), self%high(columns), source=0.0_wp)
+    call self%method%begin(self%sys, 0.0_wp, y)
+    call self%balance%begin(self%sys%m, r%t_end)
+  end subroutine begin
+
+  !> The row of t = 0, which both runs share.
+  subroutine start(self, values, in_reach)
+    class(error_watch), intent(inout) :: self
+    real(wp), intent(in) :: values(:)         !! (columns) [of the column]
+    real(wp), intent(in) :: in_reach          !! what the forces could do until the first row [J]
+    self%values = values
+    self%low = values
+    self%high = values
+    call self%balance%read(self%sys%m, 0.0_wp, self%y, .true.)
+    self%balance%in_reach = in_reach
+    self%done = 0
+  end subroutine start
+
+  !> Whether the second run has yet to reach a row.
+  pure function behind(self, row) result(yes)
+    class(error_watch), intent(in) :: self
+    integer(ip), intent(in) :: row
+    logical :: yes
+    yes = self%active .and. self%lost_at < 0.0_wp .and. self%done < row
+  end function behind
+
+  !> A few steps of the second run towards its next row.
+  subroutine advance(self, list, from, to, most)
+    class(error_watch), intent(inout) :: self
+    type(sensor_list), intent(inout) :: list
+    real(wp), intent(in) :: from, to          !! last and next row [s]
+    integer, intent(in) :: most               !! steps
+    integer :: outcome
+    call self%method%advance(self%sys, from, to, most, self%y, outcome)
+    if (outcome == lost) self%lost_at = self%method%tried
+    if (outcome /= reached) return
+    associate (m => self%sys%m)
+      call read_sensors(list, m, self%y(1:m%s%nq), self%y(m%s%nq + 1:2*m%s%nq), self%y(2*m%s%nq + 1:2*m%s%nq + m%s%nz), &
+                        self%values)
+      call self%balance%read(m, to, self%y, .false.)
+    end associate
+    if (self%balance%lost()) self%lost_at = to
+    call self%balance%count()
+    self%done = self%done + 1
+  end subroutine advance
+
+  !> Compares a row of the first run with that of the second.
+  subroutine compare(self, values)
+    class(error_watch), intent(inout) :: self
+    real(wp), intent(in) :: values(:)         !! (columns) [of the column]
+    if (.not. self%active) return
+    self%low = min(self%low, values)
+    self%high = max(self%high, values)
+    if (self%lost_at < 0.0_wp) self%error = max(self%error, abs(values - self%values))
+  end subroutine compare
+
+  !> Estimated largest error of each column [of the column].
+  pure function estimate(self) result(e)
+    class(error_watch), intent(in) :: self
+    real(wp) :: e(size(self%error))
+    e = self%factor*self%error
+  end function estimate
+
+  !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
+  !> motion over the scene's size within the run [of the column].
+  pure function ranges(self, names, time) result(range)
+    class(error_watch), intent(in) :: self
+    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    real(wp), intent(in) :: time              !! of the run [s]
+    real(wp) :: range(size(self%error))
+    real(wp), parameter :: digits = 1.0e-10_wp   !! [-]
+    real(wp) :: largest
+    integer :: k, j
+    range = self%high - self%low
+    do k = 1, size(range)
+      largest = unit_scale(unit_of(names(k)), sum(self%sys%m%s%bodies%mass), self%sys%m%s%size, time)
+      do j = 1, size(range)
+        if (unit_of(names(j)) == unit_of(names(k))) largest = max(largest, abs(self%low(j)), abs(self%high(j)))
+      end do
+      if (.not. self%high(k) - self%low(k) > digits*largest) range(k) = 0.0_wp
+    end do
+  end function ranges
+
+  !> A value of a unit, made of a mass, a length and a time [of the unit].
+  pure function unit_scale(unit, mass, length, time) result(x)
+    character(*), intent(in) :: unit
+    real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
+    real(wp) :: x
+    select case (unit(:scan(unit//'/]', '/]') - 1))
+    case ('m')
+      x = length
+    case ('N')
+      x = mass*length/time**2
+    case ('Nm')
+      x = mass*(length/time)**2
+    case ('Pa')
+      x = mass/(length*time**2)
+    case ('kg^.5*m')
+      x = sqrt(mass)*length
+    case default                              ! rad
+      x = 1.0_wp
+    end select
+    if (index(unit, '/s]') > 0) x = x/time
+    if (index(unit, '/s2]') > 0) x = x/time**2
+  end function unit_scale
+
+  !> Unit of a column.
+  pure function unit_of(name) result(unit)
+    character(*), intent(in) :: name
+    character(:), allocatable :: unit
+    unit = trim(name(index(name, '[') + 1:))
+  end function unit_of
+
+  !> Saves or restores the second run.
+  subroutine exchange(self, a)
+    class(error_watch), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    if (.not. self%active) return
+    call a%exchange(self%done)
+    call a%exchange(self%lost_at)
+    call a%exchange(self%y)
+    call a%exchange(self%values)
+    call a%exchange(self%error)
+    call a%exchange(self%low)
+    call a%exchange(self%high)
+    call self%balance%exchange(a)
+    call self%method%exchange(a)
+    call a%exchange(self%sys%m%evaluations)
+    call a%exchange(self%sys%m%schur%was_lost)
+  end subroutine exchange
+end module error_check

@@ -1,0 +1,205 @@
+"""What the summary says of a run's accuracy is true: its energy balance, the estimated errors of columns, its silence otherwise."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import TIMEOUT, Run, wait_for
+from random_scenes import scene
+
+PENDULUM = """&scene gravity=0.0,-9.81 /
+&body name='p' kind='rigid' mass=1.0 inertia=0.02 com=0.5,0.0 position=0.0,{y} /
+&joint name='o' type='revolute' body_a='p' point_b=0.0,{y} /
+&sensor name='a' quantity='angle' body='p' /
+&transient t_end=5.0 method='rk4' step=0.05 /
+"""
+CANTILEVER = """&material name='m' density=2700.0 young=7.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.005 /
+&body name='b' kind='beam' length=0.5 elements=2 material='m' section='s' reference='clamped' axial=.false. /
+&joint name='w' type='weld' body_a='b' node_a=1 /
+&force name='f' type='force' body='b' node=-1 fy=5.0 /
+&sensor name='tip' quantity='deflection' body='b' node=-1 /
+"""
+FLYWHEEL = """&body name='wheel' kind='rigid' mass=50.0 inertia=5.0 position=2.0,0.0 angular_velocity=100.0 /
+&joint name='p' type='revolute' body_a='wheel' point_b=2.0,0.0 /
+&force name='t' type='torque' body='wheel' moment=50.0 /
+"""
+COARSE = "&transient t_end=0.2 method='generalized_alpha' step=5.0e-3 {} /\n"
+CRANK = """&material name='m' density=1600.0 young=2.1e10 /
+&section name='s' area=1.6129e-4 inertia=8.6576e-9 /
+&body name='rod' kind='beam' length=0.3492 elements=2 material='m' section='s' position=0.1524,0.0 /
+&joint name='c' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=0.1524 /
+&joint name='d' type='slider' body_a='rod' node_a=-1 direction=0.0 /
+&force name='t' type='torque_about' body='rod' node=1 centre=0.0,0.0 moment=9.0 /
+&sensor name='pin' quantity='position' body='rod' node=1 /
+"""
+
+
+def share(run: Run) -> float:
+    """Return how far the energy balance closed, of the energy that moved."""
+    return float(re.search(r"closed to (\S+) of the energy that moved", run.summary)[1])
+
+
+def body_share(run: Run) -> float:
+    """Return how far it closed, of what a body's deformation exchanged."""
+    return float(re.search(r"closed to (\S+) of what the deformation of body \"b\" took up", run.summary)[1])
+
+
+def estimates(run: Run) -> dict[str, tuple[float, float | None]]:
+    """Return the estimated error of each column and its share of the range; None where the column is constant."""
+    table = re.search(r"    column, largest error, of its range\n((?:    .*\n)+?)(?=  \S)", run.summary)[1]
+    found = {}
+    for line in table.splitlines():
+        name, error, part = line.split(maxsplit=2)
+        found[name.split("[")[0]] = (float(error), None if "constant" in part else float(part))
+    return found
+
+
+@pytest.mark.parametrize("y", [1.0, 1.0e4, -1.0e6])
+def test_the_balance_does_not_depend_on_where_the_scene_stands(run_deck, y):
+    low, high = (share(run_deck(PENDULUM.format(y=at), name=f"p{k}")) for k, at in enumerate((0.0, y)))
+    assert low > 1e-5
+    assert high == pytest.approx(low, rel=0.1)
+
+
+def test_a_flywheel_beside_it_does_not_make_a_vibration_better(run_deck):
+    alone, beside = (run_deck(CANTILEVER + more + COARSE.format(""), name=name) for more, name in (("", "a"), (FLYWHEEL, "b")))
+    assert share(beside) < 0.01 * share(alone)
+    assert body_share(beside) == pytest.approx(body_share(alone), rel=0.3)
+    exact = run_deck(CANTILEVER + "&transient t_end=0.2 method='dopri5' tolerance=1e-6 output_step=5.0e-3 /\n", name="exact")
+    checked = run_deck(CANTILEVER + FLYWHEEL + COARSE.format("check_error=.true."), name="c")
+    for run in (alone, beside, checked):
+        off = np.abs(run.history["tip.v"] - exact.history["tip.v"]).max() / np.ptp(exact.history["tip.v"])
+        assert off > 0.2
+        assert "trusted" not in run.summary.replace("cannot be trusted", "")
+        assert "exact" not in run.summary.split("deck text")[0].replace("exact 0", "")
+    assert "energies bound no error of a column" in beside.summary
+    assert estimates(checked)["tip.v"][1] > 0.2
+    warnings = re.findall(r"warning: \d of 3 columns err by more than 1.0E-02 of their range", checked.stderr)
+    assert len(warnings) == 1
+    assert checked.status == 0
+
+
+def test_nothing_is_said_of_a_run_that_was_lost(run_deck):
+    text = CRANK + "&transient t_end=1.0 method='rk4' step=5e-4 output_step=1.0 accept_unstable=.true. {} /\n"
+    for more in ("", "check_error=.true."):
+        run = run_deck(text.format(more), expect=None)
+        assert run.status == 1
+        assert "accuracy: nothing is known of a run that was lost" in run.summary
+        assert "energy balance: closed" not in run.summary
+        assert "errs by" not in run.summary
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5", "generalized_alpha"])
+def test_estimates_of_resolved_motion_are_the_errors(run_deck, method):
+    """Where the order shows: within a few per cent; an odd number of steps in an interval makes no difference."""
+    swing = PENDULUM.format(y=0.0).split("&transient")[0] + "&transient t_end=2.0 output_step=0.03 check_error=.true. {} /\n"
+    exact = run_deck(swing.format("method='dopri5' tolerance=1e-13"), name="exact").history
+    for step in (0.01, 0.03):
+        run = run_deck(swing.format(f"method='{method}' step={step}"))
+        assert estimates(run)["a"][0] == pytest.approx(np.abs(run.history["a"] - exact["a"]).max(), rel=0.1)
+
+
+WAYS = {
+    "rk4 at 0.9 of the bound": "method='rk4' step={rk4!r}",
+    "coarse generalized_alpha": "method='generalized_alpha' step={row!r}",
+    "generalized_alpha by tolerance": "method='generalized_alpha' tolerance=1e-3",
+    "loose dopri5": "method='dopri5' tolerance=1e-4",
+}
+SEED = 1
+
+
+@pytest.mark.parametrize("number", [0, 2, 7, 34])
+def test_random_scenes_no_column_errs_by_ten_times_its_estimate(run_deck, biela, tmp_path, number):
+    """And the rows are those of the run without the check, to the last bit."""
+    drawn = scene(SEED, number)
+    print(f"seed {SEED}/{number}")
+    (tmp_path / "bound.nml").write_text(drawn.text + "&transient t_end=1.0 step=1e-9 /\n")
+    told = subprocess.run([biela, "--check", "bound.nml"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    found = re.search(r"rk4: safe bound\s+(\S+) s", told)
+    bound = float(found[1]) if found else 1.0  # rigid bodies only
+    time = min(drawn.time, 1000 * bound)
+    row = time / 100
+    transient = "&transient t_end=" + repr(time) + " output_step=" + repr(row) + " {} {} /\n"
+    exact = [drawn.text + transient.format(f"method='dopri5' tolerance={t}", "") for t in (1e-10, 1e-12)]
+    truths = [run_deck(deck, name="truth").history for deck in exact]
+    for way in WAYS.values():
+        words = way.format(rk4=min(0.9 * bound, row), row=row)
+        run = run_deck(drawn.text + transient.format(words, "check_error=.true."))
+        told, seen = estimates(run), 0
+        for name, (error, part) in told.items():
+            true = np.abs(run.history[name] - truths[1][name]).max()
+            unsure = np.abs(truths[0][name] - truths[1][name]).max()
+            if part is None or unsure > 0.1 * true or true < 1e-8 * np.ptp(truths[1][name]):
+                continue
+            seen += 1
+            assert true < 10 * error, (words, name)
+        assert seen > 0 or "dopri5" in words
+        assert ("columns err by more than" in run.stderr) == (max(p or 0.0 for _, p in told.values()) > 0.01)
+        plain = run_deck(drawn.text + transient.format(words, ""), name="plain")
+        rows = [(r.folder / "history.txt").read_text().split("# columns:")[1] for r in (plain, run)]
+        assert rows[0] == rows[1]
+
+
+def test_estimates_are_doubted_where_both_runs_damp_a_vibration_between_rows(run_deck):
+    """An axial wave that a spectral radius of 0 removes within a row: both runs agree, and both are wrong."""
+    beam = CANTILEVER.replace("axial=.false.", "").replace("fy=5.0", "fx=500.0 fy=5.0")
+    text = beam + "&transient t_end=0.024 {} output_step=4.8e-3 {} /\n"
+    run = run_deck(text.format("method='generalized_alpha' step=4e-4 spectral_radius=0.0", "check_error=.true."))
+    exact = run_deck(text.format("method='dopri5' tolerance=1e-8", ""), name="exact").history
+    assert np.abs(run.history["tip.u"] - exact["tip.u"]).max() > 100 * estimates(run)["tip.u"][0]
+    assert run.stderr.count("the energy balance of the second run closes hardly better") == 1
+    assert "accuracy: unknown" in run.summary
+    assert "errs by" not in run.summary
+
+
+def test_redundant_joints_are_told_once_on_standard_error(run_deck):
+    door = "&body name='d' kind='rigid' mass=1.0 inertia=0.1 com=0.4,0.0 /\n"
+    hinges = "".join(f"&joint name='h{k}' type='revolute' body_a='d' /\n" for k in (1, 2))
+    run = run_deck("&scene gravity=0.0,-9.81 /\n" + door + hinges + "&transient t_end=0.1 method='rk4' step=1e-3 /\n")
+    told = 'warning: redundant constraints at the start among "h1" "h2"; the reactions of these joints are not determined'
+    assert run.stderr.count(told) == 1
+    assert run.stderr.count("warning") == 1
+
+
+LONG = "&transient t_end=100.0 method='rk4' step=4e-6 output_step=1e-3 /\n"
+
+
+def test_a_killed_rerun_does_not_read_done(run_deck, biela, tmp_path):
+    """Nor does anything of the earlier run stand beside its summary."""
+    old = run_deck(CRANK + "&modal modes=2 /\n&transient t_end=1e-3 method='rk4' step=4e-6 motion_step=1e-4 /\n")
+    assert "outcome: done" in old.summary
+    assert {"modes.txt", "motion.txt", "history.txt"} <= {path.name for path in old.folder.iterdir()}
+    (old.folder / "notes.txt").write_text("mine")
+    (old.folder / "history.txt").unlink()
+    (tmp_path / "scene.nml").write_text(CRANK.replace("0.1524,0.0 /", "0.1524,0.0 /  ! changed") + LONG)
+    process = subprocess.Popen([biela, "--quiet", "scene.nml"], cwd=tmp_path)
+    wait_for(old.folder / "history.txt", process)
+    summary = old.summary
+    process.send_signal(signal.SIGKILL)
+    process.wait(timeout=TIMEOUT)
+    for text in (summary, old.summary):
+        assert "outcome: running" in text
+        assert "done" not in text
+        assert "! changed" in text
+    found = {path.name for path in old.folder.iterdir() if not path.name.startswith(".")}
+    assert found - {"checkpoint"} == {"summary.txt", "history.txt", "energy.txt", "notes.txt"}
+
+
+def test_an_interrupted_run_reads_interrupted_and_running_while_it_goes_on(biela, tmp_path):
+    (tmp_path / "scene.nml").write_text(CRANK + LONG)
+    folder = tmp_path / "results" / "scene"
+    for options in ([], ["--restart"]):
+        process = subprocess.Popen([biela, "--quiet", *options, "scene.nml"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+        if options:
+            while "outcome: running" not in (folder / "summary.txt").read_text():
+                assert process.poll() is None
+        else:
+            wait_for(folder / "energy.txt", process)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=TIMEOUT) == 128 + signal.SIGINT
+        assert "outcome: stopped by signal" in (folder / "summary.txt").read_text()
