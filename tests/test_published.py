@@ -125,6 +125,19 @@ def test_step_on_the_change_point(count, past, run_deck):
     np.testing.assert_allclose(history["vb0.y"], -speed * np.sin(exact), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize(("count", "step"), [(5, 1e-3), (5, 5e-4), (10, 1e-3), (40, 1e-3)])
+def test_many_four_bars_pass_their_change_points(count, step, run_deck):
+    """Every loop could fold there: neither the energy nor the path feels it, wherever the steps fall (three starts, 3 s)."""
+    for phi, rate in ((0.0, 1.0), (0.3, 2.0), (0.41, 2.7)):
+        t_end = 3.0 if count < 40 else 1.0
+        run = run_deck(four_bars(count, phi, rate, t_end=t_end, step=step, output=0.02))
+        exact = reduced_four_bars(count, run.history.time, phi, rate)[0]
+        assert np.sum(np.diff(np.sign(np.cos(exact))) != 0) >= 1  # it does pass
+        np.testing.assert_allclose(run.history["b0.x"], np.sin(exact), rtol=0, atol=2e-9, err_msg=f"start {phi}, {rate}")
+        energy = run.energy
+        assert np.abs(energy["residual"]).max() < 1e-10 * np.abs(energy["kinetic"]).max(), f"start {phi}, {rate}"
+
+
 def test_redundancy_that_appears_during_the_motion(run_deck):
     """A slider-crank with equal links: as the slider passes the crank's bearing the rod could turn freely, one row is redundant.
 

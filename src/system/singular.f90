@@ -11,8 +11,8 @@ module singular
   private
   public :: evaluate_branch
 
-  real(wp), parameter :: reach = 4.0e-3_wp      !! motion to the neighbouring states, relative to the scene's size [-]
-  real(wp), parameter :: steady = 0.05_wp       !! largest change of velocity on the way, relative to the velocity [-]
+  real(wp), parameter :: reach = 5.0e-3_wp      !! largest turn of a body to the neighbouring states [rad]
+  real(wp), parameter :: steady = 0.05_wp       !! largest change of velocities on the way, relative to the velocities [-]
   integer, parameter :: rounds = 3              !! the accelerations used to get there are improved as often
   real(wp), parameter :: offsets(4) = [-1.0_wp, 1.0_wp, -2.0_wp, 2.0_wp]               !! of the states, in steps [-]
   real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
@@ -39,21 +39,21 @@ contains
     real(wp), intent(in) :: q(:), v(:)          !! (nq) the evaluated state
     real(wp), intent(in) :: z(:), zd(:)         !! (nz)
     real(wp), allocatable :: a(:), lambda(:)
-    real(wp) :: s, power, speed
+    real(wp) :: s, power, rate
     logical :: ok
     integer :: round
     if (held(m, v)) then
       m%a = 0.0_wp
       return
     end if
-    speed = maxval(abs(m%p%v))
-    ok = speed > 0.0_wp
+    rate = max(maxval(abs(m%p%rate)), maxval(abs(m%p%v))/m%s%size)
+    ok = rate > 0.0_wp
     if (ok) then
-      s = reach*m%s%size/speed
+      s = reach/rate
       a = m%a
       lambda = m%lambda
       power = m%input_power
-      ok = passes(m, t, q, v, z, zd, steady*speed/s)
+      ok = passes(m, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
       if (ok) call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
@@ -79,30 +79,34 @@ contains
 
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
   !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
-  logical function passes(m, t, q, v, z, zd, most) result(yes)
+  logical function passes(m, t, q, v, z, zd, rate, most) result(yes)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
-    real(wp), intent(in) :: most                !! largest acceleration of a motion that passes [m/s2]
-    yes = maxval(abs(frame_part(m, m%a))) <= most
+    real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
+    real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
+    yes = growth(m, rate) <= most
     if (.not. yes .or. m%s%rows < m%s%nq) return
-    yes = maxval(abs(m%rows%extra))*maxval(abs(m%p%v)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
+    yes = maxval(abs(m%rows%extra)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
     call evaluate_regular(m, t, q, v, z, zd)
-    yes = m%schur%singular .or. maxval(abs(frame_part(m, m%a))) <= most
+    yes = m%schur%singular .or. growth(m, rate) <= most
   end function passes
 
-  !> Accelerations of the frames as velocities' changes: positions, and angles times the size.
-  pure function frame_part(m, a) result(x)
+  !> Largest acceleration of the frames, of their origins over the largest velocity, of their angles over the given rate [1/s].
+  pure real(wp) function growth(m, rate)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: a(:)
-    real(wp) :: x(3*size(m%s%bodies))           !! [m/s2]
+    real(wp), intent(in) :: rate                !! above 0 [rad/s]
+    real(wp) :: along, around
     integer :: b
+    along = 0.0_wp
+    around = 0.0_wp
     do b = 1, size(m%s%bodies)
-      x(3*b - 2:3*b) = a(m%s%qo(b) + 1:m%s%qo(b) + 3)
-      x(3*b) = x(3*b)*m%s%size
+      along = max(along, maxval(abs(m%a(m%s%qo(b) + 1:m%s%qo(b) + 2))))
+      around = max(around, abs(m%a(m%s%qo(b) + 3)))
     end do
-  end function frame_part
+    growth = max(along/max(maxval(abs(m%p%v)), tiny(1.0_wp)), around/rate)
+  end function growth
 
   !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
   subroutine mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
