@@ -448,3 +448,11 @@ def test_many_rows_may_become_dependent_at_once(bars, tolerance, run_deck):
     """Six four-bars in line at other speeds: the energy is kept through the change points."""
     run = run_deck(four_bars(bars, 1.37) + march(f"t_end=3.0 tolerance={tolerance} output_step=0.01"))
     assert np.abs(run.energy["residual"]).max() < max(tolerance ** (2 / 3), 5e-5) * run.energy["kinetic"].max()
+
+
+def test_a_body_at_rest_stays_there(run_deck):
+    """All corrections are zero: no contraction can be measured from them."""
+    deck = "&scene /\n&body name='a' kind='rigid' mass=1.0 inertia=0.1 /\n"
+    deck += "&sensor name='p' quantity='position' body='a' point=0.0,0.0 /\n"
+    run = run_deck(deck + "&transient t_end=0.1 method='generalized_alpha' step=1e-2 output_step=1e-2 /\n")
+    assert not run.history["p.x"].any()

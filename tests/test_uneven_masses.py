@@ -145,3 +145,65 @@ def test_bodies_left_free_are_named_whatever_their_masses(run_deck, ratio):
     text += "&joint name='two' type='revolute' body_a='b1' node_a=1 body_b='b0' node_b=-1 /\n&static /\n"
     run = run_deck(text, expect=2)
     assert 'left free to move: "b0" "b1"' in run.stderr
+
+
+CRANK, ROD, TURN = 0.2, 0.4, 0.5  # lengths [m], the crank's angle [rad]
+FLEXIBLE = """&material name='m' density={density:.3e} young=7.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='rod' kind='beam' length=0.4 elements=2 material='m' section='s' {rest} /
+{lump}"""
+
+
+def slider_crank(rod, ends=("", "point_a=0.4,0.0"), method="method='rk4' step=1e-5"):
+    """Return a slider-crank whose crank turns at 150 rad/s, the rod given with {rest} for where it lies."""
+    lean = -np.arcsin(CRANK * np.sin(TURN) / ROD)
+    rest = f"position={CRANK * np.cos(TURN):.17g},{CRANK * np.sin(TURN):.17g} angle={lean:.17g}"
+    return f"""&scene gravity=0.0,-9.81 /
+&body name='crank' kind='rigid' mass=1.0 inertia=1e-2 com=0.1,0.0 angle={TURN} angular_velocity=150.0 /
+{rod.replace("{rest}", rest)}
+&joint name='o' type='revolute' body_a='crank' /
+&joint name='p' type='revolute' body_a='rod' {ends[0]} body_b='crank' point_b=0.2,0.0 /
+&joint name='s' type='slider' body_a='rod' {ends[1]} direction=0.0 /
+&sensor name='w' quantity='angular_velocity' body='crank' /
+&sensor name='v' quantity='velocity' body='rod' {"point=0.4,0.0" if not ends[0] else "node=-1"} /
+&transient t_end=1e-3 {method} output_step=1e-4 /
+"""
+
+
+def starts_right_or_is_refused(run):
+    """Whether the run began with the stated motion; else it has been refused for its masses, and nothing was written."""
+    if run.status == 0 or (run.folder / "history.txt").exists():
+        h = run.history
+        assert h["w"][0] == pytest.approx(150.0, rel=1e-9)
+        lean = np.arcsin(CRANK * np.sin(TURN) / ROD)
+        speed = -150.0 * CRANK * (np.sin(TURN) + np.cos(TURN) * np.tan(lean))
+        assert h["v.x"][0] == pytest.approx(speed, rel=1e-9)
+        assert "was corrected" not in run.stderr
+        for name in ("history.txt", "energy.txt"):
+            assert "nan" not in (run.folder / name).read_text(encoding="utf-8").lower()
+        return True
+    assert "too uneven for double precision" in run.stderr
+    return False
+
+
+@pytest.mark.parametrize("power", [-15, -9, 0, 3, 6, 7, 8, 9, 11, 12, 15, 18])
+def test_rigid_links_in_motion(run_deck, power):
+    mass = 3.0 * 10.0**power
+    rod = f"&body name='rod' kind='rigid' mass={mass:.3e} inertia={0.01 * mass:.3e} com=0.2,0.0 {{rest}} /"
+    right = starts_right_or_is_refused(run_deck(slider_crank(rod), expect=None))
+    assert right or power > 11
+
+
+@pytest.mark.parametrize("method", ["method='rk4' step=1e-6", "method='generalized_alpha' step=5e-5"])
+@pytest.mark.parametrize(
+    ("density", "lump"), [(2700.0, 1e6), (2700.0, 1e15), (2700.0, 1e20), (1e-6, 1.0), (1e-14, 0.0), (1e-14, 1.0)]
+)
+def test_flexible_rods_in_motion(run_deck, density, lump, method):
+    """A step above the stable one is another reason to refuse."""
+    own = f"&lump body='rod' node=-1 mass={lump:.3e} /" if lump else ""
+    rod = FLEXIBLE.format(density=density, lump=own, rest="{rest}")
+    run = run_deck(slider_crank(rod, ("node_a=1", "node_a=-1"), method), expect=None)
+    if "above the safe bound" in run.stderr:
+        assert not run.folder.exists()
+        return
+    starts_right_or_is_refused(run)

@@ -2,6 +2,7 @@
 !> out.
 module linear_state
   use kinds, only: wp
+  use assembly_reports, only: too_uneven
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use joint_correction, only: correct_accelerations, balanced
@@ -12,9 +13,6 @@ module linear_state
   implicit none (type, external)
   private
   public :: linear_system, evaluate_state, refuse_uneven
-
-  character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
-                                                  'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
 

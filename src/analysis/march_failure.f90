@@ -3,7 +3,7 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
-  use linear_state, only: too_uneven
+  use assembly_reports, only: too_uneven
   use mechanism, only: mechanism_model
   use projection, only: open_constraints
   use step_control, only: error_norm

@@ -2,6 +2,7 @@
 !> good time when the solution is lost or a signal comes.
 module transient
   use kinds, only: wp, ip
+  use assembly_reports, only: too_uneven
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
   use choose_stepper, only: make_stepper, method_order
@@ -95,6 +96,10 @@ contains
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
+      if (run%sys%m%broken .or. run%sys%m%schur%lost) then
+        call fail%raise(status_failed, 'the transient cannot start: '//too_uneven)
+        return
+      end if
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)

@@ -7,6 +7,9 @@ module assembly_reports
   private
   public :: assembly_report, add_warning, open_joints
 
+  character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
+                                                  'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
+
   !> What assembly found.
   type :: assembly_report
     integer :: rank = 0                             !! independent constraint rows

@@ -96,12 +96,19 @@ contains
     real(wp), intent(in) :: a, b, c, d, e, f
     real(wp), intent(out) :: low(3), dinv(3)   !! l21, l31, l32 and 1/D
     real(wp) :: d2
-    dinv(1) = 1.0_wp/a
+    dinv(1) = reciprocal(a)
     low(1) = b*dinv(1)
     low(2) = d*dinv(1)
     d2 = c - low(1)*b
-    dinv(2) = 1.0_wp/d2
+    dinv(2) = reciprocal(d2)
     low(3) = (e - low(2)*b)*dinv(2)
-    dinv(3) = 1.0_wp/(f - low(2)*d - low(3)**2*d2)
+    dinv(3) = reciprocal(f - low(2)*d - low(3)**2*d2)
   end subroutine factor_frame
+
+  !> 1/x of a pivot; 0 where the pivot is none, since the mass that makes it is lost in rounding.
+  elemental real(wp) function reciprocal(x)
+    real(wp), intent(in) :: x                  !! [kg] or [kg m2]
+    reciprocal = 0.0_wp
+    if (x > 0.0_wp) reciprocal = 1.0_wp/x
+  end function reciprocal
 end module mechanism

@@ -41,6 +41,8 @@ module multipliers
     procedure :: set_up
     procedure :: clear
     procedure :: factor
+    procedure :: factor_uneven
+    procedure :: beyond_digits
     procedure :: factor_strong
     procedure :: factor_weak
     procedure :: lose
@@ -93,6 +95,26 @@ contains
     call self%factor_strong(good)
     if (.not. good) call factor_shifted(self)
   end subroutine factor
+
+  !> Factors an S with weak pivots, knowing G: as it is, as long as its pivots can be told from 0, where no row depends on
+  !> others by geometry; S + eps 1 otherwise.
+  subroutine factor_uneven(self)
+    class(multiplier_system), intent(inout) :: self
+    logical :: good
+    call mark_dependent(self, weak_pivot)
+    good = .not. any(self%held)
+    if (good) then
+      call take_matrix(size(self%s), size(self%f), self%s, self%f)
+      call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, good)
+    end if
+    if (.not. good) call factor_shifted(self)
+  end subroutine factor_uneven
+
+  !> Whether the last factor has pivots that cannot be told from 0.
+  pure logical function beyond_digits(self) result(yes)
+    class(multiplier_system), intent(in) :: self
+    yes = self%lost .or. any(self%f(0, 1:self%n)*self%s(0, :)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
+  end function beyond_digits
 
   !> Factors S; good is false where a pivot is weak.
   subroutine factor_strong(self, good)

@@ -85,28 +85,27 @@ contains
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
     real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
-    yes = growth(m, rate) <= most
+    yes = steadily(m, rate, most)
     if (.not. yes .or. m%s%rows < m%s%nq) return
     yes = maxval(abs(m%rows%extra)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
     call evaluate_regular(m, t, q, v, z, zd)
-    yes = m%schur%singular .or. growth(m, rate) <= most
+    yes = m%schur%singular .or. steadily(m, rate, most)
   end function passes
 
-  !> Largest acceleration of the frames, of their origins over the largest velocity, of their angles over the given rate [1/s].
-  pure real(wp) function growth(m, rate)
+  !> Whether no frame's velocity grows faster than allowed, seen from the largest velocities.
+  pure logical function steadily(m, rate, most) result(yes)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: rate                !! above 0 [rad/s]
-    real(wp) :: along, around
+    real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
+    real(wp), intent(in) :: most                !! [1/s]
+    real(wp) :: speed
     integer :: b
-    along = 0.0_wp
-    around = 0.0_wp
+    speed = maxval(abs(m%p%v))                  ! [m/s]
+    yes = .true.
     do b = 1, size(m%s%bodies)
-      along = max(along, maxval(abs(m%a(m%s%qo(b) + 1:m%s%qo(b) + 2))))
-      around = max(around, abs(m%a(m%s%qo(b) + 3)))
+      yes = yes .and. all(abs(m%a(m%s%qo(b) + 1:m%s%qo(b) + 3)) <= most*[speed, speed, rate])
     end do
-    growth = max(along/max(maxval(abs(m%p%v)), tiny(1.0_wp)), around/rate)
-  end function growth
+  end function steadily
 
   !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
   subroutine mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)

@@ -2,9 +2,10 @@
 !> least mass-weighted change; stated ones that contradict the joints are corrected least.
 module velocity_closing
   use kinds, only: wp
-  use assembly_reports, only: assembly_report, add_warning, open_joints
+  use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven
   use dynamics, only: evaluate
   use errors, only: failure, status_bad_input
+  use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
   use mechanism, only: mechanism_model
@@ -31,10 +32,13 @@ contains
     real(wp), allocatable :: none(:), start(:)
     real(wp) :: worst, goal
     integer :: attempt, pass
+    logical :: uneven, beyond_digits
     allocate (none(self%s%nz), source=0.0_wp)
     start = v
     call evaluate(self, 0.0_wp, q, v, none, none)
     if (self%s%rows == 0) return
+    uneven = self%schur%uneven .or. self%schur%lost
+    beyond_digits = uneven .and. self%schur%beyond_digits()
     call row_rates(self, self%lambda)
     goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
     do attempt = 1, 4
@@ -49,10 +53,13 @@ contains
       end if
       call correct_velocities(self, q, v, goal, worst, masked=.true.)
       self%frozen = .false.
-      if (worst <= goal) exit
+      if (worst <= goal .or. beyond_digits) exit      ! where digits end, nothing tells rounding from a contradiction
     end do
     call evaluate(self, 0.0_wp, q, v, none, none)
-    if (worst > goal) then
+    if (worst > goal .and. uneven) then
+      call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven)
+      return
+    else if (worst > goal) then
       call row_rates(self, self%lambda)
       call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
                       open_joints(self, self%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
@@ -71,7 +78,7 @@ contains
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
     logical, intent(in) :: masked              !! stated velocities are kept; else they are heavy
     real(wp), allocatable :: none(:)
-    logical :: frozen
+    logical :: frozen, good
     integer :: pass
     allocate (none(self%s%nz), source=0.0_wp)
     frozen = self%frozen
@@ -80,7 +87,11 @@ contains
     self%frozen = frozen
     call weigh_frames(self, masked)
     call condense_constraints(self)
-    call self%schur%factor()
+    call self%schur%factor_strong(good)
+    if (.not. good) then
+      call condense_geometry(self)
+      call self%schur%factor_uneven()
+    end if
     do pass = 1, 6
       call place_kinematics(self, q, v)
       call row_rates(self, self%lambda)
