@@ -153,7 +153,7 @@ contains
     associate (n => self%newton, s => self%measure)
       n%steps = n%steps + 1
       if (n%steps > trust .or. n%exact .neqv. exact) return
-      if (pivot < weak .or. .not. self%error%h > 0.0_wp) return
+      if (pivot < weak .or. .not. (self%error%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
       yes = rate*whole <= unseen
       if (yes .or. rate > 0.1_wp*small) return

@@ -92,9 +92,9 @@ contains
     k = 0.0_wp
     if (self%kind == load_about) then
       d = p%r(:, self%place) - self%centre
-      n2 = max(dot_product(d, d), tiny(1.0_wp))
-      k(1:2, 1) = -scale*self%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*d(1)/n2**2)
-      k(1:2, 2) = -scale*self%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*d(2)/n2**2)
+      n2 = max(dot_product(d, d), sqrt(tiny(1.0_wp)))       ! its inverse times a moment stays a number
+      k(1:2, 1) = -scale*self%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*(d(1)/n2)/n2)
+      k(1:2, 2) = -scale*self%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*(d(2)/n2)/n2)
     else if (self%kind == load_force .and. self%axes == axes_section) then
       call self%wrench(p, frame_angle, scale, force, moment)
       k(1:2, 3) = -turn(force)
