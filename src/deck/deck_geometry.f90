@@ -273,7 +273,7 @@ contains
       y = b%node_y
     else
       x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
-      y = 0.0_wp*x
+      allocate (y(size(x)), source=0.0_wp)
     end if
   end subroutine node_places
 end module deck_geometry

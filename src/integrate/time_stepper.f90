@@ -122,6 +122,5 @@ contains
     class(stepper), intent(in) :: self
     character(:), allocatable :: text
     text = ''
-    if (self%steps < 0) text = 'steps overflowed'
   end function nothing_more
 end module time_stepper

@@ -37,7 +37,7 @@ module constraint
     real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
   contains
     procedure(evaluate_rows), deferred :: evaluate
-    procedure(second_derivatives), deferred :: geometric
+    procedure :: geometric => no_geometric
     procedure :: turns_a => never_turns   !! whether rows can act on the section angle of place a
     procedure :: turns_b => never_turns
     procedure :: begin => keep_as_is      !! told the places as the deck states them
@@ -63,44 +63,44 @@ module constraint
       type(place_states), intent(in) :: p
       type(constraint_rows), intent(inout) :: r
     end subroutine evaluate_rows
-    !> Place-level second derivatives of lambda.Phi (zero where a row is linear in the places' positions and angles).
-    pure subroutine second_derivatives(self, p, lambda, k)
-      import :: constraint_model, place_states, place_stiffness, wp
-      class(constraint_model), intent(in) :: self
-      type(place_states), intent(in) :: p
-      real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
-      type(place_stiffness), intent(inout) :: k     !! k%k is set
-    end subroutine second_derivatives
   end interface
 
 contains
+
+  !> Second derivatives of lambda.Phi with respect to the states of both places: zero, since most rows are linear in them.
+  pure subroutine no_geometric(self, p, lambda, k)
+    class(constraint_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
+    type(place_stiffness), intent(inout) :: k     !! k%k is set
+    k%k = 0.0_wp
+  end subroutine no_geometric
 
   !> Most rows do not see a section's angle.
   pure function never_turns(self) result(yes)
     class(constraint_model), intent(in) :: self
     logical :: yes
-    yes = self%rows < 0
+    yes = .false.
   end function never_turns
 
   !> Most rows are linear in positions and angles.
   pure function never_curved(self) result(yes)
     class(constraint_model), intent(in) :: self
     logical :: yes
-    yes = self%rows < 0
+    yes = .false.
   end function never_curved
 
   !> Most constraints take nothing from the positions at the start.
   subroutine keep_as_is(self, p)
     class(constraint_model), intent(inout) :: self
     type(place_states), intent(in) :: p
-    if (size(p%angle) < self%rows) return
   end subroutine keep_as_is
 
   !> Most rows see positions.
   pure function always_moves(self) result(yes)
     class(constraint_model), intent(in) :: self
     logical :: yes
-    yes = self%rows >= 0
+    yes = .true.
   end function always_moves
 
   !> Joints do not depend on time.

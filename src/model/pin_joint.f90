@@ -1,7 +1,7 @@
 !> Revolute and weld joints: the places coincide; a weld also keeps the relative angle of the sections.
 module pin_joint
   use kinds, only: wp
-  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use constraint, only: constraint_model, constraint_rows
   use place, only: place_states
   implicit none (type, external)
   private
@@ -12,7 +12,6 @@ module pin_joint
     real(wp) :: angle = 0.0_wp            !! angle of section a minus that of section b [rad]
   contains
     procedure :: evaluate => pin_rows
-    procedure :: geometric => pin_second
     procedure :: release_angle => weld_release
     procedure :: turns_a => weld_turns
     procedure :: turns_b => weld_turns
@@ -43,7 +42,7 @@ contains
     r%sb(j) = 0.0_wp
     r%phi(i) = p%r(1, self%ia) - p%r(1, self%ib)
     r%phi(j) = p%r(2, self%ia) - p%r(2, self%ib)
-    r%phi_t(i) = 0.0_wp*t
+    r%phi_t(i) = 0.0_wp
     r%phi_t(j) = 0.0_wp
     r%extra(i) = 0.0_wp
     r%extra(j) = 0.0_wp
@@ -58,15 +57,6 @@ contains
     self%welded = .false.
     self%rows = 2
   end subroutine weld_release
-
-  !> The rows are linear in positions and angles.
-  pure subroutine pin_second(self, p, lambda, k)
-    class(pin_model), intent(in) :: self
-    type(place_states), intent(in) :: p
-    real(wp), intent(in) :: lambda(:)
-    type(place_stiffness), intent(inout) :: k
-    k%k = 0.0_wp*lambda(self%first)*p%angle(self%ia)
-  end subroutine pin_second
 
   !> A weld acts on section angles.
   pure function weld_turns(self) result(yes)

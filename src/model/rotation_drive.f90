@@ -1,7 +1,7 @@
 !> Rotation drive: the angle of frame or section a minus that of b follows a history, directly or by its rate.
 module rotation_drive
   use kinds, only: wp
-  use constraint, only: constraint_model, constraint_rows, place_stiffness
+  use constraint, only: constraint_model, constraint_rows
   use history, only: history_model, corner, drive_corners
   use place, only: place_states
   implicit none (type, external)
@@ -14,7 +14,6 @@ module rotation_drive
     class(history_model), allocatable :: target
   contains
     procedure :: evaluate => rotation_rows
-    procedure :: geometric => rotation_second
     procedure :: begin => rotation_begin
     procedure :: turns_a => rotation_turns
     procedure :: turns_b => rotation_turns
@@ -45,27 +44,18 @@ contains
     r%extra(i) = -self%size*h(2)
   end subroutine rotation_rows
 
-  !> The row is linear in the angles.
-  pure subroutine rotation_second(self, p, lambda, k)
-    class(rotation_model), intent(in) :: self
-    type(place_states), intent(in) :: p
-    real(wp), intent(in) :: lambda(:)
-    type(place_stiffness), intent(inout) :: k
-    k%k = 0.0_wp*lambda(self%first)*p%angle(self%ia)
-  end subroutine rotation_second
-
   !> It acts on section angles.
   pure function rotation_turns(self) result(yes)
     class(rotation_model), intent(in) :: self
     logical :: yes
-    yes = self%rows > 0
+    yes = .true.
   end function rotation_turns
 
   !> It does not act on positions.
   pure function rotation_moves(self) result(yes)
     class(rotation_model), intent(in) :: self
     logical :: yes
-    yes = self%rows < 0
+    yes = .false.
   end function rotation_moves
 
   !> A drive by rate starts from the deck's own value.
