@@ -13,11 +13,11 @@ contains
   !> y = y + scale A x for a real matrix given by its entries.
   pure subroutine add_accurate(rows, cols, values, rest, scale, x, y)
     integer, intent(in) :: rows(:), cols(:)           !! (entries)
-    real(wp), intent(in) :: values(:)                 !! (entries)
-    real(wp), intent(in) :: rest(:)                   !! (entries) what rounding took from the values
+    real(wp), intent(in) :: values(:)                 !! (entries) [any]
+    real(wp), intent(in) :: rest(:)   !! (entries) what is left of the values after their rounding to working precision [as values]
     complex(wp), intent(in) :: scale                  !! [-]
-    complex(wp), intent(in) :: x(:)
-    complex(wp), intent(inout) :: y(:)
+    complex(wp), intent(in) :: x(:)                   !! (n) [any]
+    complex(wp), intent(inout) :: y(:)                !! (n) [unit of values times unit of x]
     real(wp) :: high(2, size(y)), low(2, size(y))
     integer :: k
     high = 0.0_wp
@@ -34,8 +34,8 @@ contains
 
   !> high + low = high + low + a b, the roundings of product and sum kept in low.
   pure elemental subroutine add_product(a, b, high, low)
-    real(wp), intent(in) :: a, b
-    real(wp), intent(inout) :: high, low
+    real(wp), intent(in) :: a, b   !! factors [any]
+    real(wp), intent(inout) :: high, low   !! sum and its collected roundings [unit of a b]
     real(wp) :: p, s, t, ah, al, bh, bl
     p = a*b
     ah = splitter*a

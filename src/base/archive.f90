@@ -91,7 +91,7 @@ contains
   !> One real.
   subroutine exchange_real(self, x)
     class(value_archive), intent(inout) :: self
-    real(wp), intent(inout) :: x              !! any unit
+    real(wp), intent(inout) :: x              !! [any]
     integer(ip) :: word
     word = transfer(x, word)
     call self%exchange(word)
@@ -101,7 +101,7 @@ contains
   !> An array of reals, with its size.
   subroutine exchange_reals(self, x)
     class(value_archive), intent(inout) :: self
-    real(wp), intent(inout) :: x(:)           !! any unit
+    real(wp), intent(inout) :: x(:)           !! [any]
     integer :: k, n
     n = size(x)
     call self%exchange(n)
@@ -115,7 +115,7 @@ contains
   !> A table of reals, column by column.
   subroutine exchange_table(self, x)
     class(value_archive), intent(inout) :: self
-    real(wp), intent(inout) :: x(:, :)        !! any unit
+    real(wp), intent(inout) :: x(:, :)        !! [any]
     integer :: k
     do k = 1, size(x, 2)
       call self%exchange(x(:, k))

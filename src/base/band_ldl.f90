@@ -11,8 +11,8 @@ contains
   !> L D L^T of a band matrix in place; good is false at the first pivot below tol times its diagonal entry.
   pure subroutine eliminate(n, kd, f, s, tol, good)
     integer, intent(in) :: n, kd
-    real(wp), intent(inout) :: f(0:kd, n + kd)
-    real(wp), intent(in) :: s(0:kd, n)
+    real(wp), intent(inout) :: f(0:kd, n + kd)   !! the matrix on entry, its factor on return: L [-] and 1/D [1/any]
+    real(wp), intent(in) :: s(0:kd, n)           !! the matrix, whose diagonal pivots are compared with [any]
     real(wp), intent(in) :: tol               !! [-]; negative: never give up
     logical, intent(out) :: good
     if (kd == 3) then
@@ -25,9 +25,9 @@ contains
   !> Any half band width. Columns beyond n are zero, so no row needs a bound.
   pure subroutine factor_band(n, kd, f, s, tol, good)
     integer, intent(in) :: n, kd
-    real(wp), intent(inout) :: f(0:kd, n + kd)
-    real(wp), intent(in) :: s(0:kd, n)
-    real(wp), intent(in) :: tol
+    real(wp), intent(inout) :: f(0:kd, n + kd)   !! the matrix on entry, its factor on return: L [-] and 1/D [1/any]
+    real(wp), intent(in) :: s(0:kd, n)           !! the matrix, whose diagonal pivots are compared with [any]
+    real(wp), intent(in) :: tol                  !! as in eliminate [-]
     logical, intent(out) :: good
     real(wp) :: d, l
     integer :: i, j, k
@@ -51,9 +51,9 @@ contains
   !> Half band width 3: a chain of revolute joints.
   pure subroutine factor_band3(n, f, s, tol, good)
     integer, intent(in) :: n
-    real(wp), intent(inout) :: f(0:3, n + 3)
-    real(wp), intent(in) :: s(0:3, n)
-    real(wp), intent(in) :: tol
+    real(wp), intent(inout) :: f(0:3, n + 3)   !! the matrix on entry, its factor on return: L [-] and 1/D [1/any]
+    real(wp), intent(in) :: s(0:3, n)          !! the matrix, whose diagonal pivots are compared with [any]
+    real(wp), intent(in) :: tol                !! as in eliminate [-]
     logical, intent(out) :: good
     real(wp) :: d, u1, u2, u3, l1, l2, l3
     integer :: j
@@ -78,9 +78,9 @@ contains
 
   !> The inverse of a pivot; good is false where it is below tol of its diagonal entry.
   pure subroutine take_pivot(pivot, diagonal, tol, inverse, good)
-    real(wp), intent(in) :: pivot, diagonal   !! in the units of the matrix
+    real(wp), intent(in) :: pivot, diagonal   !! of the factored and of the given matrix [any]
     real(wp), intent(in) :: tol               !! [-]
-    real(wp), intent(out) :: inverse
+    real(wp), intent(out) :: inverse          !! 1 over the pivot [1/any]
     logical, intent(inout) :: good
     inverse = 1.0_wp
     good = pivot > tol*diagonal
@@ -91,8 +91,8 @@ contains
   !> Forward and backward substitution.
   pure subroutine substitute(n, kd, f, x)
     integer, intent(in) :: n, kd
-    real(wp), intent(in) :: f(0:kd, n + kd)
-    real(wp), intent(inout) :: x(n + kd)      !! zero beyond n, before and after
+    real(wp), intent(in) :: f(0:kd, n + kd)   !! factor: L [-] and 1/D [1/any]
+    real(wp), intent(inout) :: x(n + kd)      !! right-hand side, then solution; zero beyond n, before and after [any]
     integer :: i, j
     if (kd == 3) then
       call substitute3(n, f, x)
@@ -114,8 +114,8 @@ contains
   !> The same with half band width 3: the last three unknowns stay in registers.
   pure subroutine substitute3(n, f, x)
     integer, intent(in) :: n
-    real(wp), intent(in) :: f(0:3, n + 3)
-    real(wp), intent(inout) :: x(n + 3)
+    real(wp), intent(in) :: f(0:3, n + 3)   !! factor: L [-] and 1/D [1/any]
+    real(wp), intent(inout) :: x(n + 3)     !! likewise [any]
     real(wp) :: a, b, c, y
     integer :: j
     a = x(1)
@@ -143,8 +143,8 @@ contains
   !> r <- r - S x.
   pure subroutine subtract_product(n, kd, s, x, r)
     integer, intent(in) :: n, kd
-    real(wp), intent(in) :: s(0:kd, n), x(n)
-    real(wp), intent(inout) :: r(n)
+    real(wp), intent(in) :: s(0:kd, n), x(n)   !! matrix and vector [any]
+    real(wp), intent(inout) :: r(n)            !! [unit of s times unit of x]
     integer :: i, j
     do j = 1, n
       r(j) = r(j) - s(0, j)*x(j)

@@ -7,13 +7,13 @@ module banded
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
-  public :: band_factor, factor_symmetric, same_factor, factor_again, band_solve, band_solve_two, band_memory
+  public :: band_factor, factor_symmetric, same_factor, factor_again, band_solve, band_solve_two
 
   !> One uncoupled block of the factored matrix, rows first..last of the reordered matrix.
   type :: band_block
     integer :: first = 1, last = 0           !! rows
     integer :: kd = 0                        !! half band width
-    real(wp), allocatable :: l(:, :)         !! l(i, j) = L(j+i, j), zero outside the block, columns first-kd..last
+    real(wp), allocatable :: l(:, :)         !! l(i, j) = L(j+i, j), zero outside the block, columns first-kd..last [-]
   end type band_block
 
   !> Factor of a symmetric positive definite matrix.
@@ -21,9 +21,9 @@ module banded
     integer :: n = 0
     logical :: permuted = .false.
     integer, allocatable :: order(:)         !! order(k): original index of reordered row k
-    real(wp), allocatable :: dinv(:)         !! 1 / D
+    real(wp), allocatable :: dinv(:)         !! (n) 1 over the diagonal matrix D [1/any]
     type(band_block), allocatable :: blocks(:)
-    real(wp), allocatable :: w(:, :)         !! (2, n) work space of the reordered solve
+    real(wp), allocatable :: w(:, :)         !! (2, n) work space of the reordered solve [any]
   end type band_factor
 
 contains
@@ -32,7 +32,7 @@ contains
   subroutine factor_symmetric(n, rows, cols, values, factor, bad)
     integer, intent(in) :: n                   !! order
     integer, intent(in) :: rows(:), cols(:)    !! entries of the full or of one triangle; (i,j) and (j,i) are one entry
-    real(wp), intent(in) :: values(:)          !! value of each entry; off-diagonal ones given once
+    real(wp), intent(in) :: values(:)          !! value of each entry; off-diagonal ones given once [any]
     type(band_factor), intent(out) :: factor
     integer, intent(out) :: bad                !! 0, or the original index at which the matrix is not positive definite
     integer, allocatable :: block_start(:), position(:)
@@ -60,8 +60,8 @@ contains
     type(band_block), intent(inout) :: blk
     integer, intent(in) :: position(:)         !! reordered row of each original index
     integer, intent(in) :: rows(:), cols(:)
-    real(wp), intent(in) :: values(:)
-    real(wp), intent(inout) :: dinv(:)
+    real(wp), intent(in) :: values(:)   !! as in factor_symmetric [any]
+    real(wp), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
     integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
     real(wp), allocatable :: ab(:, :)
     integer :: k, i, kd, n
@@ -84,8 +84,8 @@ contains
     type(band_factor), intent(inout) :: factor
     integer, intent(in) :: position(:)         !! (n) reordered row of each original index: the inverse of factor%order
     integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
-    real(wp), intent(in) :: values(:)
-    real(wp), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows
+    real(wp), intent(in) :: values(:)          !! as in factor_symmetric [any]
+    real(wp), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows [any]
     integer, intent(out) :: bad                !! as in factor_symmetric
     integer :: b
     bad = 0
@@ -104,10 +104,10 @@ contains
   subroutine fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
     type(band_block), intent(inout) :: blk
     integer, intent(in) :: n, kd               !! rows, half band width
-    real(wp), intent(out) :: ab(0:kd, n)       !! work
+    real(wp), intent(out) :: ab(0:kd, n)       !! work: the block as a band [any]
     integer, intent(in) :: position(:), rows(:), cols(:)
-    real(wp), intent(in) :: values(:)
-    real(wp), intent(inout) :: dinv(:)
+    real(wp), intent(in) :: values(:)   !! as in factor_symmetric [any]
+    real(wp), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
     integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
     integer :: k, i, j, info
     ab = 0.0_wp
@@ -134,7 +134,7 @@ contains
   !> Solves A x = b in place for one right-hand side.
   subroutine band_solve(factor, x)
     type(band_factor), intent(inout) :: factor
-    real(wp), intent(inout) :: x(:)    !! (n) right-hand side, then solution
+    real(wp), intent(inout) :: x(:)    !! (n) right-hand side, then solution [any]
     integer :: k
     do k = 1, factor%n
       factor%w(1, k) = x(factor%order(k))
@@ -149,7 +149,7 @@ contains
   !> Solves A [x y] = [bx by] in place: one pass over the factor for both.
   subroutine band_solve_two(factor, x, y)
     type(band_factor), intent(inout) :: factor
-    real(wp), intent(inout) :: x(:), y(:)    !! (n) right-hand sides, then solutions
+    real(wp), intent(inout) :: x(:), y(:)    !! (n) right-hand sides, then solutions [any]
     integer :: k, j
     if (factor%permuted) then
       do k = 1, factor%n
@@ -199,8 +199,8 @@ contains
   !> Diagonal block.
   pure subroutine solve_diagonal(first, last, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: dinv(:)
-    real(wp), intent(inout) :: w(:, :)
+    real(wp), intent(in) :: dinv(:)   !! (n) 1 over the diagonal matrix D [1/any]
+    real(wp), intent(inout) :: w(:, :)   !! (2, n) right-hand sides, then solutions [any]
     integer :: j
     do j = first, last
       w(:, j) = w(:, j)*dinv(j)
@@ -210,8 +210,8 @@ contains
   !> Tridiagonal block (axial coordinates of a straight beam).
   pure subroutine solve_band1(first, last, l, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: l(1, first - 1:last), dinv(last)
-    real(wp), intent(inout) :: w(2, last)
+    real(wp), intent(in) :: l(1, first - 1:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(wp), intent(inout) :: w(2, last)                      !! right-hand sides, then solutions [any]
     real(wp) :: x1, x2
     integer :: j
     x1 = 0.0_wp
@@ -236,8 +236,8 @@ contains
   !> one multiplication and one subtraction are all that each row waits for.
   pure subroutine solve_band3(first, last, l, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: l(3, first - 3:last), dinv(last)
-    real(wp), intent(inout) :: w(2, last)
+    real(wp), intent(in) :: l(3, first - 3:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(wp), intent(inout) :: w(2, last)                      !! right-hand sides, then solutions [any]
     real(wp) :: x1, x2, y1, y2, z1, z2, s1, s2
     integer :: j
     x1 = 0.0_wp; x2 = 0.0_wp; y1 = 0.0_wp; y2 = 0.0_wp; z1 = 0.0_wp; z2 = 0.0_wp
@@ -261,8 +261,8 @@ contains
   !> Block of any half band width.
   pure subroutine solve_band(first, last, kd, l, dinv, w)
     integer, intent(in) :: first, last, kd
-    real(wp), intent(in) :: l(kd, first - kd:last), dinv(last)
-    real(wp), intent(inout) :: w(2, last)
+    real(wp), intent(in) :: l(kd, first - kd:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(wp), intent(inout) :: w(2, last)                        !! right-hand sides, then solutions [any]
     integer :: i, j
     do j = first, last
       do i = 1, min(kd, last - j)
@@ -293,14 +293,4 @@ contains
       if (same) same = all(abs(a%blocks(k)%l - b%blocks(k)%l) <= 0.0_wp)
     end do
   end function same_factor
-
-  !> Reals that a factor keeps, for the memory line of the summary.
-  pure function band_memory(factor) result(reals)
-    type(band_factor), intent(in) :: factor
-    integer :: reals, b
-    reals = 3*factor%n
-    do b = 1, size(factor%blocks)
-      reals = reals + size(factor%blocks(b)%l)
-    end do
-  end function band_memory
 end module banded

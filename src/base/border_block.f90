@@ -16,11 +16,11 @@ module border_block
     integer :: kd = 0                                 !! half band width
     integer, allocatable :: unknown(:)                !! (n) original indices in band order
     integer, allocatable :: border(:)                 !! (nb) border places that it touches, the slots last
-    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor
-    complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it
-    complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block
+    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor [any]
+    complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it [any]
+    complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block [any]
     integer, allocatable :: pivots(:)                 !! (n)
-    real(wp), allocatable :: size(:)                  !! (n) largest entry of each column
+    real(wp), allocatable :: size(:)                  !! (n) largest entry of each column [any]
     integer :: weak(slots) = 0                        !! replaced pivots
   end type block_part
 
@@ -30,7 +30,7 @@ contains
   subroutine condense(p, kd, ab)
     type(block_part), intent(inout) :: p
     integer, intent(in) :: kd                         !! half band width of the border
-    complex(wp), intent(inout) :: ab(:, :)            !! the border
+    complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
     complex(wp) :: s
     integer :: info, k, w, m, i, j
     m = size(p%border)
@@ -71,8 +71,8 @@ contains
   pure subroutine back_substitute(p, k, value, x)
     type(block_part), intent(in) :: p
     integer, intent(in) :: k
-    real(wp), intent(in) :: value
-    complex(wp), intent(inout) :: x(:)
+    real(wp), intent(in) :: value   !! [any]
+    complex(wp), intent(inout) :: x(:)   !! (n) [any]
     integer :: i, j
     x = 0.0_wp
     x(k) = value

@@ -26,10 +26,10 @@ module bordered
     integer, allocatable :: kind(:)                   !! (entries) 1 block, 2 right, 3 left, 4 border
     integer, allocatable :: home(:)                   !! (entries) block
     integer, allocatable :: i(:), j(:)                !! (entries) where in that array
-    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, nb) border, then its factor
+    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, nb) border, then its factor [any]
     integer, allocatable :: pivots(:)                 !! (nb)
-    real(wp), allocatable :: row_scale(:), col_scale(:)   !! (nb) equilibration of the border
-    complex(wp), allocatable :: x(:, :)               !! (nb, 1) work
+    real(wp), allocatable :: row_scale(:), col_scale(:)   !! (nb) scales of the border's rows and columns [1/any]
+    complex(wp), allocatable :: x(:, :)               !! (nb, 1) work [any]
   contains
     procedure :: set_up
     procedure :: factor
@@ -183,7 +183,7 @@ contains
   !> Factors the matrix whose entries are given in the order of the pattern.
   subroutine factor(self, values)
     class(bordered_system), intent(inout) :: self
-    complex(wp), intent(in) :: values(:)              !! (entries)
+    complex(wp), intent(in) :: values(:)              !! (entries) [any]
     integer :: b, e, k, info
     do b = 1, size(self%blocks)
       self%blocks(b)%ab = 0.0_wp
@@ -240,7 +240,7 @@ contains
   !> Solves in place with the last factor, or with its transpose.
   subroutine solve(self, x, transposed)
     class(bordered_system), intent(inout) :: self
-    complex(wp), intent(inout) :: x(:)                !! (n) right-hand side, then solution
+    complex(wp), intent(inout) :: x(:)                !! (n) right-hand side, then solution [any]
     logical, intent(in) :: transposed
     complex(wp), allocatable :: y(:, :)
     integer :: b, k, info
@@ -297,7 +297,7 @@ contains
 
   !> Likewise of one band matrix: its pivots, and a sign for each exchange of rows.
   pure complex(wp) function log_of_factor(ab, kd, pivots) result(total)
-    complex(wp), intent(in) :: ab(:, :)               !! (3 kd + 1, n) factor
+    complex(wp), intent(in) :: ab(:, :)               !! (3 kd + 1, n) factor [any]
     integer, intent(in) :: kd                         !! half band width
     integer, intent(in) :: pivots(:)                  !! (n)
     integer :: k

@@ -34,7 +34,7 @@ contains
 
   !> Writes x right-adjusted into 25 characters.
   subroutine write_number(x, text)
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! [any]
     character(number_width), intent(out) :: text
     integer(int64) :: digits
     integer :: e
@@ -56,7 +56,7 @@ contains
 
   !> x = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where that is not decided.
   pure subroutine round_to_digits(x, digits, e, known)
-    real(wp), intent(in) :: x                                !! not negative
+    real(wp), intent(in) :: x                                !! not negative [-]
     integer(int64), intent(out) :: digits
     integer, intent(out) :: e
     logical, intent(out) :: known
@@ -91,7 +91,7 @@ contains
 
   !> Largest e with 10^e <= x, within one at a power of ten that is no double. x = m 2^q with 2^62 <= m < 2^63.
   pure function floor_log10(x, q) result(e)
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! positive [-]
     integer, intent(in) :: q
     integer :: e
     e = int(shifta((q + 62)*1292913986_int64, 32))           ! log10(2) 2^32

@@ -5,7 +5,7 @@ module errors
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: fault, fault_list, failure
+  public :: fault_list, failure
 
   !> Exit statuses of the program (`biela --help`).
   integer, parameter, public :: status_ok = 0         !! done
@@ -39,7 +39,6 @@ module errors
   contains
     procedure :: raise => raise_failure
     procedure :: happened => failure_happened
-    procedure :: prefix => prefix_failure
   end type failure
 
 contains
@@ -102,12 +101,4 @@ contains
     logical :: yes
     yes = self%status /= status_ok
   end function failure_happened
-
-  !> Puts a level's own words in front of the message of a failure that came from below.
-  subroutine prefix_failure(self, text)
-    class(failure), intent(inout) :: self
-    character(*), intent(in) :: text
-    if (self%status == status_ok) return
-    self%message = text//self%message
-  end subroutine prefix_failure
 end module errors

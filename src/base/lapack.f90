@@ -8,8 +8,8 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dggev, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
-  public :: zgetrf, zgetrs, zgbtrf, zgbtrs, zgesv, dgesdd, dgelsd, dgeqp3, dorgqr
+  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
+  public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
   character(32) :: refused = ''                !! the first routine with a wrong argument since the last question
@@ -20,7 +20,7 @@ module lapack
       import :: wp
       character, intent(in) :: uplo
       integer, intent(in) :: n, kd, ldab
-      real(wp), intent(inout) :: ab(ldab, *)
+      real(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
       integer, intent(out) :: info
     end subroutine dpbtrf
     !> Solves with the factor of dpbtrf.
@@ -28,8 +28,8 @@ module lapack
       import :: wp
       character, intent(in) :: uplo
       integer, intent(in) :: n, kd, nrhs, ldab, ldb
-      real(wp), intent(in) :: ab(ldab, *)
-      real(wp), intent(inout) :: b(ldb, *)
+      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
+      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine dpbtrs
     !> y = alpha A x + beta y for a symmetric band matrix.
@@ -37,16 +37,16 @@ module lapack
       import :: wp
       character, intent(in) :: uplo
       integer, intent(in) :: n, k, lda, incx, incy
-      real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
-      real(wp), intent(inout) :: y(*)
+      real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)   !! [any]
+      real(wp), intent(inout) :: y(*)                        !! [any]
     end subroutine dsbmv
     !> Eigenvalues and vectors of a symmetric matrix.
     subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
       import :: wp
       character, intent(in) :: jobz, uplo
       integer, intent(in) :: n, lda, lwork
-      real(wp), intent(inout) :: a(lda, *)
-      real(wp), intent(out) :: w(*), work(*)
+      real(wp), intent(inout) :: a(lda, *)   !! matrix, then its eigenvectors [any]
+      real(wp), intent(out) :: w(*), work(*) !! eigenvalues, work space [any]
       integer, intent(out) :: info
     end subroutine dsyev
     !> A x = w B x, A symmetric, B symmetric positive definite, all eigenpairs.
@@ -54,47 +54,38 @@ module lapack
       import :: wp
       integer, intent(in) :: itype, n, lda, ldb, lwork, liwork
       character, intent(in) :: jobz, uplo
-      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
-      real(wp), intent(out) :: w(*), work(*)
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)   !! matrices; A, then the eigenvectors [any]
+      real(wp), intent(out) :: w(*), work(*)            !! eigenvalues, work space [any]
       integer, intent(out) :: iwork(*), info
     end subroutine dsygvd
-    !> Generalised eigenvalues of a real pair.
-    subroutine dggev(jobvl, jobvr, n, a, lda, b, ldb, alphar, alphai, beta, vl, ldvl, vr, ldvr, work, lwork, info)
-      import :: wp
-      character, intent(in) :: jobvl, jobvr
-      integer, intent(in) :: n, lda, ldb, ldvl, ldvr, lwork
-      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
-      real(wp), intent(out) :: alphar(*), alphai(*), beta(*), vl(ldvl, *), vr(ldvr, *), work(*)
-      integer, intent(out) :: info
-    end subroutine dggev
     !> Eigenvalues and vectors of a general real matrix.
     subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
       import :: wp
       character, intent(in) :: jobvl, jobvr
       integer, intent(in) :: n, lda, ldvl, ldvr, lwork
-      real(wp), intent(inout) :: a(lda, *)
-      real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *), work(*)
+      real(wp), intent(inout) :: a(lda, *)   !! matrix, overwritten [any]
+      real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *), work(*)   !! eigenvalues, vectors, work space [any]
       integer, intent(out) :: info
     end subroutine dgeev
     !> Solves a general dense system.
     subroutine dgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
       import :: wp
       integer, intent(in) :: n, nrhs, lda, ldb
-      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+      real(wp), intent(inout) :: a(lda, *), b(ldb, *)   !! matrix, right-hand sides, then solutions [any]
       integer, intent(out) :: ipiv(*), info
     end subroutine dgesv
     !> Solves with a tridiagonal matrix.
     subroutine dgtsv(n, nrhs, dl, d, du, b, ldb, info)
       import :: wp
       integer, intent(in) :: n, nrhs, ldb
-      real(wp), intent(inout) :: dl(*), d(*), du(*), b(ldb, *)
+      real(wp), intent(inout) :: dl(*), d(*), du(*), b(ldb, *)   !! three diagonals; right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine dgtsv
     !> LU factor of a general band matrix.
     subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
       import :: wp
       integer, intent(in) :: m, n, kl, ku, ldab
-      real(wp), intent(inout) :: ab(ldab, *)
+      real(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
       integer, intent(out) :: ipiv(*), info
     end subroutine dgbtrf
     !> Solves with the factor of dgbtrf.
@@ -102,38 +93,15 @@ module lapack
       import :: wp
       character, intent(in) :: trans
       integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
-      real(wp), intent(in) :: ab(ldab, *)
-      real(wp), intent(inout) :: b(ldb, *)
+      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
+      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine dgbtrs
-    !> LU factor of a complex dense matrix.
-    subroutine zgetrf(m, n, a, lda, ipiv, info)
-      import :: wp
-      integer, intent(in) :: m, n, lda
-      complex(wp), intent(inout) :: a(lda, *)
-      integer, intent(out) :: ipiv(*), info
-    end subroutine zgetrf
-    !> Solves with the factor of zgetrf.
-    subroutine zgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
-      import :: wp
-      character, intent(in) :: trans
-      integer, intent(in) :: n, nrhs, lda, ldb, ipiv(*)
-      complex(wp), intent(in) :: a(lda, *)
-      complex(wp), intent(inout) :: b(ldb, *)
-      integer, intent(out) :: info
-    end subroutine zgetrs
-    !> Solves a complex dense system.
-    subroutine zgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
-      import :: wp
-      integer, intent(in) :: n, nrhs, lda, ldb
-      complex(wp), intent(inout) :: a(lda, *), b(ldb, *)
-      integer, intent(out) :: ipiv(*), info
-    end subroutine zgesv
     !> LU factor of a complex band matrix.
     subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
       import :: wp
       integer, intent(in) :: m, n, kl, ku, ldab
-      complex(wp), intent(inout) :: ab(ldab, *)
+      complex(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
       integer, intent(out) :: ipiv(*), info
     end subroutine zgbtrf
     !> Solves with the factor of zgbtrf.
@@ -141,8 +109,8 @@ module lapack
       import :: wp
       character, intent(in) :: trans
       integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
-      complex(wp), intent(in) :: ab(ldab, *)
-      complex(wp), intent(inout) :: b(ldb, *)
+      complex(wp), intent(in) :: ab(ldab, *)   !! factor [any]
+      complex(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine zgbtrs
     !> Singular value decomposition.
@@ -150,35 +118,26 @@ module lapack
       import :: wp
       character, intent(in) :: jobz
       integer, intent(in) :: m, n, lda, ldu, ldvt, lwork
-      real(wp), intent(inout) :: a(lda, *)
-      real(wp), intent(out) :: s(*), u(ldu, *), vt(ldvt, *), work(*)
+      real(wp), intent(inout) :: a(lda, *)   !! matrix, overwritten [any]
+      real(wp), intent(out) :: s(*), u(ldu, *), vt(ldvt, *), work(*)   !! singular values and vectors, work space [any]
       integer, intent(out) :: iwork(*), info
     end subroutine dgesdd
-    !> Minimum-norm least squares.
-    subroutine dgelsd(m, n, nrhs, a, lda, b, ldb, s, rcond, rank, work, lwork, iwork, info)
-      import :: wp
-      integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
-      real(wp), intent(inout) :: a(lda, *), b(ldb, *)
-      real(wp), intent(in) :: rcond
-      real(wp), intent(out) :: s(*), work(*)
-      integer, intent(out) :: rank, iwork(*), info
-    end subroutine dgelsd
     !> QR with column pivoting.
     subroutine dgeqp3(m, n, a, lda, jpvt, tau, work, lwork, info)
       import :: wp
       integer, intent(in) :: m, n, lda, lwork
-      real(wp), intent(inout) :: a(lda, *)
+      real(wp), intent(inout) :: a(lda, *)   !! matrix, then its factors [any]
       integer, intent(inout) :: jpvt(*)
-      real(wp), intent(out) :: tau(*), work(*)
+      real(wp), intent(out) :: tau(*), work(*)   !! reflectors, work space [any]
       integer, intent(out) :: info
     end subroutine dgeqp3
     !> Q of a QR factorisation.
     subroutine dorgqr(m, n, k, a, lda, tau, work, lwork, info)
       import :: wp
       integer, intent(in) :: m, n, k, lda, lwork
-      real(wp), intent(inout) :: a(lda, *)
-      real(wp), intent(in) :: tau(*)
-      real(wp), intent(out) :: work(*)
+      real(wp), intent(inout) :: a(lda, *)   !! factors of dgeqp3, then Q [any]
+      real(wp), intent(in) :: tau(*)         !! reflectors [any]
+      real(wp), intent(out) :: work(*)       !! work space [any]
       integer, intent(out) :: info
     end subroutine dorgqr
     !> The C library's look-up of a symbol among the libraries already loaded.

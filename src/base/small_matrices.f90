@@ -9,7 +9,7 @@ contains
 
   !> Outer product a b^T of two vectors of six.
   pure function outer(a, b) result(m)
-    real(wp), intent(in) :: a(6), b(6)
+    real(wp), intent(in) :: a(6), b(6)     !! [any]
     real(wp) :: m(6, 6)                    !! [unit of a times unit of b]
     integer :: j
     do j = 1, 6

@@ -8,7 +8,7 @@ module triplets
   type, public :: triplet_matrix
     integer :: count = 0                    !! entries
     integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)      !! units of the matrix
+    real(wp), allocatable :: values(:)      !! (count or more) [any]
   contains
     procedure :: add => add_entry
     procedure :: add_block
@@ -22,7 +22,7 @@ contains
   pure subroutine add_entry(self, i, j, x)
     class(triplet_matrix), intent(inout) :: self
     integer, intent(in) :: i, j
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! value of the entry [any]
     integer, allocatable :: ints(:)
     real(wp), allocatable :: reals(:)
     integer :: n
@@ -50,7 +50,7 @@ contains
   pure subroutine add_block(self, rows, cols, block)
     class(triplet_matrix), intent(inout) :: self
     integer, intent(in) :: rows(:), cols(:)   !! where, 0: skipped
-    real(wp), intent(in) :: block(:, :)
+    real(wp), intent(in) :: block(:, :)       !! [as the matrix]
     integer :: i, j
     do j = 1, size(cols)
       do i = 1, size(rows)
@@ -74,8 +74,8 @@ contains
   !> y = y + s A x.
   pure subroutine matrix_times(self, s, x, y)
     class(triplet_matrix), intent(in) :: self
-    real(wp), intent(in) :: s, x(:)
-    real(wp), intent(inout) :: y(:)
+    real(wp), intent(in) :: s, x(:)   !! factor and vector [any]
+    real(wp), intent(inout) :: y(:)   !! [unit of s A x]
     integer :: k
     do k = 1, self%count
       y(self%rows(k)) = y(self%rows(k)) + s*self%values(k)*x(self%cols(k))

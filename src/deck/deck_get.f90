@@ -23,10 +23,10 @@ contains
     character(*), intent(in) :: name              !! variable
     real(wp), intent(inout) :: x                  !! receives the value [as the variable]
     logical, intent(in), optional :: need         !! whether it is required
-    real(wp), intent(in), optional :: above       !! the value must be greater
-    real(wp), intent(in), optional :: least       !! the value must not be smaller
-    real(wp), intent(in), optional :: most        !! the value must not be greater
-    real(wp), intent(in), optional :: below       !! the value must be smaller
+    real(wp), intent(in), optional :: above       !! the value must be greater [unit of the value]
+    real(wp), intent(in), optional :: least       !! the value must be at least this [unit of the value]
+    real(wp), intent(in), optional :: most        !! the value must be at most this [unit of the value]
+    real(wp), intent(in), optional :: below       !! the value must be smaller [unit of the value]
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(*), intent(in), optional :: hint    !! what to do instead of the value 0, out of range
     character(:), allocatable :: range
@@ -254,10 +254,10 @@ contains
   !> Whether a number lies in a range.
   pure function in_range(x, above, least, most, below) result(yes)
     real(wp), intent(in) :: x                  !! [as the variable]
-    real(wp), intent(in), optional :: above    !! the value must be greater
-    real(wp), intent(in), optional :: least    !! the value must not be smaller
-    real(wp), intent(in), optional :: most     !! the value must not be greater
-    real(wp), intent(in), optional :: below    !! the value must be smaller
+    real(wp), intent(in), optional :: above    !! the value must be greater [unit of the value]
+    real(wp), intent(in), optional :: least    !! the value must be at least this [unit of the value]
+    real(wp), intent(in), optional :: most     !! the value must be at most this [unit of the value]
+    real(wp), intent(in), optional :: below    !! the value must be smaller [unit of the value]
     logical :: yes
     yes = .true.
     if (present(above)) yes = x > above
@@ -269,10 +269,10 @@ contains
   !> A range in words: `density > 0`, `0 < tolerance < 1`, `spectral_radius from 0 to 0.99`; no other combinations.
   pure function range_text(name, above, least, most, below) result(t)
     character(*), intent(in) :: name           !! variable
-    real(wp), intent(in), optional :: above    !! the value must be greater
-    real(wp), intent(in), optional :: least    !! the value must not be smaller
-    real(wp), intent(in), optional :: most     !! the value must not be greater
-    real(wp), intent(in), optional :: below    !! the value must be smaller
+    real(wp), intent(in), optional :: above    !! the value must be greater [unit of the value]
+    real(wp), intent(in), optional :: least    !! the value must be at least this [unit of the value]
+    real(wp), intent(in), optional :: most     !! the value must be at most this [unit of the value]
+    real(wp), intent(in), optional :: below    !! the value must be smaller [unit of the value]
     character(:), allocatable :: t
     t = name
     if (present(above)) t = t//' > '//to_text(above)

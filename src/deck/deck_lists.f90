@@ -23,7 +23,7 @@ contains
     character(*), intent(in) :: name                    !! variable
     real(wp), allocatable, intent(out) :: x(:)          !! the values [as the variable]
     logical, intent(in), optional :: need               !! whether it is required
-    real(wp), intent(in), optional :: above             !! every value must be greater
+    real(wp), intent(in), optional :: above             !! every value must be greater [unit of the values]
     character(*), intent(in), optional :: kinds         !! kinds it applies to
     real(wp), allocatable :: values(:)
     real(wp) :: value

@@ -2,7 +2,7 @@
 module deck_paths
   implicit none (type, external)
   private
-  public :: folder_of, deck_name, beside
+  public :: deck_name, beside
 
   character(*), parameter, public :: from_input = '-'   !! path of a deck that stands on standard input
 

@@ -118,22 +118,22 @@ module deck_records
     character(name_length) :: name = ''
     character(10) :: kind = ''               !! 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', 'sum', 'sequence'
     real(wp), allocatable :: coefficients(:) !! polynomial: c0, c1, ... [unit/s^k]
-    real(wp) :: offset = 0.0_wp              !! sine
-    real(wp) :: amplitude = 0.0_wp           !! sine
+    real(wp) :: offset = 0.0_wp              !! sine [unit of what it drives]
+    real(wp) :: amplitude = 0.0_wp           !! sine [unit of what it drives]
     real(wp) :: frequency = 0.0_wp           !! sine [Hz]
     real(wp) :: phase = 0.0_wp               !! sine [rad]
-    real(wp) :: start_value = 0.0_wp         !! ramp, cycloid
-    real(wp) :: end_value = 0.0_wp           !! ramp, cycloid
+    real(wp) :: start_value = 0.0_wp         !! ramp, cycloid [unit of what it drives]
+    real(wp) :: end_value = 0.0_wp           !! ramp, cycloid [unit of what it drives]
     real(wp) :: start = 0.0_wp               !! ramp, cycloid, pulse, sequence [s]
     real(wp) :: finish = 0.0_wp              !! ramp, cycloid, pulse [s], later than start
     real(wp), allocatable :: time(:)         !! table [s], strictly increasing
-    real(wp), allocatable :: values(:)       !! table
+    real(wp), allocatable :: values(:)       !! table [unit of what it drives]
     character(10) :: interpolation = 'spline'   !! table: 'spline', 'pchip', 'linear'
     character(10) :: ends = 'not-a-knot'     !! table: 'not-a-knot', 'rest', 'natural'
     logical :: periodic = .false.            !! table, sequence
     character(:), allocatable :: file        !! table: where it was read from, relative to the current folder
     integer(ip) :: file_digest = 0_ip        !! table: of that file's text
-    real(wp) :: value = 0.0_wp               !! pulse
+    real(wp) :: value = 0.0_wp               !! pulse [unit of what it drives]
     integer, allocatable :: parts(:)         !! sum, sequence: indices of the histories
     real(wp), allocatable :: factors(:)      !! sum: of each part [-]
     real(wp), allocatable :: durations(:)    !! sequence: of each part [s]

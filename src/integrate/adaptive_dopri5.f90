@@ -47,11 +47,11 @@ module adaptive_dopri5
     real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
     type(step_controller) :: control
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
-    real(wp), allocatable :: k7(:)            !! (n) derivative at the end of the step
-    real(wp), allocatable :: error(:)         !! (n)
-    real(wp), allocatable :: moved(:)         !! (n) the end of the step moved along the error
-    real(wp), allocatable :: slope(:)         !! (n) the derivative there, then the error of the derivative
-    real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step
+    real(wp), allocatable :: k7(:)            !! (n) derivative at the end of the step [unit/s]
+    real(wp), allocatable :: error(:)         !! (n) estimated error of the step [unit]
+    real(wp), allocatable :: moved(:)         !! (n) the end of the step moved along the error [unit]
+    real(wp), allocatable :: slope(:)         !! (n) the derivative there, then the error of the derivative [unit/s]
+    real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step [unit]
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
     real(wp) :: dense_step = 0.0_wp           !! its size [s]
   contains
@@ -67,7 +67,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: y(:)              !! (n)
+    real(wp), intent(in) :: y(:)              !! (n) [unit]
     call self%stages%prepare(dormand_prince(), size(y))
     allocate (self%k7(size(y)), self%error(size(y)), self%moved(size(y)), self%slope(size(y)), self%dense(size(y), 5), &
               source=0.0_wp)
@@ -101,7 +101,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n)
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
     integer, intent(out) :: outcome
     integer :: attempt
     attempt = 0
@@ -121,7 +121,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
-    real(wp), intent(inout) :: y(:)           !! (n)
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
     integer, intent(out) :: outcome
     real(wp) :: s
     logical :: ok

@@ -28,7 +28,7 @@ contains
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: y(:)              !! (n)
+    real(wp), intent(in) :: y(:)              !! (n) [unit]
     call self%stages%prepare(self%method, size(y))
     self%t = t
     self%y = y
@@ -42,7 +42,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n)
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
     integer, intent(out) :: outcome
     integer(ip) :: n
     integer :: attempt

@@ -24,16 +24,16 @@ module ode_system
       import :: ode, wp
       class(ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: y(:)    !! (n)
+      real(wp), intent(in), contiguous :: y(:)    !! (n) [unit of each unknown]
       logical, intent(in) :: left
-      real(wp), intent(out), contiguous :: dy(:)  !! (n)
+      real(wp), intent(out), contiguous :: dy(:)  !! (n) [the same per second]
     end subroutine right_hand_side
     !> Puts the end of a step onto the manifold; ok is false where that fails or y is not finite.
     subroutine onto_manifold(self, t, y, ok)
       import :: ode, wp
       class(ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(inout), contiguous :: y(:) !! (n)
+      real(wp), intent(inout), contiguous :: y(:) !! (n) [unit of each unknown]
       logical, intent(out) :: ok
     end subroutine onto_manifold
   end interface
@@ -42,7 +42,7 @@ contains
 
   !> Whether every value is finite and of a size that further products can bear.
   pure function sane(y) result(yes)
-    real(wp), intent(in), contiguous :: y(:)  !! any unit
+    real(wp), intent(in), contiguous :: y(:)  !! [any]
     logical :: yes
     integer :: n
     n = size(y) - mod(size(y), lanes)
@@ -55,7 +55,7 @@ contains
   !> number last: integers can be compared many at a time.
   pure function bounded(n, y) result(yes)
     integer, intent(in) :: n
-    real(wp), intent(in) :: y(n)
+    real(wp), intent(in) :: y(n)   !! [any]
     logical :: yes
     integer(int64) :: excess, limit
     integer :: k
@@ -70,7 +70,7 @@ contains
   !> The same of a multiple of `lanes`, that many side by side.
   pure function many_bounded(n, y) result(yes)
     integer, intent(in) :: n
-    real(wp), intent(in) :: y(lanes, n/lanes)
+    real(wp), intent(in) :: y(lanes, n/lanes)   !! [any]
     logical :: yes
     integer(int64) :: excess(lanes), limit
     integer :: k, i

@@ -20,8 +20,8 @@ module runge_kutta
   !> A method with its work space.
   type :: explicit_stepper
     type(tableau) :: method
-    real(wp), allocatable :: k(:, :)          !! (n, stages) stage derivatives; k(:, 1) is set by the caller
-    real(wp), allocatable :: y(:)             !! (n) stage state
+    real(wp), allocatable :: k(:, :)          !! (n, stages) stage derivatives; k(:, 1) is set by the caller [unit/s]
+    real(wp), allocatable :: y(:)             !! (n) stage state [unit]
   contains
     procedure :: prepare
     procedure :: step
@@ -74,7 +74,7 @@ contains
     class(explicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t, h              !! [s]
-    real(wp), intent(inout) :: y(:)           !! (n)
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
     logical, intent(out) :: ok
     integer :: i
     do i = 2, self%method%stages
@@ -93,8 +93,8 @@ contains
   !> x = y + h sum of a_j k_j over the stages, in portions that stay in the processor's first cache.
   pure subroutine combine(n, used, stages, a, h, y, k, x)
     integer, intent(in) :: n, used, stages
-    real(wp), intent(in) :: a(stages), h, y(n), k(n, stages)
-    real(wp), intent(inout) :: x(n)
+    real(wp), intent(in) :: a(stages), h, y(n), k(n, stages)   !! weights [-], step [s], state [unit], derivatives [unit/s]
+    real(wp), intent(inout) :: x(n)                            !! [unit]
     integer :: from
     do from = 1, n, portion
       call combine_portion(min(portion, n - from + 1), n, used, a, h, y(from), k(from, 1), x(from))
@@ -104,8 +104,8 @@ contains
   !> The same of m unknowns, over the stages whose weight is not zero, two stages a pass.
   pure subroutine combine_portion(m, n, used, a, h, y, k, x)
     integer, intent(in) :: m, n, used
-    real(wp), intent(in) :: a(used), h, y(m), k(n, *)
-    real(wp), intent(inout) :: x(m)
+    real(wp), intent(in) :: a(used), h, y(m), k(n, *)   !! the same [-], [s], [unit], [unit/s]
+    real(wp), intent(inout) :: x(m)                     !! [unit]
     integer :: j, i, waiting
     logical :: first
     first = .true.

@@ -135,7 +135,7 @@ module second_order_system
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(inout), contiguous :: y(:)      !! (n)
+      real(wp), intent(inout), contiguous :: y(:)      !! (n) q, v, z, z' [m, rad], [m/s, rad/s], quadratures [J]
       logical, intent(out) :: ok
     end subroutine report_state
     !> Accelerations that a step resolves: what of a it can follow, within the constraints. Renews the matrix at the state.
@@ -185,7 +185,7 @@ module second_order_system
       class(second_order_ode), intent(in) :: self
       integer, allocatable, intent(out) :: group(:)     !! (nq)
       real(wp), allocatable, intent(out) :: weight(:)   !! (nq) [m or rad a unit]
-      real(wp), allocatable, intent(out) :: whole(:)    !! (nq) weight over the scene's size or one radian
+      real(wp), allocatable, intent(out) :: whole(:)    !! (nq) weight over the scene's size or one radian [-]
       real(wp), allocatable, intent(out) :: scale(:)    !! (groups) [m, rad]
       logical, allocatable, intent(out) :: grows(:)     !! (groups)
     end subroutine list_measures

@@ -12,7 +12,7 @@ contains
   !> R(z) of a method: the factor by which a step multiplies y where y' = mu y and z = h mu.
   elemental function growth(method, z) result(r)
     integer, intent(in) :: method          !! number in method_names
-    complex(wp), intent(in) :: z
+    complex(wp), intent(in) :: z           !! step times eigenvalue [-]
     real(wp) :: r                          !! |R(z)| [-]
     complex(wp) :: p
     if (method == 1) then                  ! 1 + z + z2/2 + z3/6 + z4/24

@@ -16,11 +16,11 @@ module step_control
     integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
     real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
     logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values, moved in one step
-    real(wp), allocatable :: largest(:)       !! (groups) largest value so far
-    real(wp), allocatable :: scale(:)         !! (groups) work
+    real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
+    real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
-    real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far
-    real(wp), allocatable :: noise(:)         !! (groups) how much of it is rounding: nothing finer can be asked for
+    real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far [unit/s]
+    real(wp), allocatable :: noise(:)   !! (groups) rounding of these derivatives, which nothing can undercut [unit/s]
     real(wp) :: fastest = 0.0_wp              !! largest natural frequency of the system, 0: nothing vibrates [rad/s]
   contains
     procedure :: watch
@@ -47,7 +47,7 @@ contains
   !> Updates the largest values of all groups.
   pure subroutine watch(self, y)
     class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: y(:)              !! (n)
+    real(wp), intent(in) :: y(:)              !! (n) state [unit of each unknown]
     integer :: k
     do k = 1, size(y)
       if (self%group(k) > 0) self%largest(self%group(k)) = max(self%largest(self%group(k)), abs(y(k)))
@@ -57,7 +57,7 @@ contains
   !> Updates the largest derivatives.
   pure subroutine watch_slopes(self, dy)
     class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: dy(:)             !! (n)
+    real(wp), intent(in) :: dy(:)             !! (n) its derivatives [the same per second]
     integer :: k
     do k = 1, size(dy)
       if (self%group(k) == 0) cycle
@@ -69,7 +69,7 @@ contains
   !> large forces cancel, it is all there is.
   pure subroutine watch_noise(self, change)
     class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: change(:)         !! (n) of the derivatives
+    real(wp), intent(in) :: change(:)         !! (n) of the derivatives [unit/s]
     integer :: k
     do k = 1, size(change)
       if (self%group(k) == 0 .or. .not. abs(change(k)) < huge(1.0_wp)) cycle
@@ -82,7 +82,7 @@ contains
   !> joints hand on, and eps v h times the square of the fastest frequency.
   function measure_slopes(self, e, dy, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step
+    real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
     real(wp), intent(in) :: h                 !! step [s]
     real(wp), intent(in) :: tolerance         !! [-]
     real(wp) :: worst                         !! [-]
@@ -107,7 +107,7 @@ contains
   function measure(self, e, y, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
-    real(wp), intent(in) :: e(:), y(:)        !! (n)
+    real(wp), intent(in) :: e(:), y(:)        !! (n) error and state [unit of each unknown]
     real(wp), intent(in) :: h                 !! step [s]
     real(wp) :: worst                         !! [-]
     integer :: k

@@ -24,8 +24,8 @@ module time_stepper
     real(wp) :: removed = 0.0_wp              !! energy that the method itself has taken out so far [J]
     integer :: trouble = trouble_none         !! after `lost`
     real(wp) :: tried = 0.0_wp                !! time that could not be reached [s]
-    real(wp), allocatable :: y(:)             !! (n) state at t
-    real(wp), allocatable :: trial(:)         !! (n) after `lost`: the state that was given up
+    real(wp), allocatable :: y(:)             !! (n) state at t [unit of each unknown]
+    real(wp), allocatable :: trial(:)         !! (n) after `lost`: the state that was given up [unit of each unknown]
   contains
     procedure(begin_march), deferred :: begin
     procedure(advance_march), deferred :: advance
@@ -42,7 +42,7 @@ module time_stepper
       class(stepper), intent(inout) :: self
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in) :: y(:)            !! (n)
+      real(wp), intent(in) :: y(:)            !! (n) state [unit]
     end subroutine begin_march
     !> Marches towards the output time `to`, at most `most` steps, tried ones counted. Outcome `reached`: y is the state at
     !> `to`, on the manifold, and the system's last evaluation is the one at it. A call that paused is repeated with the same
@@ -53,7 +53,7 @@ module time_stepper
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: from, to        !! last and next output time [s]
       integer, intent(in) :: most
-      real(wp), intent(inout) :: y(:)         !! (n)
+      real(wp), intent(inout) :: y(:)         !! (n) state [unit]
       integer, intent(out) :: outcome         !! reached, paused or lost
     end subroutine advance_march
     !> Saves or restores the march: exchange_common, then what the method has besides.
@@ -93,7 +93,7 @@ contains
   subroutine give_back(self, t, y, trouble)
     class(stepper), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: y(:)              !! (n)
+    real(wp), intent(in) :: y(:)              !! (n) state [unit]
     integer, intent(in) :: trouble
     self%trial = y
     self%tried = t

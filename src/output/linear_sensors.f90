@@ -20,11 +20,11 @@ contains
   subroutine read_linear_sensors(list, m, q, v, s, x, lambda, values)
     type(sensor_list), intent(in) :: list
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)            !! (nq) present state
+    real(wp), intent(in) :: q(:), v(:)            !! (nq) present state [m, rad], [m/s, rad/s]
     complex(wp), intent(in) :: s                  !! [1/s]
-    complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation
+    complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation [m, rad]
     complex(wp), intent(in) :: lambda(:)          !! (rows) multipliers [N]
-    complex(wp), intent(out) :: values(:)         !! (columns)
+    complex(wp), intent(out) :: values(:)         !! (columns) [unit of each column]
     complex(wp) :: w(3)
     integer :: k, b, i
     do k = 1, size(list%records)
@@ -67,7 +67,7 @@ contains
   pure function elastic_motion(m, place, x) result(u)
     type(mechanism_model), intent(in) :: m
     type(place_model), intent(in) :: place
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)   !! (nq) unknowns of the linearisation [m, rad]
     complex(wp) :: u(3)
     integer :: i, n
     u = 0.0_wp
@@ -83,7 +83,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(place_model), intent(in) :: place
     real(wp), intent(in) :: rho(2)                !! its present position in body axes [m]
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation [m, rad]
     complex(wp) :: w(3)
     integer :: i
     w = 0.0_wp
@@ -95,7 +95,7 @@ contains
 
   !> H x.
   pure function turned(x) result(y)
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)   !! (nq) unknowns of the linearisation [m, rad]
     complex(wp) :: y(2)
     y = [-x(2), x(1)]
   end function turned
@@ -104,8 +104,8 @@ contains
   pure function velocity(m, b, v, s, w) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
-    real(wp), intent(in) :: v(:)
-    complex(wp), intent(in) :: s, w(3)
+    real(wp), intent(in) :: v(:)   !! (nq) present rates [m/s, rad/s]
+    complex(wp), intent(in) :: s, w(3)   !! [1/s] and displacement in body axes, turn of the section [m, m, rad]
     complex(wp) :: y(2)
     y = s*w(1:2)
     if (b > 0) y = y + v(m%s%qo(b) + 3)*turned(w)
@@ -115,8 +115,8 @@ contains
   pure function acceleration(m, b, v, s, w) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
-    real(wp), intent(in) :: v(:)
-    complex(wp), intent(in) :: s, w(3)
+    real(wp), intent(in) :: v(:)   !! (nq) present rates [m/s, rad/s]
+    complex(wp), intent(in) :: s, w(3)   !! [1/s] and displacement in body axes, turn of the section [m, m, rad]
     complex(wp) :: y(2)
     real(wp) :: rate
     y = s**2*w(1:2)
@@ -129,7 +129,7 @@ contains
   pure function to_global(m, b, w) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
-    complex(wp), intent(in) :: w(3)
+    complex(wp), intent(in) :: w(3)   !! vector in body axes, third part unused [any]
     complex(wp) :: y(2)
     y = w(1:2)
     if (b > 0) y = [m%c(b)*w(1) - m%sn(b)*w(2), m%sn(b)*w(1) + m%c(b)*w(2)]
@@ -139,7 +139,7 @@ contains
   pure function scene_motion(m, k, x) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                      !! place
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation [m, rad]
     complex(wp) :: y(3)
     y = place_motion(m, m%s%places(k), m%p%rho(:, k), x)
     y(1:2) = to_global(m, m%s%places(k)%body, y)
@@ -149,7 +149,7 @@ contains
   function reaction(m, k, x, lambda) result(f)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                      !! constraint
-    complex(wp), intent(in) :: x(:), lambda(:)
+    complex(wp), intent(in) :: x(:), lambda(:)    !! (nq), (rows) unknowns of the linearisation [m, rad], multipliers [N]
     complex(wp) :: f(3)
     type(place_stiffness) :: t
     integer :: i
@@ -166,8 +166,8 @@ contains
   subroutine spring_values(m, k, s, x, y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k
-    complex(wp), intent(in) :: s, x(:)
-    complex(wp), intent(inout) :: y(:)
+    complex(wp), intent(in) :: s, x(:)   !! [1/s], (nq) unknowns of the linearisation [m, rad]
+    complex(wp), intent(inout) :: y(:)   !! force and deformation [N, m] or [N m, rad]
     complex(wp) :: gap(3), d
     real(wp) :: length, rate, e(2)
     associate (sp => m%s%springs(k))
@@ -184,9 +184,9 @@ contains
   pure subroutine section_forces(bo, e, q, x, s, y)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: e                      !! element
-    real(wp), intent(in) :: q(:)                  !! (nf) present coordinates
-    complex(wp), intent(in) :: x(:), s
-    complex(wp), intent(inout) :: y(:)            !! n q m1 m2 and, for sections with a shape, s
+    real(wp), intent(in) :: q(:)                  !! (nf) present coordinates [m, rad]
+    complex(wp), intent(in) :: x(:), s            !! (nf) amplitudes of the same [m, rad], [1/s]
+    complex(wp), intent(inout) :: y(:)            !! n, q, m1, m2 [N, N m]; for sections with a shape, s [Pa]
     complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
     real(wp) :: b(3, 6)
     associate (g => bo%elements(e))
@@ -208,7 +208,7 @@ contains
   pure function nodal(bo, e, x) result(a)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: e
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)   !! (nf) elastic coordinates [m, rad]
     complex(wp) :: a(6)
     integer :: k
     do k = 1, 2
@@ -220,7 +220,7 @@ contains
   pure function tangent(bo, e, q, b) result(t)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: e
-    real(wp), intent(in) :: q(:), b(3, 6)
+    real(wp), intent(in) :: q(:), b(3, 6)   !! (nf) present coordinates [m, rad]; deformations per nodal coordinate [-], [1/m]
     real(wp) :: t(3, 6), p(3), psi(6), l
     t = b
     if (.not. bo%stiffening) return
@@ -235,7 +235,7 @@ contains
   pure function element_ratio(bo, e, s) result(g)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: e
-    complex(wp), intent(in) :: s
+    complex(wp), intent(in) :: s   !! [1/s]
     complex(wp) :: g
     integer :: r
     g = 0.0_wp

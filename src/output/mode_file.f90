@@ -20,7 +20,7 @@ contains
   subroutine write_modes(path, deck_name, m, q, modes, failed)
     character(*), intent(in) :: path, deck_name
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq) the state about which the modes are
+    real(wp), intent(in) :: q(:)              !! (nq) the state about which the modes are [m, rad]
     type(mode_set), intent(in) :: modes
     logical, intent(out) :: failed
     type(result_file) :: file
@@ -63,7 +63,7 @@ contains
   !> Where body frames and nodes are, in the order of the shape's columns.
   function positions(m, q) result(text)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)
+    real(wp), intent(in) :: q(:)   !! (nq) present positions [m, rad]
     character(:), allocatable :: text
     real(wp), allocatable :: x(:)
     integer :: k
@@ -92,8 +92,8 @@ contains
   !> Real and imaginary parts of a shape's displacements.
   pure function shape_row(m, q, x) result(row)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq) present positions
-    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation: body axes
+    real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
+    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
     real(wp), allocatable :: row(:)
     complex(wp), allocatable :: d(:)
     integer :: k
@@ -108,8 +108,8 @@ contains
   !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
   pure function displacements(m, q, x) result(d)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq) present positions
-    complex(wp), intent(in) :: x(:)
+    real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
+    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
     complex(wp), allocatable :: d(:)
     complex(wp) :: w(2), u(3), largest
     real(wp) :: rho(2), now(3), weight

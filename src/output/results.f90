@@ -14,8 +14,8 @@ module results
   !> Open result files and what their rows need.
   type :: result_set
     type(result_file) :: history, energy, motion
-    real(wp), allocatable :: values(:)        !! columns of the sensors
-    real(wp), allocatable :: nodes(:)         !! a row of motion
+    real(wp), allocatable :: values(:)        !! columns of the sensors [unit of each column]
+    real(wp), allocatable :: nodes(:)         !! a row of motion [m, rad]
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
   contains
     procedure :: open => open_results
@@ -102,7 +102,7 @@ contains
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: q(:)  !! (nq)
+    real(wp), intent(in), contiguous :: q(:)  !! (nq) [m, rad]
     self%nodes(1) = t
     self%nodes(2:) = motion_row(m, q)
     call self%motion%row(self%nodes)
@@ -111,7 +111,7 @@ contains
   !> Frames (x, y, angle) and node positions (x, y) of every body [m, rad].
   pure function motion_row(m, q) result(row)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: q(:)  !! (nq)
+    real(wp), intent(in), contiguous :: q(:)  !! (nq) [m, rad]
     real(wp) :: row(sum(3 + 2*m%s%bodies%nn)), u(3), x(2), c, s
     integer :: b, k, i, j
     j = 0

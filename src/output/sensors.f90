@@ -102,9 +102,9 @@ contains
   subroutine read_sensors(list, m, q, v, z, values)
     type(sensor_list), intent(inout) :: list
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
-    real(wp), intent(in), contiguous :: z(:)          !! (nz)
-    real(wp), intent(out), contiguous :: values(:)        !! (columns)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions [m, rad] and rates [m/s, rad/s]
+    real(wp), intent(in), contiguous :: z(:)          !! (nz) dissipative coordinates [m, rad]
+    real(wp), intent(out), contiguous :: values(:)        !! (columns) [unit of each column]
     integer :: k, b, i, n
     do k = 1, size(list%records)
       associate (r => list%records(k), x => values(list%first(k):))
@@ -127,8 +127,8 @@ contains
     type(sensor_list), intent(in) :: list
     integer, intent(in) :: k
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:), z(:)
-    real(wp), intent(inout) :: x(:)
+    real(wp), intent(in) :: q(:), v(:), z(:)   !! as in read_sensors [m, rad], [m/s, rad/s]
+    real(wp), intent(inout) :: x(:)            !! the sensor's columns [unit of each column]
     real(wp) :: u(3)
     integer :: i, b
     associate (r => list%records(k))
@@ -170,7 +170,7 @@ contains
     type(place_model), intent(in) :: place
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
-    real(wp), intent(in) :: q(:)              !! (nq)
+    real(wp), intent(in) :: q(:)              !! (nq) [m, rad] or their accelerations
     real(wp) :: u(3)
     integer :: i
     u = 0.0_wp
@@ -222,9 +222,9 @@ contains
   subroutine section_forces(b, e, qf, vf, z, x)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
-    real(wp), intent(in) :: qf(:), vf(:)      !! (nf)
-    real(wp), intent(in) :: z(:)              !! from the body's first dissipative coordinate on
-    real(wp), intent(inout) :: x(:)           !! n q m1 m2 and, for sections with a shape, s
+    real(wp), intent(in) :: qf(:), vf(:)      !! (nf) elastic coordinates [m, rad] and rates [m/s, rad/s]
+    real(wp), intent(in) :: z(:)              !! from the body's first dissipative coordinate on [m, rad]
+    real(wp), intent(inout) :: x(:)           !! n, q, m1, m2 [N, N m]; for sections with a shape, s [Pa]
     real(wp) :: d(3), rate(3), n, m1, m2
     associate (g => b%elements(e))
       if (b%modal) then
@@ -253,7 +253,7 @@ contains
   pure function element_coordinates(b, e, qf) result(a)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
-    real(wp), intent(in) :: qf(:)
+    real(wp), intent(in) :: qf(:)   !! (nf) elastic coordinates or rates [m, rad], [m/s, rad/s]
     real(wp) :: a(6)
     a(1:3) = b%displacement(b%en(1, e), qf)
     a(4:6) = b%displacement(b%en(2, e), qf)
@@ -263,7 +263,7 @@ contains
   pure function modal_strain(b, e, qf, z) result(d)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
-    real(wp), intent(in) :: qf(:), z(:)
+    real(wp), intent(in) :: qf(:), z(:)   !! (nf) elastic coordinates, dissipative coordinates of the body [m, rad]
     real(wp) :: d(3)
     real(wp) :: x(size(qf))
     integer :: r, k, o

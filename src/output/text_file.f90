@@ -80,7 +80,7 @@ contains
   !> Writes one row of numbers, where given after the time.
   subroutine row(self, values, time)
     class(result_file), intent(inout) :: self
-    real(wp), intent(in) :: values(:)         !! each in the unit of its column
+    real(wp), intent(in) :: values(:)         !! [unit of each column]
     real(wp), intent(in), optional :: time    !! first column [s]
     integer :: k
     call make_room(self, number_width*(size(values) + 1) + 1)
@@ -94,7 +94,7 @@ contains
   !> Puts one number into the buffer, which has room for it.
   subroutine put_number(self, x)
     class(result_file), intent(inout) :: self
-    real(wp), intent(in) :: x                 !! in the unit of its column
+    real(wp), intent(in) :: x                 !! [unit of its column]
     call write_number(x, self%buffer(self%used + 1:self%used + number_width))
     self%used = self%used + number_width
   end subroutine put_number

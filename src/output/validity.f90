@@ -23,7 +23,7 @@ module validity
   !> Largest figures of every body so far: deflection [m], section rotation [rad], spin [rad/s], and the sums of squared
   !> elastic rates and accelerations whose ratio is the frequency of the elastic motion.
   type :: validity_watch
-    real(wp), allocatable :: figures(:, :)           !! (5, nb), part of a checkpoint
+    real(wp), allocatable :: figures(:, :)           !! (5, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4]
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
   contains
     procedure :: begin
@@ -56,7 +56,7 @@ contains
   pure subroutine look(self, m, q, v)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)               !! (nq)
+    real(wp), intent(in) :: q(:), v(:)               !! (nq) [m, rad], [m/s, rad/s]
     real(wp) :: u(3)
     integer :: b, k, i, n
     do b = 1, size(m%s%bodies)
@@ -126,7 +126,7 @@ contains
     subroutine say(bo, what, x, rest)
       type(body_model), intent(in) :: bo
       character(*), intent(in) :: what, rest
-      real(wp), intent(in) :: x
+      real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
       character(:), allocatable :: number
       number = trim(adjustl(es_text(x, 2)))
       if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
