@@ -62,6 +62,29 @@ def test_each_module_is_named_as_its_file():
         assert names in ([path.stem], [] if path.name == "main.f90" else None), f"{path} defines {names}"
 
 
+def test_the_map_names_folders_and_what_they_may_use():
+    text = (ROOT / "src" / "README.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)/` \|[^|]*\| ([^|]*) \|$", text, re.MULTILINE))
+    rows = {folder: set() if names == "-" else set(names.split(", ")) for folder, names in rows.items()}
+    assert rows == {folder: below for folder, below in MAY_USE.items() if folder != "."}
+
+
+def test_the_map_names_procedures_and_files_that_exist():
+    src = ROOT / "src"
+    text = (src / "README.md").read_text(encoding="utf-8")
+    calls = re.findall(r"^ {4,}(\w[\w, ]*?) {2,}(\w+/\w+\.f90)", text, re.MULTILINE)
+    assert len(calls) > 20, "no call trees found"
+    wrong = [f"{name} in {file}" for names, file in calls for name in names.split(", ") if not defines(src / file, name)]
+    wrong += [file for file in re.findall(r"[\w/]+\.f90", text) if not list(src.glob(f"**/{file}"))]
+    assert wrong == [], "src/README.md names what is not there"
+
+
+def defines(path: Path, procedure: str) -> bool:
+    """Return whether a file defines a procedure."""
+    head = rf"^(?!\s*end).*\b(?:subroutine|function) {procedure}\b"
+    return path.is_file() and re.search(head, path.read_text(encoding="utf-8"), re.MULTILINE) is not None
+
+
 @pytest.mark.parametrize(
     ("folder", "line", "told"),
     [
