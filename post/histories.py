@@ -11,8 +11,12 @@ import fnmatch
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
 
 RESULT_FILES = {
     "history": "history.txt",
@@ -64,6 +68,13 @@ class History:
         """Return the name with its unit in brackets, as axes show it."""
         unit = self.units[name]
         return f"{name} [{unit}]" if unit else name
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas table with the units in the columns' names, as `mid.v_[m]`."""
+        import pandas
+
+        labels = [f"{name}_[{self.units[name]}]" if self.units[name] else name for name in self.names]
+        return pandas.DataFrame(self.data, columns=labels)
 
     def match(self, patterns: list[str] | None = None) -> list[str]:
         """Return the names that shell patterns (`*`, `?`) select, in file order; without patterns all but the first.

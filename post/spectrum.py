@@ -1,0 +1,228 @@
+#!/usr/bin/env python3
+"""Draw what frequencies a run holds: amplitude spectrum, power spectral density, waterfall, orders of a drive, decay.
+
+    spectrum.py results/four_bar --columns 'tip.*'                  amplitudes and power spectral density (Welch)
+    spectrum.py results/four_bar --columns tip.v --waterfall        against time
+    spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive
+    spectrum.py results/run_up --columns tip.v --orders crank       in orders of the rotation of column crank [rad]
+    spectrum.py results/ring_down --columns tip.v --decay           envelope, logarithmic decrement, damping ratio
+
+Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first; peaks are marked.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import command
+import matplotlib.pyplot as plt
+import numpy as np
+from histories import History, HistoryError, read
+from plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit, save
+from scipy import signal
+from scipy.interpolate import make_interp_spline
+
+LEAST = 16  # rows that a spectrum needs
+EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
+
+
+def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return evenly spaced samples: the rows themselves, or as many from a cubic spline; HistoryError where they are too few."""
+    if axis.size < LEAST:
+        raise HistoryError(f"{axis.size} rows: {LEAST} or more are needed for a spectrum")
+    steps = np.diff(axis)
+    if np.ptp(steps) <= EVEN * steps.max():
+        return axis, values
+    even = np.linspace(axis[0], axis[-1], axis.size)
+    return even, make_interp_spline(axis, values, k=3)(even)
+
+
+def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (of the axis' unit, 1/axis) and single-sided peak amplitudes, Hann window, trend removed."""
+    window = signal.windows.hann(values.size, sym=False)
+    size = 2.0 * np.abs(np.fft.rfft(signal.detrend(values) * window)) / window.sum()
+    size[0] /= 2.0
+    return np.fft.rfftfreq(values.size, axis[1] - axis[0]), size
+
+
+def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies and power spectral density (Welch, eight overlapping Hann windows, trend removed)."""
+    length = max(LEAST, 2 * values.size // 9)
+    return signal.welch(values, 1.0 / (axis[1] - axis[0]), nperseg=min(length, values.size), detrend="linear")
+
+
+def peaks(size: np.ndarray, most: int) -> list[int]:
+    """Return the indices of the largest peaks, those below a hundredth of the largest left out."""
+    found, _ = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0)
+    return sorted(sorted(found, key=lambda k: -size[k])[:most])
+
+
+def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frequencies, times and amplitudes (frequencies, times) of overlapping windows, a twelfth of the run long."""
+    length = max(LEAST, values.size // 12)
+    step = axis[1] - axis[0]
+    transform = signal.ShortTimeFFT(signal.windows.hann(length, sym=False), max(1, length // 8), 1.0 / step, scale_to="magnitude")
+    spectrum = 2.0 * np.abs(transform.stft_detrend(values, "linear"))
+    times = axis[0] + transform.t(values.size)
+    inside = (times >= axis[0] + 0.5 * length * step) & (times <= axis[-1] - 0.5 * length * step)
+    return transform.f, times[inside], spectrum[:, inside]
+
+
+def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+    """Return the peaks' times and sizes about the end value, and decrement, rate [1/s], frequency [Hz], damping ratio.
+
+    The logarithm of the peaks' sizes is fitted by a line; HistoryError where there are fewer than four.
+    """
+    swing = values - np.median(values[-max(values.size // 4, 8) :])
+    inner, _ = signal.find_peaks(np.abs(swing), height=1.0e-3 * np.abs(swing).max())
+    if inner.size < 4:
+        raise HistoryError(f"{inner.size} peaks: four or more are needed for a decay")
+    slope, start = np.polyfit(axis[inner], np.log(np.abs(swing[inner])), 1)
+    period = 2.0 * (axis[inner[-1]] - axis[inner[0]]) / (inner.size - 1)
+    decrement = -slope * period
+    found = {"decrement": decrement, "rate": -slope, "frequency": 1.0 / period, "start": float(np.exp(start))}
+    found["damping_ratio"] = decrement / np.hypot(decrement, 2.0 * np.pi)
+    return axis[inner], np.abs(swing[inner]), found
+
+
+def nearest_mode(folder: Path, frequency: float) -> str:
+    """Return what modes.txt beside the run says of the vibration nearest to a frequency [Hz], '' where there is none."""
+    if not (folder / "modes.txt").is_file():
+        return ""
+    modes = read(folder, "modes")
+    damped = np.flatnonzero(modes["kind"] == 1)
+    if not damped.size:
+        return ""
+    k = damped[np.argmin(np.abs(modes["frequency"][damped] - frequency))]
+    found = f"mode {int(modes['mode'][k])} at {modes['frequency'][k]:.4g} Hz"
+    return f"modes.txt: {found} with damping ratio {modes['damping_ratio'][k]:.4g}"
+
+
+def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
+    """Return a figure of amplitude and density of every column, and print the peaks."""
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(len(names), 2, figsize=(11.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+        for line, name in zip(axes, names):
+            axis, values = even_samples(axis_values, run[name])
+            frequency, size = amplitudes(axis, values)
+            of = run.units[name]
+            line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
+            for k in peaks(size, most):
+                line[0].annotate(
+                    f"{frequency[k]:.4g}", (frequency[k], size[k]), textcoords="offset points", xytext=(3, 3), fontsize=8
+                )
+                line[0].plot(frequency[k], size[k], "o", color=COLOURS[1], markersize=3)
+                print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
+            line[0].set_ylabel(axis_label(name, of))
+            line[0].set_title("amplitude", fontsize=9)
+            band, power = density(axis, values)
+            line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
+            line[1].set_ylabel(f"[({pretty_unit(of)})²/{unit}]" if of else f"[1/{unit}]")
+            line[1].set_title("power spectral density (Welch)", fontsize=9)
+        for axis in axes.flat:
+            axis.margins(x=0.01)
+        for axis in axes[-1]:
+            axis.set_xlabel(f"{abscissa} [{unit}]")
+    return figure
+
+
+def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
+    """Return a figure of amplitudes over frequency and time, or over the speed of a drive."""
+    axis, values = even_samples(run.time, run[name])
+    frequency, times, size = waterfall(axis, values)
+    across, label = times, "t [s]"
+    if speed:
+        across, label = np.interp(times, run.time, run[speed]), run.label(speed)
+        if np.any(np.diff(across) <= 0.0) and np.any(np.diff(across) >= 0.0):
+            raise HistoryError(f"{run.path}: {speed} does not run one way: a waterfall against it would fold")
+    with plt.rc_context(LOOK | {"axes.grid": False}):
+        figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+        level = 20.0 * np.log10(np.maximum(size, size.max() * 1.0e-5 or 1.0e-300))
+        shades = ax.pcolormesh(across, frequency, level, shading="nearest", cmap="viridis", rasterized=True)
+        figure.colorbar(shades, label=f"amplitude of {name} [dB re 1 {pretty_unit(run.units[name])}]")
+        ax.set_xlabel(label)
+        ax.set_ylabel("frequency [Hz]")
+    return figure
+
+
+def draw_decay(run: History, names: list[str]) -> plt.Figure:
+    """Return a figure of columns with the envelope of their decay, and print decrement and damping ratio."""
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+        for axis, name in zip(axes[:, 0], names):
+            times, sizes, found = decay(*even_samples(run.time, run[name]))
+            offset = np.median(run[name][-max(run.time.size // 4, 8) :])
+            axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
+            for sign in (1.0, -1.0):
+                envelope = offset + sign * found["start"] * np.exp(-found["rate"] * run.time)
+                axis.plot(run.time, envelope, STYLES[1], color=COLOURS[1], label="fitted envelope" if sign > 0.0 else None)
+            axis.plot(times, offset + sizes, ".", color="black", markersize=3, label="peaks")
+            axis.set_ylabel(axis_label(name, run.units[name]))
+            axis.legend(loc="upper right")
+            words = f"{name}: {found['frequency']:.4g} Hz, logarithmic decrement {found['decrement']:.4g}, "
+            words += f"damping ratio {found['damping_ratio']:.4g}, decay {found['rate']:.4g} 1/s"
+            axis.set_title(words, fontsize=9)
+            print(words)
+            beside = nearest_mode(run.path.parent, found["frequency"])
+            if beside:
+                print(f"  {beside}")
+        axes[-1, 0].set_xlabel("t [s]")
+    return figure
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = argparse.ArgumentParser(prog="spectrum.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, metavar="RUN", help="results folder, results file or .csv")
+    parser.add_argument("--columns", nargs="+", required=True, metavar="NAME", help="columns, wildcards allowed")
+    parser.add_argument("--start", type=float, default=-np.inf, metavar="S", help="rows before this time do not count")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
+    kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
+    kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
+    parser.add_argument("--speed", metavar="COLUMN", help="with --waterfall: column of the drive's speed")
+    parser.add_argument("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.png and STEM.pdf (spectrum, beside the run)")
+    return parser
+
+
+def spectrum(args: argparse.Namespace) -> int:
+    """Draw what the command line asks for; raises HistoryError."""
+    run = read(args.run)
+    if np.isfinite(args.start):
+        run = History(run.path, run.names, run.units, run.data[run.time >= args.start])
+    names = run.match(args.columns)
+    if args.peaks < 0:
+        raise HistoryError(f"--peaks {args.peaks}: 0 or more expected")
+    if args.speed and not args.waterfall:
+        raise HistoryError("--speed goes with --waterfall")
+    if args.waterfall:
+        if len(names) > 1:
+            raise HistoryError(f"--waterfall draws one column, {len(names)} are chosen")
+        figure = draw_waterfall(run, names[0], args.speed)
+    elif args.decay:
+        figure = draw_decay(run, names)
+    elif args.orders:
+        turns = run[args.orders] / (2.0 * np.pi)
+        if np.any(np.diff(turns) <= 0.0):
+            raise HistoryError(f"{run.path}: {args.orders} does not increase throughout: orders need a drive that turns one way")
+        figure = draw_spectrum(run, names, turns, f"order of {args.orders}", "per turn", args.peaks)
+    else:
+        figure = draw_spectrum(run, names, run.time, "frequency", "Hz", args.peaks)
+    paths = save(figure, args.output or run.path.parent / "spectrum")
+    print("wrote " + " and ".join(map(str, paths)))
+    return 0
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    return command.attempt("spectrum", lambda: spectrum(args))
+
+
+if __name__ == "__main__":
+    command.run(main)

@@ -1,0 +1,119 @@
+"""Spectra, orders, waterfalls and decays of signals whose content is known; tables in other programs' formats."""
+
+from __future__ import annotations
+
+import export
+import numpy as np
+import pandas
+import pytest
+import spectrum
+from conftest import ROOT
+from histories import read
+from scipy.io import loadmat
+
+HEAD = "# columns: t[s] crank[rad] speed[rad/s] tone[m] chirp[m] ring[m]\n"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Return a results folder: a tone of 12.5 Hz, the third order of a drive that runs up, a decay of ratio 0.03 at 8 Hz."""
+    time = np.linspace(0.0, 4.0, 4001)
+    speed = 20.0 + 30.0 * time
+    crank = 20.0 * time + 15.0 * time**2
+    omega = 2.0 * np.pi * 8.0
+    ring = 0.4 + np.exp(-0.03 * omega * time) * np.cos(omega * np.sqrt(1.0 - 0.03**2) * time)
+    columns = [time, crank, speed, 2.0 + 0.7 * np.sin(2.0 * np.pi * 12.5 * time), 0.3 * np.sin(3.0 * crank), ring]
+    (tmp_path / "history.txt").write_text(HEAD + "\n".join(" ".join(f"{x:.16e}" for x in row) for row in zip(*columns)) + "\n")
+    return tmp_path
+
+
+def test_a_tone_has_its_frequency_and_amplitude(run):
+    history = read(run)
+    frequency, size = spectrum.amplitudes(*spectrum.even_samples(history.time, history["tone"]))
+    k = int(np.argmax(size))
+    assert frequency[k] == pytest.approx(12.5, abs=0.13)
+    assert size[k] == pytest.approx(0.7, rel=1.0e-2)
+    band, power = spectrum.density(history.time, history["tone"])
+    assert np.trapezoid(power, band) == pytest.approx(0.7**2 / 2.0, rel=2.0e-2)
+
+
+def test_orders_follow_a_drive_that_runs_up(run, capsys):
+    assert spectrum.main([str(run), "--columns", "chirp", "--orders", "crank", "--peaks", "1"]) == 0
+    words = capsys.readouterr().out.split()
+    assert float(words[1]) == pytest.approx(3.0, abs=0.02)
+    assert float(words[5]) == pytest.approx(0.3, rel=0.03)
+
+
+def test_a_waterfall_follows_the_frequency(run):
+    history = read(run)
+    frequency, times, size = spectrum.waterfall(history.time, history["chirp"])
+    ridge = frequency[np.argmax(size, axis=0)]
+    expected = 3.0 * (20.0 + 30.0 * times) / (2.0 * np.pi)
+    assert np.abs(ridge - expected).max() < 3.5
+    assert spectrum.main([str(run), "--columns", "chirp", "--waterfall", "--speed", "speed"]) == 0
+    assert (run / "spectrum.png").exists()
+
+
+def test_a_decay_has_its_damping_ratio(run, capsys):
+    history = read(run)
+    _, _, found = spectrum.decay(history.time, history["ring"])
+    assert found["damping_ratio"] == pytest.approx(0.03, rel=2.0e-2)
+    assert found["frequency"] == pytest.approx(8.0, rel=2.0e-3)
+    assert spectrum.main([str(run), "--columns", "ring", "--decay"]) == 0
+    assert "damping ratio 0.03" in capsys.readouterr().out
+
+
+def test_uneven_rows_are_interpolated():
+    axis = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 2000))
+    even, values = spectrum.even_samples(axis, np.sin(40.0 * axis))
+    np.testing.assert_allclose(values, np.sin(40.0 * even), atol=1.0e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--columns", "none"], "no column matches"),
+        (["--columns", "tone", "--start", "3.99"], "rows"),
+        (["--columns", "t*", "--speed", "speed"], "goes with --waterfall"),
+        (["--columns", "tone", "chirp", "--waterfall"], "draws one column"),
+        (["--columns", "chirp", "--orders", "tone"], "does not increase"),
+        (["--columns", "crank", "--decay"], "peaks"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told_in_one_line(run, capsys, words, told):
+    assert spectrum.main([str(run), *words]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
+
+
+def test_tables_keep_every_number_and_name(run):
+    history = read(run)
+    frame = history.to_dataframe()
+    assert list(frame.columns[:3]) == ["t_[s]", "crank_[rad]", "speed_[rad/s]"]
+    for form in ("csv", "parquet", "matlab"):
+        assert export.main([str(run), "--to", form]) == 0
+    pandas.testing.assert_frame_equal(pandas.read_csv(run / "history.csv"), frame)
+    pandas.testing.assert_frame_equal(pandas.read_parquet(run / "history.parquet"), frame)
+    back = loadmat(run / "history.mat", squeeze_me=True)
+    np.testing.assert_array_equal(back["ring"], history["ring"])
+    assert back["units"]["speed"].item() == "rad/s"
+
+
+def test_names_for_matlab_are_unique():
+    assert export.matlab_names(["a.x", "a_x", "1b", "ok"]) == ["a_x", "a_x__1", "x1b", "ok"]
+
+
+def test_motion_in_vtk_is_that_of_the_run(run_deck):
+    import meshio
+
+    deck = ROOT / "input" / "slider_crank_viscoelastic.nml"
+    result = run_deck(deck)
+    assert export.main([str(result.folder), "--to", "vtk", "--deck", str(deck)]) == 0
+    files = sorted((result.folder / "vtk").glob("*.vtu"))
+    motion = result.motion
+    assert len(files) == motion.time.size
+    mesh = meshio.read(files[100])
+    middle = [motion["rod.2.x"][100], motion["rod.2.y"][100], 0.0]
+    assert np.abs(mesh.points - middle).sum(axis=1).min() < 1.0e-12
+    assert (result.folder / "vtk" / "motion.pvd").read_text().count("DataSet") == len(files)
