@@ -159,7 +159,8 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
             axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
             for sign in (1.0, -1.0):
                 envelope = offset + sign * found["start"] * np.exp(-found["rate"] * run.time)
-                axis.plot(run.time, envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope" if sign > 0.0 else None)
+                name = "fitted envelope" if sign > 0.0 else None
+                axis.plot(run.time, envelope, linestyle=STYLES[1], color=COLOURS[1], label=name)
             axis.plot(times, offset + sizes, ".", color="black", markersize=3, label="peaks")
             axis.set_ylabel(axis_label(name, run.units[name]))
             axis.legend(loc="upper right")
