@@ -157,10 +157,9 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
             times, sizes, found = decay(*even_samples(run.time, run[name]))
             offset = np.median(run[name][-max(run.time.size // 4, 8) :])
             axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
-            for sign in (1.0, -1.0):
-                envelope = offset + sign * found["start"] * np.exp(-found["rate"] * run.time)
-                name = "fitted envelope" if sign > 0.0 else None
-                axis.plot(run.time, envelope, linestyle=STYLES[1], color=COLOURS[1], label=name)
+            envelope = found["start"] * np.exp(-found["rate"] * run.time)
+            axis.plot(run.time, offset + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
+            axis.plot(run.time, offset - envelope, linestyle=STYLES[1], color=COLOURS[1])
             axis.plot(times, offset + sizes, ".", color="black", markersize=3, label="peaks")
             axis.set_ylabel(axis_label(name, run.units[name]))
             axis.legend(loc="upper right")
