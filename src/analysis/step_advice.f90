@@ -11,10 +11,11 @@ module step_advice
   use errors, only: failure, fault_list
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
+  use safe_bound, only: find_safe_bound
   use scene_model, only: scene
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names
-  use step_bounds, only: step_bound, find_bound, find_safe_bound, take_smaller
+  use step_bounds, only: step_bound, find_bound, take_smaller
   use text, only: es_text, fixed_text
   implicit none (type, external)
   private

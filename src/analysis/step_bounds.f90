@@ -6,12 +6,11 @@ module step_bounds
   use deck_records, only: deck
   use lapack, only: dgeev
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, fast_mode
-  use spring_directions, only: bound_directions, turning_stiffness
+  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use stability_region, only: largest_step, method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, find_safe_bound, take_smaller, material_poles
+  public :: step_bound, find_bound, take_smaller, material_poles, look_at
 
   integer, parameter :: modes_looked_at = 6      !! fastest modes whose eigenvalues are computed
 
@@ -23,28 +22,6 @@ module step_bounds
   end type step_bound
 
 contains
-
-  !> Bound that holds for every direction that springs take in a run, joints released: with damped springs that act in all
-  !> directions, and turned away from whatever else vibrates.
-  subroutine find_safe_bound(d, m, fast, bound)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
-    type(fast_spectrum), intent(inout) :: fast !! set up
-    type(step_bound), intent(out) :: bound
-    type(step_bound) :: other
-    real(wp) :: ends(2, size(m%s%springs))
-    fast%turning = turning_stiffness(m)
-    call bound_directions(m, .true., fast%ends)
-    call find_bound(d, m, .false., fast, bound)
-    ends = fast%ends
-    call bound_directions(m, .false., fast%ends)
-    if (any(abs(fast%ends - ends) > 0.0_wp)) then
-      call find_bound(d, m, .false., fast, other)
-      call take_smaller(other, bound)
-    end if
-    fast%ends = -1.0_wp
-    fast%turning = 0.0_wp
-  end subroutine find_safe_bound
 
   !> Keeps the smaller bound of each method.
   pure subroutine take_smaller(other, bound)
@@ -69,9 +46,10 @@ contains
     real(wp), intent(out), optional :: lambda  !! largest squared frequency, instantaneous stiffness [rad2/s2]
     real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations
     type(fast_mode) :: f
+    type(bound_cause) :: cause
     real(wp) :: most
     integer :: k
-    call fast%largest(m, held, .false., 100, most)
+    call fast%largest(m, held, only_stiffness, 100, most)
     if (present(lambda)) lambda = most
     if (present(force)) then
       force = 0.0_wp
@@ -82,24 +60,27 @@ contains
     do k = 1, min(modes_looked_at, fast%steps)
       if (fast%e(fast%steps + 1 - k) < 0.25_wp*most) exit
       call fast%mode(m, k, f)
-      call look_at(d, m, fast, f, bound)
+      call mode_cause(m, f, cause)
+      call look_at(d, m, fast, f, cause, bound)
     end do
     if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
-      call fast%largest(m, held, .true., 100, most)
+      call fast%largest(m, held, only_damping, 100, most)
       do k = 1, min(2, fast%steps)
         call fast%mode(m, k, f)
-        call look_at(d, m, fast, f, bound)
+        call mode_cause(m, f, cause)
+      call look_at(d, m, fast, f, cause, bound)
       end do
     end if
     call material_poles(d, m, held, fast, bound)
   end subroutine find_bound
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
-  subroutine look_at(d, m, fast, f, bound)
+  subroutine look_at(d, m, fast, f, carrier, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
     type(fast_mode), intent(in) :: f
+    type(bound_cause), intent(in) :: carrier   !! what the mode belongs to
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
@@ -108,7 +89,7 @@ contains
     integer :: body
     total = f%stiffness + sum(f%runs)
     call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
-    call mode_cause(m, f, cause)
+    cause = carrier
     if (damping_limits(fast, f, roots)) call blame_damping(f, f%springs, cause)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
     call take(pack(roots, is_mode), cause, bound)

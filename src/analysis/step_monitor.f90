@@ -6,7 +6,7 @@ module step_monitor
   use deck_records, only: deck
   use dynamics, only: evaluate
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum
+  use spectrum, only: fast_spectrum, only_stiffness
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, material_poles
   implicit none (type, external)
@@ -91,7 +91,7 @@ contains
     if (.not. self%active) return
     self%a(:) = m%a
     self%lambda(:) = m%lambda
-    call self%fast%largest(m, .true., .false., self%steps, lambda)
+    call self%fast%largest(m, .true., only_stiffness, self%steps, lambda)
     m%a(:) = self%a
     m%lambda(:) = self%lambda
     self%estimates = self%estimates + 1

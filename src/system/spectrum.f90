@@ -14,6 +14,8 @@ module spectrum
   private
   public :: fast_spectrum, fast_mode
 
+  real(wp), parameter, public :: only_damping(2) = [1.0_wp, 0.0_wp], only_stiffness(2) = [0.0_wp, 1.0_wp]   !! [-]
+
   integer, parameter :: most_vectors = 100     !! Lanczos vectors kept
 
   !> One fast mode, mass-normalised, with its Rayleigh quotients.
@@ -122,15 +124,15 @@ contains
     end do
   end subroutine put_rows
 
-  !> Largest eigenvalue of K x = lambda M x [rad2/s2] (or of C x = lambda M x [1/s]) by at most `most` Lanczos steps; joints
-  !> held or released. m holds an evaluation at the present configuration.
-  subroutine largest(self, m, held, damping, most, lambda)
+  !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; joints held or released. m holds an
+  !> evaluation at the present configuration.
+  subroutine largest(self, m, held, mix, most, lambda)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held              !! joints and drives held
-    logical, intent(in) :: damping           !! eigenvalues of C rather than K
+    real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
-    real(wp), intent(out) :: lambda
+    real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
     real(wp) :: b, x
     integer :: j, i, info, pass
     lambda = 0.0_wp
@@ -144,7 +146,7 @@ contains
     self%w(:, 1) = self%r/b
     self%beta(0) = 0.0_wp
     do j = 1, min(most, size(self%alpha))
-      call multiply(self, m, damping, self%v(:, j), self%r)
+      call multiply(self, m, mix, self%v(:, j), self%r)
       self%alpha(j) = dot_product(self%v(:, j), self%r)
       do pass = 1, 2
         do i = 1, j
@@ -164,7 +166,7 @@ contains
         end do
         call dsyev('V', 'L', j, self%t, size(self%t, 1), self%e, self%work, size(self%work), info)
         lambda = self%e(j)
-        if (b*abs(self%t(j, j)) <= 1.0e-5_wp*abs(lambda)) exit
+        if (b*abs(self%t(j, j)) <= 1.0e-5_wp*max(abs(lambda), abs(self%e(1)))) exit
       end if
       if (b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)) exit
       self%v(:, j + 1) = self%u/b
@@ -180,7 +182,7 @@ contains
     integer, intent(in) :: run
     real(wp), intent(out) :: lambda
     self%only = run
-    call self%largest(m, held, .false., most_vectors, lambda)
+    call self%largest(m, held, only_stiffness, most_vectors, lambda)
     self%only = 0
   end subroutine largest_of_run
 
@@ -222,36 +224,39 @@ contains
     f%damping = f%damping + f%springs
   end subroutine mode
 
-  !> y = K x (instantaneous) or C x, bodies and springs.
-  subroutine multiply(self, m, damping, x, y)
+  !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it: they may
+  !> turn away. Forces of springs against turns are an upper bound, too.
+  subroutine multiply(self, m, mix, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    logical, intent(in) :: damping
-    real(wp), intent(in) :: x(:)
-    real(wp), intent(out) :: y(:)
+    real(wp), intent(in) :: mix(2)             !! p and q, as in `largest`
+    real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
+    real(wp), intent(out) :: y(:)              !! (n)
     real(wp) :: s
     integer :: i, k
     if (self%only > 0) then
       call multiply_run(self, m, x, y)
       return
-    else if (damping) then
-      y = 0.0_wp
-      call self%lin%damping%times(1.0_wp, x, y)
-    else
+    end if
+    y = 0.0_wp
+    if (abs(mix(1)) > 0.0_wp) call self%lin%damping%times(mix(1), x, y)
+    if (abs(mix(2)) > 0.0_wp) then
       do i = 1, size(y)
         s = 0.0_wp
         do k = self%first(i), self%first(i + 1) - 1
           s = s + self%value(k)*x(self%col(k))
         end do
-        y(i) = s
+        y(i) = y(i) + mix(2)*s
       end do
       do k = 1, size(self%turning)
         i = m%s%qo(k) + 3
-        y(i) = y(i) + self%turning(k)*x(i)
+        y(i) = y(i) + max(mix(2), 0.0_wp)*self%turning(k)*x(i)
       end do
     end if
     do k = 1, size(m%s%springs)
-      call spring_pull(m, k, merge(m%s%springs(k)%damping, self%spring_fast(k), damping), self%ends(:, k), x, y)
+      s = mix(1)*m%s%springs(k)%damping + mix(2)*self%spring_fast(k)
+      if (all(self%ends(:, k) >= 0.0_wp)) s = max(s, 0.0_wp)
+      call spring_pull(m, k, s, self%ends(:, k), x, y)
     end do
   end subroutine multiply
 

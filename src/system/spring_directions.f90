@@ -20,10 +20,9 @@ module spring_directions
 contains
 
   !> The factors 1 + s and 1 + 1/s of every spring's ends; negative where the spring cannot turn and its present direction
-  !> stays. Damped springs may turn away from what they damp: without them the factors of these are 0.
-  subroutine bound_directions(m, with_damped, ends)
+  !> stays.
+  subroutine bound_directions(m, ends)
     type(mechanism_model), intent(inout) :: m    !! evaluated
-    logical, intent(in) :: with_damped           !! springs that turn and are damped count
     real(wp), intent(out) :: ends(:, :)          !! (2, springs) [-]
     real(wp) :: ra, rb
     integer :: k
@@ -32,7 +31,6 @@ contains
       associate (sp => m%s%springs(k))
         if (sp%torsional .or. is_guided(m, k)) cycle
         ends(:, k) = 0.0_wp
-        if (.not. with_damped .and. (sp%damping > 0.0_wp .or. size(sp%alpha) > 0)) cycle
         ra = yield(m, sp%ia)
         rb = yield(m, sp%ib)
         if (ra > 0.0_wp) ends(1, k) = 1 + rb/ra

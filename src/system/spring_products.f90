@@ -34,7 +34,7 @@ contains
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
     real(wp), intent(inout) :: y(:)            !! (n) forces [N], [N m]
     real(wp) :: a(3), b(3)
-    if (.not. stiffness > 0.0_wp) return
+    if (.not. abs(stiffness) > 0.0_wp) return
     call shifts(m, k, x, a, b)
     if (all(ends >= 0.0_wp)) then
       a = [ends(1)*a(1:2), 0.0_wp]

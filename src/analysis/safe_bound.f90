@@ -1,0 +1,205 @@
+!> Bound of explicit steps that holds for every direction that springs take in a run, joints released (theory.md, section 8).
+!>
+!> Without damping the largest frequency sets it. With damping, every eigenvalue mu with its vector x, mass-normalised, obeys
+!>   mu2 + c mu + k = 0,   c = x* C x,  k = x* K x,
+!> for C and K symmetric; and for all x, p c + q k <= largest eigenvalue of p C + q K, whatever p and q. Straight lines in the
+!> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. The lines are
+!> placed more densely where a corner between two limits the step. Of springs that turn p C + q K counts what raises it.
+module safe_bound
+  use kinds, only: wp, pi
+  use bound_causes, only: bound_cause, mode_cause
+  use deck_records, only: deck
+  use mechanism, only: mechanism_model
+  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
+  use spring_directions, only: bound_directions, turning_stiffness
+  use stability_region, only: method_names
+  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at
+  implicit none (type, external)
+  private
+  public :: find_safe_bound
+
+  integer, parameter :: most_lines = 18            !! that enclose c and k
+  integer, parameter :: pieces = 8                 !! of the stretch of a line between its corners
+  real(wp), parameter :: narrow = pi/90            !! angle between lines whose corner is not cut any more [rad]
+
+  !> A line c cos(angle)/c0 + k sin(angle)/k0 = reach, and the bound from its stretch between its neighbours.
+  type :: enclosing_line
+    real(wp) :: angle = 0.0_wp                     !! [rad]
+    real(wp) :: reach = 0.0_wp                     !! [-]
+    logical :: exists = .false.                    !! a line of some mode, rather than c >= 0 or k >= 0
+    type(fast_mode) :: mode                        !! the vector that reaches it
+    real(wp) :: at(2) = 0.0_wp                     !! its c and k, in units of the largest [-]
+    type(bound_cause) :: cause                     !! what carries that
+    type(step_bound) :: bound
+    integer :: limit(size(method_names)) = 0       !! where on the stretch each method's bound is, 0 to pieces
+  end type enclosing_line
+
+  !> The lines by their angles, in units of the largest c and k.
+  type :: enclosure
+    real(wp) :: c0 = 0.0_wp                        !! [1/s]
+    real(wp) :: k0 = 0.0_wp                        !! [1/s2]
+    integer :: lines = 0
+    type(enclosing_line) :: line(most_lines)
+  end type enclosure
+
+contains
+
+  !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
+  subroutine find_safe_bound(d, m, fast, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(inout) :: fast     !! set up
+    type(step_bound), intent(out) :: bound
+    type(step_bound) :: other
+    logical :: damped(size(m%s%springs))
+    integer :: k
+    fast%turning = turning_stiffness(m)
+    call bound_directions(m, fast%ends)
+    call bound_of_directions(d, m, fast, bound)
+    damped = [(size(m%s%springs(k)%alpha) > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
+    if (any(damped)) then
+      do k = 1, size(damped)
+        if (damped(k)) fast%ends(:, k) = 0.0_wp
+      end do
+      call bound_of_directions(d, m, fast, other)
+      call take_smaller(other, bound)
+    end if
+    fast%ends = -1.0_wp
+    fast%turning = 0.0_wp
+  end subroutine find_safe_bound
+
+  !> The bound of the directions that fast%ends and fast%turning allow.
+  subroutine bound_of_directions(d, m, fast, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(inout) :: fast
+    type(step_bound), intent(out) :: bound
+    type(enclosure), allocatable :: e
+    integer :: i
+    if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+      allocate (e)
+      call fast%largest(m, .false., only_damping, 100, e%c0)
+      call fast%largest(m, .false., only_stiffness, 100, e%k0)
+      if (.not. e%k0 > 0.0_wp) e%k0 = e%c0**2
+      if (.not. e%c0 > 0.0_wp) e%c0 = sqrt(e%k0)
+    end if
+    if (.not. allocated(e)) then
+      call find_bound(d, m, .false., fast, bound)
+      return
+    end if
+    if (.not. e%c0 > 0.0_wp) return
+    call enclose(d, m, fast, e)
+    do i = 1, e%lines
+      call take_smaller(e%line(i)%bound, bound)
+    end do
+    call material_poles(d, m, .false., fast, bound)
+  end subroutine bound_of_directions
+
+  !> Starts with a box and cuts corners that limit the step, in turn for each method.
+  subroutine enclose(d, m, fast, e)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(inout) :: fast
+    type(enclosure), intent(inout) :: e
+    integer :: i, round, method
+    e%lines = 4
+    do i = 1, 4
+      e%line(i)%angle = 0.5_wp*pi*(i - 2)
+    end do
+    do i = 2, 3
+      call find_line(m, fast, e, i)
+    end do
+    do i = 2, 3
+      call find_steps(d, m, fast, e, i)
+    end do
+    do round = 1, most_lines - 4
+      method = 1 + mod(round, size(method_names))
+      i = corner_that_limits(e, method)
+      if (i == 0) cycle
+      e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
+      e%lines = e%lines + 1
+      e%line(i + 1) = enclosing_line(angle=0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle))
+      call find_line(m, fast, e, i + 1)
+      call find_steps(d, m, fast, e, i)
+      call find_steps(d, m, fast, e, i + 1)
+      call find_steps(d, m, fast, e, i + 2)
+    end do
+  end subroutine enclose
+
+  !> The number of the line before the corner that is nearest to what limits a method; 0: cut enough.
+  pure integer function corner_that_limits(e, method) result(i)
+    type(enclosure), intent(in) :: e
+    integer, intent(in) :: method
+    integer :: k
+    i = 2
+    do k = 2, e%lines - 1
+      if (e%line(k)%bound%step(method) < e%line(i)%bound%step(method)) i = k
+    end do
+    if (2*e%line(i)%limit(method) <= pieces) i = i - 1
+    if (e%line(i + 1)%angle - e%line(i)%angle < narrow) i = 0
+  end function corner_that_limits
+
+  !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
+  subroutine find_line(m, fast, e, i)
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(inout) :: fast
+    type(enclosure), intent(inout) :: e
+    integer, intent(in) :: i
+    integer :: r
+    associate (l => e%line(i))
+      call fast%largest(m, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%reach)
+      l%reach = l%reach + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
+      call fast%mode(m, 1, l%mode)
+      call mode_cause(m, l%mode, l%cause)
+      l%at = [l%mode%damping, l%mode%stiffness]
+      do r = 1, size(l%mode%runs)
+        l%at(2) = l%at(2) + l%mode%runs(r)*sum(fast%lin%runs(r)%alpha)
+      end do
+      l%at = l%at/[e%c0, e%k0]
+      l%exists = .true.
+    end associate
+  end subroutine find_line
+
+  !> Bound from a line's stretch between its neighbours. GHM terms take part in k as in the mode whose c and k are nearest.
+  subroutine find_steps(d, m, fast, e, i)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(fast_spectrum), intent(in) :: fast
+    type(enclosure), intent(inout) :: e
+    integer, intent(in) :: i
+    type(step_bound) :: bound, before
+    type(fast_mode) :: f
+    real(wp) :: first(2), last(2), now(2), apart(-1:1)   ! [-]
+    integer :: j, k
+    if (.not. e%line(i)%exists) return
+    first = corner(e%line(i - 1), e%line(i))
+    last = corner(e%line(i), e%line(i + 1))
+    do j = 0, pieces
+      now = max((first*(pieces - j) + last*j)/pieces, 0.0_wp)
+      apart = [(merge(norm2(now - e%line(k)%at), huge(1.0_wp), e%line(k)%exists), k=i - 1, i + 1)]
+      associate (l => e%line(i - 2 + minloc(apart, dim=1)))
+        f = l%mode
+        f%stiffness = now(2)*e%k0
+        f%runs = 0.0_wp
+        if (l%at(2) > 0.0_wp) then
+          f%stiffness = now(2)*(l%mode%stiffness/l%at(2))
+          f%runs = now(2)*(l%mode%runs/l%at(2))
+        end if
+        f%damping = now(1)*e%c0
+        f%springs = f%damping
+        if (l%at(1) > 0.0_wp) f%springs = now(1)*(l%mode%springs/l%at(1))
+        before = bound
+        call look_at(d, m, fast, f, l%cause, bound)
+      end associate
+      where (bound%step < before%step) e%line(i)%limit = j
+    end do
+    e%line(i)%bound = bound
+  end subroutine find_steps
+
+  !> Where two lines meet: c and k in units of the largest.
+  pure function corner(a, b) result(x)
+    type(enclosing_line), intent(in) :: a, b
+    real(wp) :: x(2)                               !! [-]
+    x = [a%reach*sin(b%angle) - b%reach*sin(a%angle), b%reach*cos(a%angle) - a%reach*cos(b%angle)]/sin(b%angle - a%angle)
+  end function corner
+end module safe_bound
