@@ -8,7 +8,7 @@ module velocity_closing
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
-  use mechanism, only: mechanism_model
+  use mechanism, only: mechanism_model, factor_frame
   use place_motion, only: place_kinematics
   use text, only: es_text
   implicit none (type, external)
@@ -150,12 +150,7 @@ contains
       a(:, k) = 0.0_wp
       a(k, k) = 1.0_wp
     end do
-    dinv(1) = 1.0_wp/a(1, 1)
-    low(1) = a(2, 1)*dinv(1)
-    low(2) = a(3, 1)*dinv(1)
-    dinv(2) = 1.0_wp/(a(2, 2) - low(1)*a(2, 1))
-    low(3) = (a(3, 2) - low(2)*a(2, 1))*dinv(2)
-    dinv(3) = 1.0_wp/(a(3, 3) - low(2)*a(3, 1) - low(3)**2/dinv(2))
+    call factor_frame(a(1, 1), a(2, 1), a(2, 2), a(3, 1), a(3, 2), a(3, 3), low, dinv)
     where (fixed) dinv = 0.0_wp
   end subroutine factor_masked
 
@@ -163,10 +158,12 @@ contains
   pure function unfactored(low, dinv) result(m)
     real(wp), intent(in) :: low(3), dinv(3)
     real(wp) :: m(3, 3), l(3, 3), ld(3, 3)
+    integer :: k
     l = reshape([1.0_wp, low(1), low(2), 0.0_wp, 1.0_wp, low(3), 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
-    ld(:, 1) = l(:, 1)/dinv(1)
-    ld(:, 2) = l(:, 2)/dinv(2)
-    ld(:, 3) = l(:, 3)/dinv(3)
+    ld = 0.0_wp
+    do k = 1, 3
+      if (dinv(k) > 0.0_wp) ld(:, k) = l(:, k)/dinv(k)      ! 0: a pivot lost in rounding
+    end do
     m = matmul(ld, transpose(l))
   end function unfactored
 
