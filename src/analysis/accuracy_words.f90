@@ -144,7 +144,7 @@ contains
 
   !> A number in two digits.
   function short(x) result(text)
-    real(wp), intent(in) :: x                  !! any unit
+    real(wp), intent(in) :: x                  !! [any]
     character(:), allocatable :: text
     text = trim(adjustl(es_text(x, 1)))
   end function short

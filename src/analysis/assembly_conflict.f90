@@ -88,7 +88,7 @@ contains
   subroutine close_up(s, m, q, report)
     type(scene), intent(in) :: s
     type(mechanism_model), intent(out) :: m
-    real(wp), allocatable, intent(out) :: q(:)
+    real(wp), allocatable, intent(out) :: q(:)   !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
     real(wp) :: v(s%nq)
@@ -100,7 +100,7 @@ contains
   !> How far the last constraint of a scene is open, and whether its rows depend on those of the others.
   subroutine look_at_last(s, q, rank, gap, surplus)
     type(scene), intent(in) :: s
-    real(wp), intent(in) :: q(:)                    !! (nq) the others hold here
+    real(wp), intent(in) :: q(:)                    !! (nq) positions at which the others hold [m, rad]
     integer, intent(in) :: rank                     !! of the others
     real(wp), intent(out) :: gap                    !! [m]
     logical, intent(out) :: surplus

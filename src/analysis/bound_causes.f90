@@ -74,7 +74,7 @@ contains
   !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
   subroutine strain_energies(bo, x, ea, ei)
     type(body_model), intent(inout) :: bo    !! its work space changes
-    real(wp), intent(in) :: x(:)             !! (nf) elastic part of a mass-normalised mode
+    real(wp), intent(in) :: x(:)   !! (nf) elastic part of a mass-normalised mode [m, rad, over the root of the modal mass]
     real(wp), intent(out) :: ea, ei          !! [1/s2]
     logical :: stiffening
     integer :: e

@@ -53,7 +53,7 @@ contains
     class(balance_watch), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model`
+    real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: first
     associate (nq => m%s%nq, nz => m%s%nz, x => self%row)
       call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), x(1), x(2), self%strain)

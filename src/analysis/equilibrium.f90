@@ -82,7 +82,7 @@ contains
   !> Largest motion of a frame: relative to the size, or in radians.
   pure real(wp) function largest_motion(run, dx) result(motion)
     type(run_state), intent(in) :: run
-    real(wp), intent(in) :: dx(:)
+    real(wp), intent(in) :: dx(:)   !! (nq) [m, rad]
     integer :: b, i
     motion = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
@@ -95,7 +95,7 @@ contains
   !> velocity that its motion has where it comes to: what turns about a point goes on turning about it.
   subroutine move(run, dx)
     type(run_state), intent(inout) :: run
-    real(wp), intent(in) :: dx(:)                    !! (nq)
+    real(wp), intent(in) :: dx(:)                    !! (nq) [m, rad]
     real(wp) :: d(size(dx))
     integer :: nq, b, i
     nq = size(dx)
@@ -112,7 +112,7 @@ contains
   subroutine equations(run, ds, r, report, lambda)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
-    complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step
+    complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step [N, N m], [m]
     type(equilibrium_report), intent(inout) :: report
     real(wp), intent(in), optional :: lambda(:)      !! (rows) multipliers of the equilibrium, as known so far [N, N m]
     type(linear_mechanism) :: lin
@@ -157,7 +157,7 @@ contains
   subroutine measure(run, ds, force, report)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: force(:)                 !! (nq) M (a - a_p), body axes
+    real(wp), intent(in) :: force(:)                 !! (nq) M (a - a_p), body axes [N, N m]
     type(equilibrium_report), intent(inout) :: report
     complex(wp) :: x(ds%n + ds%rows)
     real(wp) :: scale, size_s

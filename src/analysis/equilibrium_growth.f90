@@ -55,7 +55,7 @@ contains
   integer function moving_body(run, ds, x) result(body)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)                  !! (n)
+    complex(wp), intent(in) :: x(:)                  !! (n) the motion [m, rad]
     complex(wp) :: y(ds%n + ds%rows)
     real(wp) :: part(size(run%sys%m%s%bodies))       ! [J], to a factor
     integer :: b, i, n

@@ -25,7 +25,7 @@ module error_check
     type(mechanism_system) :: sys
     class(stepper), allocatable :: method
     type(balance_watch) :: balance
-    real(wp), allocatable :: y(:)             !! (ny) state at its last row
+    real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: values(:)        !! (columns) of that row [of the column]
     real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
     real(wp), allocatable :: low(:), high(:)  !! (columns) smallest and largest value of the first run [of the column]
@@ -52,7 +52,7 @@ contains
     type(transient_record), intent(in) :: r
     real(wp), intent(in) :: fastest           !! largest frequency of the scene, where it is known [rad/s]
     real(wp), intent(in) :: stable            !! safe bound of the step of an explicit method [s]
-    real(wp), intent(in) :: y(:)              !! (ny)
+    real(wp), intent(in) :: y(:)              !! (ny) [m, rad], [m/s, rad/s], [J]
     integer, intent(in) :: columns            !! of all sensors
     type(transient_record) :: finer
     finer = r

@@ -110,7 +110,7 @@ contains
   pure function fastest_growth(norm, bodies, y) result(body)
     type(error_norm), intent(in) :: norm
     integer, intent(in) :: bodies
-    real(wp), intent(in) :: y(:)               !! (n)
+    real(wp), intent(in) :: y(:)               !! (n) the state given up [m, rad], [m/s, rad/s], [J]
     integer :: body, k, g
     real(wp) :: growth, worst
     body = 0

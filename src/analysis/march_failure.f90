@@ -72,7 +72,7 @@ contains
   subroutine explain_balance(m, norm, y, t, last, residual, energy, adaptive, fail)
     type(mechanism_model), intent(in) :: m
     type(error_norm), intent(in) :: norm
-    real(wp), intent(in) :: y(:)               !! (n) state at t
+    real(wp), intent(in) :: y(:)               !! (n) state at t [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     real(wp), intent(in) :: residual, energy   !! at t; largest before [J]
     logical, intent(in) :: adaptive
@@ -114,7 +114,7 @@ contains
   function culprit(m, norm, y) result(text)
     type(mechanism_model), intent(in) :: m
     type(error_norm), intent(in) :: norm
-    real(wp), intent(in) :: y(:)               !! (n)
+    real(wp), intent(in) :: y(:)               !! (n) the state given up [m, rad], [m/s, rad/s], [J]
     character(:), allocatable :: text
     integer :: b
     b = fastest_growth(norm, size(m%s%bodies), y)
@@ -168,7 +168,7 @@ contains
 
   !> A number in a few digits.
   function number(x) result(text)
-    real(wp), intent(in) :: x                  !! any unit
+    real(wp), intent(in) :: x                  !! [any]
     character(:), allocatable :: text
     text = trim(adjustl(es_text(x, 6)))
   end function number

@@ -62,9 +62,9 @@ contains
   subroutine mechanism_derivative(self, t, y, left, dy)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in), contiguous :: y(:)
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: left
-    real(wp), intent(out), contiguous :: dy(:)
+    real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
     self%m%left = left
     self%m%broken = .false.
     call state_rates(self%m, self%m%s%nq, self%m%s%nz, t, y, dy)
@@ -75,8 +75,8 @@ contains
     type(mechanism_model), intent(inout) :: m
     integer, intent(in) :: nq, nz
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: y(2*nq + 2*nz + 2)
-    real(wp), intent(out) :: dy(2*nq + 2*nz + 2)
+    real(wp), intent(in) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(out) :: dy(2*nq + 2*nz + 2) !! [the same per second]
     call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = m%a
@@ -91,7 +91,7 @@ contains
   subroutine mechanism_accept(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout), contiguous :: y(:)
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = sane(y) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
@@ -103,7 +103,7 @@ contains
     type(mechanism_model), intent(inout) :: m
     integer, intent(in) :: nq, nz
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
+    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
     if (ok) ok = sane(y(1:2*nq))
@@ -238,7 +238,7 @@ contains
   subroutine mechanism_report(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout), contiguous :: y(:)      !! (n)
+    real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     self%m%left = .false.
     self%m%broken = .false.
@@ -251,7 +251,7 @@ contains
     type(mechanism_model), intent(inout) :: m
     integer, intent(in) :: nq, nz
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)
+    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = .true.
     call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
@@ -319,7 +319,7 @@ contains
     class(mechanism_system), intent(in) :: self
     integer, allocatable, intent(out) :: group(:)
     real(wp), allocatable, intent(out) :: weight(:)   !! [m or rad a unit]
-    real(wp), allocatable, intent(out) :: whole(:)    !! weight over the scene's size or one radian
+    real(wp), allocatable, intent(out) :: whole(:)    !! weight over the scene's size or one radian [-]
     real(wp), allocatable, intent(out) :: scale(:)    !! [m, rad]
     logical, allocatable, intent(out) :: grows(:)
     call position_groups(self%m, group, weight, whole, scale, grows)

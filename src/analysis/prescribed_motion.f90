@@ -24,7 +24,7 @@ contains
   subroutine prescribe(run, ds, steady)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes
+    real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes [m/s2, rad/s2]
     real(wp), allocatable :: rate(:)
     integer :: nq, k, i, b
     nq = size(steady)
@@ -54,7 +54,7 @@ contains
   !> J x: what a motion does to the independent rows.
   pure function joint_rates(ds, x, rows) result(rate)
     type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: x(:)                     !! (nq) body axes
+    real(wp), intent(in) :: x(:)   !! (nq) velocities or accelerations, body axes [m, rad, per second or its square]
     integer, intent(in) :: rows                      !! all rows
     real(wp) :: rate(rows)                           !! 0 for dependent ones
     complex(wp) :: y(ds%n + ds%rows)
@@ -96,7 +96,7 @@ contains
   !> A metric of the motion in place of the stiffness, factored: squares of lengths, whatever the units.
   subroutine weigh(run, unit, elastic, ds)
     type(run_state), intent(in) :: run
-    real(wp), intent(in) :: unit(:)                  !! (nq) what makes lengths of the unknowns
+    real(wp), intent(in) :: unit(:)                  !! (nq) what makes lengths of the unknowns [-], [m]
     real(wp), intent(in) :: elastic                  !! of elastic coordinates; frames weigh 1 [-]
     type(stiffness_system), intent(inout) :: ds
     integer :: b, k, i
@@ -134,7 +134,7 @@ contains
     integer, intent(in) :: dof(:, :)                 !! (3, nodes)
     integer, intent(in) :: offset
     real(wp), intent(in) :: value                    !! [m] or [1/m]
-    real(wp), intent(inout) :: weight(:)
+    real(wp), intent(inout) :: weight(:)             !! (nq) [m] or [1/m]
     integer :: k
     do k = 1, size(dof, 2)
       if (dof(3, k) > 0) weight(offset + dof(3, k)) = value

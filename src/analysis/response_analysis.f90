@@ -104,7 +104,7 @@ contains
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: s                       !! [1/s]
-    complex(wp), intent(out) :: values(:)
+    complex(wp), intent(out) :: values(:)              !! (columns) [unit of each column]
     complex(wp), allocatable :: x(:), lambda(:)
     integer :: nq
     nq = run%sys%m%s%nq
@@ -139,7 +139,7 @@ contains
   !> A unit amplitude of a load's factor.
   subroutine force_input(run, x)
     type(run_state), intent(in) :: run
-    complex(wp), intent(inout) :: x(:)
+    complex(wp), intent(inout) :: x(:)   !! (nq) right-hand side of the linearisation [N, N m]
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     real(wp) :: force(2), moment, w(3)
@@ -158,8 +158,8 @@ contains
   subroutine drive_input(run, ds, s, x)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: s
-    complex(wp), intent(inout) :: x(:)
+    complex(wp), intent(in) :: s   !! [1/s]
+    complex(wp), intent(inout) :: x(:)   !! (nq + rows) right-hand side of the linearisation [N, N m], [m]
     complex(wp) :: value
     logical :: rate
     integer :: row
@@ -214,7 +214,7 @@ contains
 
   !> Real and imaginary part, amplitude and phase of every column.
   pure function columns(values) result(row)
-    complex(wp), intent(in) :: values(:)
+    complex(wp), intent(in) :: values(:)   !! (columns) [unit of each column]
     real(wp) :: row(4*size(values))
     integer :: k
     do k = 1, size(values)

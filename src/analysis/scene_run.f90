@@ -31,7 +31,7 @@ module scene_run
     type(validity_watch) :: watch             !! figures of the run so far
     type(stability_monitor) :: monitor        !! current bound along the run
     type(value_archive) :: saved              !! a restart's checkpoint
-    real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`)
+    real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`) [m, rad], [m/s, rad/s], [J]
     character(:), allocatable :: folder       !! results folder
     character(:), allocatable :: opening      !! first part of the summary: the model, its stable steps
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
@@ -76,7 +76,7 @@ contains
   !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).
   subroutine relax(sys, y)
     type(mechanism_system), intent(inout) :: sys
-    real(wp), intent(inout) :: y(:)
+    real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     real(wp) :: d, dd, e(2)
     integer :: b, r, k, j, o, i, n
     associate (s => sys%m%s)
