@@ -95,7 +95,7 @@ contains
     end select
   end function change_words
 
-  !> Half the elements of a beam; lumps and places keep to nodes that remain, so only ends are sure: others make it void.
+  !> Halves the elements of a beam; lumps, joints and forces move to the nearest node that remains.
   subroutine halve_elements(d, b)
     type(deck), intent(inout) :: d
     integer, intent(in) :: b

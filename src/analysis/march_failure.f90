@@ -159,7 +159,7 @@ contains
     end if
   end function advice
 
-  !> What there is of the run.
+  !> Up to when results are complete.
   function kept(last) result(text)
     real(wp), intent(in) :: last               !! [s]
     character(:), allocatable :: text

@@ -121,7 +121,7 @@ contains
     call set_up_newton(self%t, self%m)
   end subroutine start_implicit
 
-  !> Takes the constants of a step.
+  !> Takes the constants of a step and factors the elastic blocks.
   subroutine mechanism_prepare(self, c1, c2, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: c1                !! [1/s2]
@@ -223,7 +223,7 @@ contains
       self%rates = v + self%closed
     end if
     call evaluate(self%m, t, q, self%rates, z, zd)
-    if (end_of_step .and. self%nearly_dependent()) then   ! there accelerations amplify the rest of the offset, too
+    if (end_of_step .and. self%nearly_dependent()) then   ! accelerations amplify what is left of the offset: project it away
       self%closed = q
       call project(self%m, t, self%closed, self%rates, z, zd, ok)
       call evaluate_branch(self%m, t, self%closed, self%rates, z, zd)
@@ -290,7 +290,7 @@ contains
     call row_gaps(self%m, t, q, v, a, rate, acceleration)
   end subroutine mechanism_gaps
 
-  !> Slopes of the constraints.
+  !> Phi_q x.
   subroutine mechanism_slopes(self, q, x, slope)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), x(:)    !! (nq) [m, rad], [any]
@@ -332,7 +332,7 @@ contains
     pivot = [self%t%rows%weakest, self%t%rows%shift_used]
   end function mechanism_weakest
 
-  !> What rounding grows with.
+  !> Distance from the origin and angle turned, with which rounding grows.
   pure function mechanism_reach(self, q) result(x)
     class(mechanism_system), intent(in) :: self
     real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]

@@ -93,7 +93,7 @@ contains
     end do
   end function follow
 
-  !> A metric of the motion in place of the stiffness, factored: squares of lengths, whatever the units.
+  !> Puts a diagonal metric of lengths in place of the stiffness and factors it: the least motion is then independent of units.
   subroutine weigh(run, unit, elastic, ds)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: unit(:)                  !! (nq) what makes lengths of the unknowns [-], [m]
@@ -110,7 +110,7 @@ contains
     call ds%factor()
   end subroutine weigh
 
-  !> What makes lengths of all unknowns: 1, the size for angles and rotations, mass**(-1/2) for modes.
+  !> Factors that turn all unknowns into lengths: 1, the size for angles and rotations, mass**(-1/2) for modes.
   function motion_units(run) result(unit)
     type(run_state), intent(in) :: run
     real(wp), allocatable :: unit(:)                 !! (nq) [-], [m] or [kg**(-1/2)]

@@ -1,5 +1,5 @@
-!> What of a deck runs, but seldom as meant: units other than SI, degrees, parts that do nothing, hold nothing or stand there
-!> twice. Each is a warning; the deck runs as it is written.
+!> Warns of decks that run but are probably not what was meant: units other than SI, degrees, parts that do nothing, hold
+!> nothing or are there twice. The deck runs as it is written.
 module typical_slips
   use kinds, only: wp, pi
   use build_history, only: make_history
@@ -254,7 +254,7 @@ contains
     yes = flat(2) .and. (flat(1) .or. flat(3))
   end function is_dwell
 
-  !> How far the curve goes from the flat piece i.
+  !> How far the curve leaves the flat piece i.
   pure subroutine leave(h, r, i, miss)
     class(history_model), intent(in) :: h
     type(history_record), intent(in) :: r

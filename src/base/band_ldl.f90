@@ -33,7 +33,7 @@ contains
     integer :: i, j, k
     good = .true.
     do j = 1, n
-      call take_pivot(f(0, j), s(0, j), tol, d, good)
+      call invert_pivot(f(0, j), s(0, j), tol, d, good)
       if (.not. good) return
       f(0, j) = d
       do i = 1, kd
@@ -59,7 +59,7 @@ contains
     integer :: j
     good = .true.
     do j = 1, n
-      call take_pivot(f(0, j), s(0, j), tol, d, good)
+      call invert_pivot(f(0, j), s(0, j), tol, d, good)
       if (.not. good) return
       u1 = f(1, j); u2 = f(2, j); u3 = f(3, j)
       l1 = u1*d; l2 = u2*d; l3 = u3*d
@@ -77,7 +77,7 @@ contains
   end subroutine factor_band3
 
   !> The inverse of a pivot; good is false where it is below tol of its diagonal entry.
-  pure subroutine take_pivot(pivot, diagonal, tol, inverse, good)
+  pure subroutine invert_pivot(pivot, diagonal, tol, inverse, good)
     real(wp), intent(in) :: pivot, diagonal   !! of the factored and of the given matrix [any]
     real(wp), intent(in) :: tol               !! [-]
     real(wp), intent(out) :: inverse          !! 1 over the pivot [1/any]
@@ -85,8 +85,8 @@ contains
     inverse = 1.0_wp
     good = pivot > tol*diagonal
     if (.not. good) return
-    inverse = 1.0_wp/merge(pivot, max(diagonal, tiny(1.0_wp)), pivot > 0.0_wp)   ! below 0: rounding below a shift
-  end subroutine take_pivot
+    inverse = 1.0_wp/merge(pivot, max(diagonal, tiny(1.0_wp)), pivot > 0.0_wp)   ! below 0: rounding of a shifted matrix
+  end subroutine invert_pivot
 
   !> Forward and backward substitution.
   pure subroutine substitute(n, kd, f, x)

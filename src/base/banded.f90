@@ -72,7 +72,7 @@ contains
       if (i < blk%first .or. i > blk%last) cycle
       kd = max(kd, abs(i - position(cols(k))))
     end do
-    if (kd == 2) kd = 3                      ! takes the short way of half band width 3
+    if (kd == 2) kd = 3                      ! then the loop written for half band width 3 serves
     blk%kd = kd
     allocate (ab(0:kd, n))
     allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last), source=0.0_wp)

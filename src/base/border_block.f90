@@ -15,7 +15,7 @@ module border_block
     integer :: n = 0                                  !! unknowns
     integer :: kd = 0                                 !! half band width
     integer, allocatable :: unknown(:)                !! (n) original indices in band order
-    integer, allocatable :: border(:)                 !! (nb) border places that it touches, the slots last
+    integer, allocatable :: border(:)                 !! (nb) border unknowns that it couples to, the slots last
     complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor [any]
     complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it [any]
     complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block [any]

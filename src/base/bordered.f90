@@ -22,7 +22,7 @@ module bordered
     integer :: kd = 0                                 !! half band width of the border
     type(block_part), allocatable :: blocks(:)
     integer, allocatable :: block_of(:)               !! (n) block of each unknown, 0: border
-    integer, allocatable :: place(:)                  !! (n) place in its block or in the border
+    integer, allocatable :: place(:)                  !! (n) position in its block or in the border
     integer, allocatable :: kind(:)                   !! (entries) 1 block, 2 right, 3 left, 4 border
     integer, allocatable :: home(:)                   !! (entries) block
     integer, allocatable :: i(:), j(:)                !! (entries) where in that array
@@ -151,7 +151,7 @@ contains
               self%x(self%nb, 1))
   end subroutine order_border
 
-  !> Where an entry of the pattern is kept.
+  !> Finds the array and the position in it where an entry of the pattern is stored.
   subroutine place_entry(self, e, row, col)
     class(bordered_system), intent(inout) :: self
     integer, intent(in) :: e, row, col

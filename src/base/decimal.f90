@@ -54,7 +54,7 @@ contains
     end if
   end subroutine write_number
 
-  !> x = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where that is not decided.
+  !> x = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where the table is too coarse.
   pure subroutine round_to_digits(x, digits, e, known)
     real(wp), intent(in) :: x                                !! not negative [-]
     integer(int64), intent(out) :: digits
@@ -156,7 +156,7 @@ contains
     a = 0
     a(1) = 1
     do p = 0, last
-      call keep(a, 0, p)
+      call store_power(a, 0, p)
       carry = 0
       do i = 1, words
         carry = a(i)*5 + carry
@@ -173,7 +173,7 @@ contains
         a(i) = carry/5
         carry = carry - a(i)*5
       end do
-      call keep(a, -30*(words - 1), p)
+      call store_power(a, -30*(words - 1), p)
     end do
     do p = first, 308                                        ! high without its last 10 bits is a double
       table%value(p) = scale(real(shiftr(table%high(p), 10), wp), table%shift(p) + 73)
@@ -183,7 +183,7 @@ contains
   end subroutine fill_table
 
   !> Keeps the leading 126 bits of a 2^shift 5^... as 10^p.
-  subroutine keep(a, shift, p)
+  subroutine store_power(a, shift, p)
     integer(int64), intent(in) :: a(words)
     integer, intent(in) :: shift, p
     integer(wide) :: g
@@ -199,22 +199,22 @@ contains
     bits = bits + 30*(top - max(top - 3, 1))
     i = max(top - 3, 1) - 1                                  ! words not yet used
     if (i >= 1) then                                         ! 91 to 120 bits so far: fill up from the next two words
-      g = shiftl(g, 126 - bits) + take(a, i, 126 - bits)
+      g = shiftl(g, 126 - bits) + leading_bits(a, i, 126 - bits)
     else
       g = shiftl(g, 126 - bits)
     end if
     table%high(p) = int(shiftr(g, 63), int64)
     table%low(p) = int(iand(g, int(huge(1_int64), wide)), int64)
     table%shift(p) = shift + 30*i + bits - 126 + p
-  end subroutine keep
+  end subroutine store_power
 
   !> The leading n <= 60 bits of the words i, i-1 of 30 bits each.
-  pure function take(a, i, n) result(bits)
+  pure function leading_bits(a, i, n) result(bits)
     integer(int64), intent(in) :: a(words)
     integer, intent(in) :: i, n
     integer(int64) :: bits
     bits = shiftl(a(i), 30)
     if (i > 1) bits = bits + a(i - 1)
     bits = shiftr(bits, 60 - n)
-  end function take
+  end function leading_bits
 end module decimal

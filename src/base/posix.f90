@@ -152,7 +152,7 @@ contains
     deallocate (locked)
   end subroutine close_lock
 
-  !> Removes the file of the lock that this process holds, if it holds one, before the process ends in haste.
+  !> Removes the file of the lock that this process holds, if it holds one: for a process that has to end at once.
   subroutine drop_lock()
     integer(c_int) :: status
     if (allocated(locked)) status = c_unlink(locked)
@@ -233,8 +233,8 @@ contains
   !> A line of text to standard error. The run-time library's unit would end the program where that is closed.
   subroutine tell(line)
     character(*), intent(in) :: line
-    logical :: told
-    told = write_bytes(standard_error, line//new_line('a'))
+    logical :: written
+    written = write_bytes(standard_error, line//new_line('a'))
   end subroutine tell
 
   !> Closes a file; ok only where nothing written to it was lost.

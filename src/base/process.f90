@@ -1,5 +1,5 @@
-!> What the program owes the system that runs it: signals, the three standard streams, memory and stack that end. Nothing of
-!> that may end a run without a word, or leave a lock behind.
+!> Signals, the three standard streams, and what happens when memory or stack run out: however a run ends, it says why and
+!> leaves no lock behind.
 module process
   use errors, only: status_failed, status_signal
   use posix, only: c_open, drop_lock, standard_error, tell
@@ -59,7 +59,7 @@ module process
 
 contains
 
-  !> To be called before anything else.
+  !> Prepares streams and handlers; called before anything else.
   subroutine begin_process()
     type(c_funptr) :: old
     call fill_standard_handles()
@@ -84,7 +84,7 @@ contains
     end do
   end subroutine fill_standard_handles
 
-  !> Gives the handler of memory faults a stack of its own: what it is called for is that the other one has ended.
+  !> Gives the handler of memory faults a stack of its own, since it may be called because the ordinary one is full.
   subroutine watch_memory()
     integer(c_intptr_t) :: stack(3), action(19)            ! stack_t: address, flags, bytes; sigaction: handler first
     type(c_funptr) :: handler
@@ -103,7 +103,7 @@ contains
     call end_now('the stack or the memory has ended (ulimit -s, ulimit -v), or the program has a fault', status_failed)
   end subroutine memory_fault
 
-  !> While results are written signals are noted, to be asked for; at other times they end the program.
+  !> While results are written signals are noted for `caught_signal`; at other times they end the program.
   subroutine hold_signals(yes)
     logical, intent(in) :: yes
     held = yes
@@ -122,7 +122,7 @@ contains
     number = int(received)
   end function caught_signal
 
-  !> One line, and the end.
+  !> Removes the lock, writes one line to standard error and ends the process.
   subroutine end_now(words, status)
     character(*), intent(in) :: words
     integer, intent(in) :: status                          !! exit status

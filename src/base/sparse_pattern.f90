@@ -1,5 +1,4 @@
-!> Places of the entries of a sparse matrix whose pattern is symmetric, the whole diagonal included: sorted by column, then by
-!> row, each once.
+!> The pattern of a sparse matrix, symmetric and with the whole diagonal: each entry once, sorted by column, then by row.
 module sparse_pattern
   use ordering, only: adjacency
   implicit none (type, external)
@@ -17,7 +16,7 @@ module sparse_pattern
 
 contains
 
-  !> The pattern of the given places and of their mirror images.
+  !> The pattern of the given entries and of their mirror images.
   subroutine make(self, n, r, c)
     class(symmetric_pattern), intent(inout) :: self
     integer, intent(in) :: n                   !! order

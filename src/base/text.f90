@@ -6,7 +6,7 @@ module text
   public :: lower, to_text, es_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
   public :: read_file, word_hash, printable
 
-  integer, parameter :: most_streamed = 20000000   !! length of a deck from a pipe beyond which it is none [bytes]
+  integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -243,7 +243,7 @@ contains
     if (len(problem) == 0) call normalize(raw, content)
   end subroutine read_file
 
-  !> All that a file without a known size holds (a pipe, standard input), up to a length that no deck has.
+  !> All that a file without a known size holds (a pipe, standard input), up to a length beyond which the input counts as endless.
   subroutine read_stream(unit, raw, problem)
     integer, intent(in) :: unit                            !! open for unformatted stream access
     character(:), allocatable, intent(inout) :: raw        !! its bytes

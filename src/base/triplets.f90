@@ -1,4 +1,4 @@
-!> Sparse matrices as growing lists of entries; entries at the same place add up.
+!> Sparse matrices as growing lists of entries; entries of the same row and column add up.
 module triplets
   use kinds, only: wp
   implicit none (type, external)

@@ -39,7 +39,7 @@ contains
           call add_rigid_element(b, e)
         end do
       end if
-      call take_lumps(d, lumps, b)
+      call add_lumps(d, lumps, b)
       b%length = body_length(b%x)
       if (beyond_numbers(d, r, b, faults)) return
       if (r%kind /= 'rigid' .and. r%flexible) then
@@ -55,8 +55,8 @@ contains
     end associate
   end subroutine build_body
 
-  !> Reports a body whose inertia or frequencies could not be multiplied with each other in double precision: what follows
-  !> would compute with infinities and with numbers that are none.
+  !> Reports a body whose inertia or frequencies are so large or small that products of them overflow or vanish in double
+  !> precision.
   logical function beyond_numbers(d, r, b, faults) result(beyond)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
@@ -65,25 +65,25 @@ contains
     real(wp) :: raised                        ! instantaneous over static stiffness [-]
     integer :: e
     beyond = .false.
-    call look('mass', b%mass, 'kg')
-    call look('moment of inertia about its origin', b%i11, 'kg m2')
+    call check_range('mass', b%mass, 'kg')
+    call check_range('moment of inertia about its origin', b%i11, 'kg m2')
     if (r%kind == 'rigid' .or. .not. r%flexible) return
     do e = 1, b%ne
       associate (g => b%elements(e), m => d%materials(b%material(e)))
         raised = 1.0_wp
         if (r%viscoelastic) raised = 1.0_wp + sum(m%ghm_alpha)
-        call look('mass of an element', g%mass, 'kg')
-        call look('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
-        call look('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
-        call look('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')
+        call check_range('mass of an element', g%mass, 'kg')
+        call check_range('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
+        call check_range('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
+        call check_range('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')
         if (.not. r%axial) cycle
-        call look('axial stiffness of an element', g%ea_l*raised, 'N/m')
-        call look('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')
+        call check_range('axial stiffness of an element', g%ea_l*raised, 'N/m')
+        call check_range('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')
       end associate
     end do
   contains
     !> Reports the first value out of range.
-    subroutine look(what, x, unit)
+    subroutine check_range(what, x, unit)
       character(*), intent(in) :: what, unit
       real(wp), intent(in) :: x               !! positive [unit]
       real(wp), parameter :: most = 1.0e150_wp   ! its square is finite, that of its reciprocal is not yet 0
@@ -92,7 +92,7 @@ contains
       call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the '//what//' would be '// &
                       to_text(x)//' '//unit//', too far from 1 to compute with in double precision; '// &
                       'expected 1e-150 to 1e150 (check units of lengths, masses and stiffness)')
-    end subroutine look
+    end subroutine check_range
   end function beyond_numbers
 
   !> Nodes and connectivity.
@@ -151,7 +151,7 @@ contains
   end subroutine set_elements
 
   !> Lumps of the body.
-  subroutine take_lumps(d, lumps, b)
+  subroutine add_lumps(d, lumps, b)
     type(deck), intent(in) :: d
     integer, intent(in) :: lumps(:)
     type(body_model), intent(inout) :: b
@@ -167,7 +167,7 @@ contains
         call add_rigid_lump(b, l)
       end associate
     end do
-  end subroutine take_lumps
+  end subroutine add_lumps
 
   !> Elastic coordinates, their integrals and what damps them.
   subroutine make_flexible(d, r, b, faults)
@@ -198,7 +198,7 @@ contains
     else
       call sort_runs(b, viscoelastic)
       for_runs: do e = 1, size(b%runs)
-        call take_terms(d, b%runs(e))
+        call copy_terms(d, b%runs(e))
       end do for_runs
       call factor_mass(b, bad)
       if (bad > 0) then
@@ -214,7 +214,7 @@ contains
   end subroutine make_flexible
 
   !> GHM terms of a run's material.
-  subroutine take_terms(d, run)
+  subroutine copy_terms(d, run)
     type(deck), intent(in) :: d
     type(ghm_run), intent(inout) :: run
     associate (m => d%materials(run%material))
@@ -222,7 +222,7 @@ contains
       run%zeta = m%ghm_zeta
       run%omega = m%ghm_omega
     end associate
-  end subroutine take_terms
+  end subroutine copy_terms
 
   !> Which nodal coordinates the reference conditions remove; they must stop exactly the rigid motions.
   subroutine remove_coordinates(r, b, removed, faults)
@@ -282,7 +282,7 @@ contains
       if (any(runs(1:n)%material == b%material(e))) cycle
       n = n + 1
       runs(n)%material = b%material(e)
-      call take_terms(d, runs(n))
+      call copy_terms(d, runs(n))
     end do
     call reduce_to_modes(b, r%modes, runs(1:n), bad)
     if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &

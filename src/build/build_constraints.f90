@@ -17,7 +17,7 @@ module build_constraints
   private
   public :: build_all_constraints
 
-  integer, parameter :: most_told = 3     !! jumps of a history that are told
+  integer, parameter :: most_shown = 3    !! jumps of a history that are reported one by one
 
 contains
 
@@ -140,7 +140,7 @@ contains
     corners = pack(corners, corners%order <= merge(0, 1, r%rate))
     remedy = ''
     if (len(h%remedy) > 0) remedy = ': '//h%remedy
-    do k = 1, min(size(corners), most_told)
+    do k = 1, min(size(corners), most_shown)
       call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
                       trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '// &
                       trim(adjustl(es_text(corners(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &

@@ -85,9 +85,9 @@ contains
         '(adaptive steps)')
     else if (.not. (t%adaptive .or. deck%is_given('step'))) then
       if (deck%is_choice('rk4')) then
-        call deck%miss('step', 'step > 0', kinds='rk4')
+        call deck%note_missing('step', 'step > 0', kinds='rk4')
       else if (deck%choice_is_known()) then
-        call deck%miss('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
+        call deck%note_missing('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
       end if
     else if (.not. t%adaptive) then
       call needs_tolerance(deck, 'first_step')
@@ -175,7 +175,7 @@ contains
       if (deck%is_set(name) .and. known) call deck%complain(name, name//' does not apply to stabilization='// &
         quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
     else if (.not. deck%is_given(name)) then
-      if (t%adaptive) call deck%miss(name, name//' >= 0 (adaptive steps have no default)')
+      if (t%adaptive) call deck%note_missing(name, name//' >= 0 (adaptive steps have no default)')
       if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)
     end if
   end subroutine rate

@@ -19,8 +19,8 @@ module deck_cursor
   contains
     procedure :: at => group_origin
     procedure :: group_word
-    procedure :: place_of
-    procedure :: position
+    procedure :: location_of
+    procedure :: assignment_of
     procedure :: peek
     procedure :: word
     procedure :: token
@@ -53,7 +53,7 @@ contains
   end function group_word
 
   !> Where another group stands, in words: `line 7`, `line 7 of lib.nml`.
-  pure function place_of(self, number) result(t)
+  pure function location_of(self, number) result(t)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: number   !! which group of the deck
     character(:), allocatable :: t
@@ -61,23 +61,23 @@ contains
       t = 'line '//to_text(g%line)
       if (g%file /= self%parts%groups(self%current)%file) t = t//' of '//self%parts%sources(g%file)%path
     end associate
-  end function place_of
+  end function location_of
 
   !> Number of the first assignment of a variable, 0: not given.
-  pure function position(self, name) result(place)
+  pure function assignment_of(self, name) result(assignment)
     class(group_cursor), intent(in) :: self
     character(*), intent(in) :: name
-    integer :: place
+    integer :: assignment
     integer :: hash
     hash = word_hash(name)
-    do place = 1, self%count
-      associate (a => self%parts%assignments(self%head + place))
+    do assignment = 1, self%count
+      associate (a => self%parts%assignments(self%head + assignment))
         if (a%hash /= hash) cycle
         if (lower(self%raw(a%first, a%last)) == name) return
       end associate
     end do
-    place = 0
-  end function position
+    assignment = 0
+  end function assignment_of
 
   !> Text of a variable as it stands there, without declaring or checking it; empty where there is none.
   function peek(self, name) result(value)
@@ -85,13 +85,13 @@ contains
     character(*), intent(in) :: name
     character(:), allocatable :: value
     type(value_token) :: only
-    integer :: place
+    integer :: assignment
     value = ''
-    place = self%position(name)
-    if (place == 0) return
-    if (self%tokens(place) /= 1) return
-    if (self%values(place) /= 1) return
-    only = self%token(place, 1)
+    assignment = self%assignment_of(name)
+    if (assignment == 0) return
+    if (self%tokens(assignment) /= 1) return
+    if (self%values(assignment) /= 1) return
+    only = self%token(assignment, 1)
     if (only%form == string_value) value = self%word(only)
   end function peek
 
@@ -116,28 +116,28 @@ contains
   end function word
 
   !> The k-th value token of an assignment.
-  pure function token(self, place, k) result(v)
+  pure function token(self, assignment, k) result(v)
     class(group_cursor), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
+    integer, intent(in) :: assignment    !! number of the assignment in the group
     integer, intent(in) :: k        !! which value, repeat counts not expanded
     type(value_token) :: v
-    v = self%parts%values(self%parts%assignments(self%head + place)%first_value + k - 1)
+    v = self%parts%values(self%parts%assignments(self%head + assignment)%first_value + k - 1)
   end function token
 
   !> Number of value tokens of an assignment, repeat counts not expanded.
-  pure function tokens(self, place) result(n)
+  pure function tokens(self, assignment) result(n)
     class(group_cursor), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
+    integer, intent(in) :: assignment    !! number of the assignment in the group
     integer :: n
-    n = self%parts%assignments(self%head + place)%values
+    n = self%parts%assignments(self%head + assignment)%values
   end function tokens
 
   !> Number of values of an assignment, repeat counts expanded.
-  pure function values(self, place) result(n)
+  pure function values(self, assignment) result(n)
     class(group_cursor), intent(in) :: self
-    integer, intent(in) :: place    !! number of the assignment in the group
+    integer, intent(in) :: assignment    !! number of the assignment in the group
     integer :: n
-    associate (a => self%parts%assignments(self%head + place))
+    associate (a => self%parts%assignments(self%head + assignment))
       n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
     end associate
   end function values

@@ -70,7 +70,7 @@ contains
       ' more faults of this kind, expected none')
   end subroutine report_rest
 
-  !> All nodes hang together.
+  !> Checks that elements connect all nodes.
   subroutine check_connected(deck, b)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(in) :: b
@@ -104,7 +104,7 @@ contains
     end do
   end subroutine find_root
 
-  !> The listed reference coordinates, or those of the word, stop the three rigid motions of a flexible body.
+  !> Checks that the reference coordinates, listed or chosen by a word, stop the three rigid motions of a flexible body.
   subroutine check_reference(deck, b)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
@@ -129,8 +129,8 @@ contains
     before = deck%faults%count
     if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
       'both given, expected one or the other')
-    if (.not. deck%is_given('reference_node')) call deck%miss('reference_node', 'as many nodes as reference_dof has values')
-    if (.not. deck%is_given('reference_dof')) call deck%miss('reference_dof', '''u'', ''v'' or ''r'' for every '// &
+    if (.not. deck%is_given('reference_node')) call deck%note_missing('reference_node', 'as many nodes as reference_dof has values')
+    if (.not. deck%is_given('reference_dof')) call deck%note_missing('reference_dof', '''u'', ''v'' or ''r'' for every '// &
       'reference_node')
     call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
     where (b%reference_node == -1) b%reference_node = b%nodes
@@ -157,7 +157,7 @@ contains
     call report_rest(deck, 'reference_dof', faulty)
   end subroutine check_lists
 
-  !> A rigid motion that leaves all removed coordinates at rest is a fault that names it.
+  !> Reports in words a rigid motion that the removed coordinates do not stop.
   subroutine check_rank(deck, b)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(in) :: b
@@ -225,7 +225,7 @@ contains
     c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
   end function cross
 
-  !> A motion that a singular matrix of removed coordinates does not see. Of rank 2 it is normal to two columns; of rank
+  !> A rigid motion in the null space of the matrix of removed coordinates. Of rank 2 it is normal to two columns; of rank
   !> 1 or 0 some translation is free.
   pure subroutine free_motion(normal, motion)
     real(wp), intent(in) :: normal(3, 3)   !! symmetric, not negative [-]

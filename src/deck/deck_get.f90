@@ -31,21 +31,21 @@ contains
     character(*), intent(in), optional :: hint    !! what to do instead of the value 0, out of range
     character(:), allocatable :: range
     real(wp) :: value
-    integer :: place
+    integer :: assignment
     logical :: absent, good
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, range_text(name, above, least, most, below), kinds)
-    if (place == 0) return
-    call single_value(deck, name, place, good, '; decimals take a point')
-    if (good) call real_of(deck, name, deck%token(place, 1), value, good)
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, range_text(name, above, least, most, below), kinds)
+    if (assignment == 0) return
+    call single_value(deck, name, assignment, good, '; decimals take a point')
+    if (good) call real_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
     if (in_range(value, above, least, most, below)) then
       x = value
-      call deck%settle(place)
+      call deck%mark_good(assignment)
     else
       range = range_text(name, above, least, most, below)
       if (present(hint) .and. abs(value) <= 0.0_wp) range = range//'; '//hint
-      call out_of_range(deck, name, place, range)
+      call out_of_range(deck, name, assignment, range)
     end if
   end subroutine get_real
 
@@ -57,23 +57,23 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     real(wp) :: values(2)
-    integer :: place, k, n
+    integer :: assignment, k, n
     logical :: absent, good
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, name//'=x,y', kinds)
-    if (place == 0) return
-    if (deck%values(place) /= 2) then
-      call deck%complain(name, name//' has '//counted(deck%values(place))//', expected 2: '//name//'=x,y')
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, name//'=x,y', kinds)
+    if (assignment == 0) return
+    if (deck%values(assignment) /= 2) then
+      call deck%complain(name, name//' has '//counted(deck%values(assignment))//', expected 2: '//name//'=x,y')
       return
     end if
-    n = deck%tokens(place)
+    n = deck%tokens(assignment)
     do k = 1, n
-      call real_of(deck, name, deck%token(place, k), values(k), good)
+      call real_of(deck, name, deck%token(assignment, k), values(k), good)
       if (.not. good) return
     end do
     x = values(1)
     x(2) = values(n)
-    call deck%settle(place)
+    call deck%mark_good(assignment)
   end subroutine get_pair
 
   !> A whole number.
@@ -86,27 +86,27 @@ contains
     integer, intent(in), optional :: most         !! the value must not be greater
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(:), allocatable :: problem, range
-    integer :: place, value
+    integer :: assignment, value
     logical :: absent, good
     range = whole_range(name, least, most)
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, range, kinds)
-    if (place == 0) return
-    call single_value(deck, name, place, good)
-    if (good) call get_token(deck, name, deck%token(place, 1), 'a whole number', good)
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, range, kinds)
+    if (assignment == 0) return
+    call single_value(deck, name, assignment, good)
+    if (good) call get_token(deck, name, deck%token(assignment, 1), 'a whole number', good)
     if (.not. good) return
-    call read_integer(deck%word(deck%token(place, 1)), value, problem)
+    call read_integer(deck%word(deck%token(assignment, 1)), value, problem)
     if (len(problem) > 0) then
-      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' '//problem)
+      call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' '//problem)
       return
     end if
     if (present(least)) good = value >= least
     if (present(most)) good = good .and. value <= most
     if (good) then
       n = value
-      call deck%settle(place)
+      call deck%mark_good(assignment)
     else
-      call out_of_range(deck, name, place, range)
+      call out_of_range(deck, name, assignment, range)
     end if
   end subroutine get_integer
 
@@ -118,19 +118,19 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(:), allocatable :: problem
-    integer :: place
+    integer :: assignment
     logical :: absent, good
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, '.true. or .false.', kinds)
-    if (place == 0) return
-    call single_value(deck, name, place, good)
-    if (good) call get_token(deck, name, deck%token(place, 1), '.true. or .false.', good)
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, '.true. or .false.', kinds)
+    if (assignment == 0) return
+    call single_value(deck, name, assignment, good)
+    if (good) call get_token(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
     if (.not. good) return
-    call read_logical(deck%word(deck%token(place, 1)), x, problem)
+    call read_logical(deck%word(deck%token(assignment, 1)), x, problem)
     if (len(problem) > 0) then
-      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' '//problem)
+      call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' '//problem)
     else
-      call deck%settle(place)
+      call deck%mark_good(assignment)
     end if
   end subroutine get_logical
 
@@ -142,46 +142,46 @@ contains
     logical, intent(in), optional :: need               !! whether it is required
     character(*), intent(in), optional :: kinds         !! kinds it applies to
     character(:), allocatable :: value
-    integer :: place, i
+    integer :: assignment, i
     logical :: absent, good
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, name//'=''...''', kinds)
-    if (place == 0) return
-    call single_value(deck, name, place, good)
-    if (good) call text_token(deck, name, deck%token(place, 1), good)
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, name//'=''...''', kinds)
+    if (assignment == 0) return
+    call single_value(deck, name, assignment, good)
+    if (good) call text_token(deck, name, deck%token(assignment, 1), good)
     if (.not. good) return
-    value = deck%word(deck%token(place, 1))
+    value = deck%word(deck%token(assignment, 1))
     do i = 1, len(value)
       if ((iachar(value(i:i)) >= 32 .and. iachar(value(i:i)) /= 127) .or. iachar(value(i:i)) == 9) cycle
-      call deck%complain(name, name//'='//deck%written(deck%token(place, 1))// &
+      call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))// &
         ' has a control character, expected plain text')
       return
     end do
     t = value
-    call deck%settle(place)
+    call deck%mark_good(assignment)
   end subroutine get_text
 
   !> Checks that an assignment has one value.
-  subroutine single_value(deck, name, place, good, hint)
+  subroutine single_value(deck, name, assignment, good, hint)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name              !! variable
-    integer, intent(in) :: place                  !! number of the assignment in the group
+    integer, intent(in) :: assignment                  !! number of the assignment in the group
     logical, intent(out) :: good
     character(*), intent(in), optional :: hint    !! added where two whole numbers stand, as in 1,5
     character(:), allocatable :: expected
     integer :: k
-    good = deck%values(place) == 1
+    good = deck%values(assignment) == 1
     if (good) return
     expected = 'expected 1'
-    if (present(hint) .and. deck%tokens(place) == 2) then
-      if (all([(verify(deck%written(deck%token(place, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected//hint
+    if (present(hint) .and. deck%tokens(assignment) == 2) then
+      if (all([(verify(deck%written(deck%token(assignment, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected//hint
     end if
-    if (deck%tokens(place) == 1) then
-      associate (only => deck%token(place, 1))
+    if (deck%tokens(assignment) == 1) then
+      associate (only => deck%token(assignment, 1))
         expected = expected//'; '//to_text(only%repeats)//'* is a repeat count, expressions are not computed'
       end associate
     end if
-    call deck%complain(name, name//' has '//counted(deck%values(place))//', '//expected)
+    call deck%complain(name, name//' has '//counted(deck%values(assignment))//', '//expected)
   end subroutine single_value
 
   !> Checks that a value is a word without quotes.
@@ -235,12 +235,12 @@ contains
   end subroutine real_of
 
   !> Reports a value out of its range.
-  subroutine out_of_range(deck, name, place, range)
+  subroutine out_of_range(deck, name, assignment, range)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name    !! variable
-    integer, intent(in) :: place        !! number of the assignment in the group
+    integer, intent(in) :: assignment        !! number of the assignment in the group
     character(*), intent(in) :: range   !! what was expected
-    call deck%complain(name, name//'='//deck%written(deck%token(place, 1))//' is out of range, expected '//range)
+    call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' is out of range, expected '//range)
   end subroutine out_of_range
 
   !> A number of values in words.

@@ -175,7 +175,7 @@ contains
       if (list(k)%periodic) call check_turns(k, max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Each turn has as many corners as the history has points or parts, and steps end at all of them.
+    !> Bounds the corners of a periodic history within a run: steps end at each, and each period has one a point or part.
     subroutine check_turns(number, until)
       integer, intent(in) :: number        !! the history
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
@@ -187,7 +187,7 @@ contains
                  to_text(most_corners)//' corners, expected fewer turns (or kind=''sine'')')
     end subroutine check_turns
 
-    !> A fault of a history.
+    !> Reports a fault of a history.
     subroutine blame(number, message)
       integer, intent(in) :: number        !! the history
       character(*), intent(in) :: message

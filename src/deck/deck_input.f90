@@ -36,8 +36,8 @@ module deck_input
     procedure :: open => open_group
     procedure :: close => close_group
     procedure :: look_up
-    procedure :: settle
-    procedure :: unsettle
+    procedure :: mark_good
+    procedure :: mark_faulty
     procedure :: choose
     procedure :: is_choice
     procedure :: choice_in
@@ -46,7 +46,7 @@ module deck_input
     procedure :: is_set
     procedure :: is_clean
     procedure :: complain
-    procedure :: miss
+    procedure :: note_missing
   end type deck_source
 
 contains
@@ -110,14 +110,14 @@ contains
       end if
       if (index(name, '(') > 1) then
         meant = name(1:index(name, '(') - 1)
-        near = self%known%knows(meant)
+        near = self%known%position_of(meant)
         message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
-        if (near > 0) call self%known%forgive(near, meant)
+        if (near > 0) call self%known%drop_missing(near, meant)
       else
-        near = self%known%meant_by(name)
+        near = self%known%nearest_variable(name)
         message = 'expected one of '//self%known%applicable()
         if (near > 0) then
-          call self%known%forgive(near, meant)
+          call self%known%drop_missing(near, meant)
           message = 'did you mean '//meant//'?'
         end if
         message = 'unknown variable '//printable(name, 40)//', '//message
@@ -165,33 +165,33 @@ contains
     t = selector//'='//t
   end function kinds_text
 
-  !> Declares a variable and finds its assignment. `place` is 0 where there is nothing to read: not given, given in an
+  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read: not given, given in an
   !> unusable way (then reported), or given although it does not apply. `absent`: it is required, applies and is not given.
-  subroutine look_up(self, name, need, kinds, place, absent)
+  subroutine look_up(self, name, need, kinds, assignment, absent)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name              !! variable, lower case
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! values of the selecting variable that it applies to
-    integer, intent(out) :: place                 !! number of the assignment in the group
+    integer, intent(out) :: assignment                 !! number of the assignment in the group
     logical, intent(out) :: absent
     logical :: here
     here = .true.
     if (present(kinds)) here = applies(self, kinds)
-    call find_assignment(self, name, place)
-    call self%known%declare(name, here, place > 0)
+    call find_assignment(self, name, assignment)
+    call self%known%declare(name, here, assignment > 0)
     absent = .false.
-    if (place == 0) then
+    if (assignment == 0) then
       if (present(need)) absent = need .and. here .and. (self%choice_known .or. .not. present(kinds))
     else if (.not. here) then
-      if (self%marks(place)%state == unknown) self%marks(place)%applies = ''
-      if (self%marks(place)%state <= elsewhere) then
-        self%marks(place)%applies = self%marks(place)%applies//' '//kinds
-        self%marks(place)%state = elsewhere
+      if (self%marks(assignment)%state == unknown) self%marks(assignment)%applies = ''
+      if (self%marks(assignment)%state <= elsewhere) then
+        self%marks(assignment)%applies = self%marks(assignment)%applies//' '//kinds
+        self%marks(assignment)%state = elsewhere
       end if
-      place = 0
+      assignment = 0
     else
-      self%marks(place)%state = taken
-      call check_form(self, name, place)
+      self%marks(assignment)%state = taken
+      call check_form(self, name, assignment)
     end if
   end subroutine look_up
 
@@ -205,59 +205,59 @@ contains
   end function applies
 
   !> First assignment of a variable; further ones are reported.
-  subroutine find_assignment(self, name, place)
+  subroutine find_assignment(self, name, assignment)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name
-    integer, intent(out) :: place   !! 0: not given
+    integer, intent(out) :: assignment   !! 0: not given
     integer :: k, hash
-    place = 0
+    assignment = 0
     hash = word_hash(name)
     do k = 1, self%count
       associate (a => self%parts%assignments(self%head + k))
         if (a%hash /= hash) cycle
         if (lower(self%raw(a%first, a%last)) /= name) cycle
-        if (place == 0) then
-          place = k
+        if (assignment == 0) then
+          assignment = k
         else if (self%marks(k)%state == unknown) then
           self%marks(k)%state = taken
           call self%add_fault(a%line, name//' is set twice, first in line '// &
-            to_text(self%parts%assignments(self%head + place)%line)//', expected one value')
+            to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
         end if
       end associate
     end do
   end subroutine find_assignment
 
   !> Reports an assignment without equals sign or without values; one with a reported value is unusable.
-  subroutine check_form(self, name, place)
+  subroutine check_form(self, name, assignment)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name
-    integer, intent(inout) :: place   !! becomes 0 if it is unusable
-    associate (a => self%parts%assignments(self%head + place))
+    integer, intent(inout) :: assignment   !! becomes 0 if it is unusable
+    associate (a => self%parts%assignments(self%head + assignment))
       if (.not. a%equals) then
         call self%add_fault(a%line, 'no = after '//name//', expected '//name//'=value')
-        place = 0
+        assignment = 0
       else if (a%values == 0) then
         call self%add_fault(a%line, name//' has no value, expected '//name//'=value')
-        place = 0
+        assignment = 0
       else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
-        place = 0
+        assignment = 0
       end if
     end associate
   end subroutine check_form
 
   !> Notes that the value of a variable was read and is good.
-  subroutine settle(self, place)
+  subroutine mark_good(self, assignment)
     class(deck_source), intent(inout) :: self
-    integer, intent(in) :: place   !! number of the assignment in the group
-    self%marks(place)%state = usable
-  end subroutine settle
+    integer, intent(in) :: assignment   !! number of the assignment in the group
+    self%marks(assignment)%state = usable
+  end subroutine mark_good
 
   !> Takes back that the value of a variable is good.
-  subroutine unsettle(self, place)
+  subroutine mark_faulty(self, assignment)
     class(deck_source), intent(inout) :: self
-    integer, intent(in) :: place   !! number of the assignment in the group
-    self%marks(place)%state = taken
-  end subroutine unsettle
+    integer, intent(in) :: assignment   !! number of the assignment in the group
+    self%marks(assignment)%state = taken
+  end subroutine mark_faulty
 
   !> Sets the variable that decides which others apply.
   subroutine choose(self, name, choice, known)
@@ -305,7 +305,7 @@ contains
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
     logical :: yes
-    yes = self%position(name) > 0
+    yes = self%assignment_of(name) > 0
   end function is_given
 
   !> Whether the group gives a variable, it applies, and its value was read and is good.
@@ -314,7 +314,7 @@ contains
     character(*), intent(in) :: name
     logical :: yes
     integer :: k
-    k = self%position(name)
+    k = self%assignment_of(name)
     yes = k > 0
     if (yes) yes = self%marks(k)%state == usable
   end function is_set
@@ -331,27 +331,27 @@ contains
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name      !! variable, empty: the group as a whole
     character(*), intent(in) :: message   !! what is wrong, what was expected
-    integer :: place
-    place = 0
-    if (len(name) > 0) place = self%position(name)
-    if (place > 0) then
-      call self%add_fault(self%parts%assignments(self%head + place)%line, message)
+    integer :: assignment
+    assignment = 0
+    if (len(name) > 0) assignment = self%assignment_of(name)
+    if (assignment > 0) then
+      call self%add_fault(self%parts%assignments(self%head + assignment)%line, message)
     else
       call self%add_fault(self%line, message)
     end if
   end subroutine complain
 
   !> Notes a required variable that is not given; reported when the group is closed.
-  subroutine miss(self, name, expected, kinds)
+  subroutine note_missing(self, name, expected, kinds)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name              !! variable
     character(*), intent(in) :: expected          !! what is expected
     character(*), intent(in), optional :: kinds   !! kinds that require it
     if (present(kinds)) then
-      call self%known%miss(name, expected//' for '//trim(self%selector)//'='//quoted(trim(self%choice)))
+      call self%known%note_missing(name, expected//' for '//trim(self%selector)//'='//quoted(trim(self%choice)))
     else
-      call self%known%miss(name, expected)
+      call self%known%note_missing(name, expected)
     end if
-  end subroutine miss
+  end subroutine note_missing
 
 end module deck_input

@@ -9,7 +9,7 @@ module deck_known
   !> One variable.
   type :: variable
     character(longest) :: name = ''
-    logical :: here = .false.                  ! it applies to this kind of the group
+    logical :: applies = .false.               ! it applies to this kind of the group
     logical :: given = .false.                 ! the group gives it
     character(:), allocatable :: missing       ! what is expected, where it is required and not given
   end type variable
@@ -22,10 +22,10 @@ module deck_known
   contains
     procedure :: clear
     procedure :: declare
-    procedure :: miss
-    procedure :: knows
-    procedure :: meant_by
-    procedure :: forgive
+    procedure :: note_missing
+    procedure :: position_of
+    procedure :: nearest_variable
+    procedure :: drop_missing
     procedure :: applicable
     procedure :: next_missing
   end type variable_list
@@ -44,14 +44,14 @@ contains
   end subroutine clear
 
   !> Adds a variable; one that is declared for several kinds is one.
-  subroutine declare(self, name, here, given)
+  subroutine declare(self, name, applies, given)
     class(variable_list), intent(inout) :: self
     character(*), intent(in) :: name   !! variable
-    logical, intent(in) :: here        !! whether it applies
+    logical, intent(in) :: applies     !! whether it applies
     logical, intent(in) :: given       !! whether the group gives it
     type(variable), allocatable :: larger(:)
     integer :: k
-    k = self%knows(name)
+    k = self%position_of(name)
     if (k == 0) then
       if (self%count == size(self%items)) then
         allocate (larger(2*self%count))
@@ -61,34 +61,34 @@ contains
       self%count = self%count + 1
       k = self%count
       self%items(k)%name = name
-      self%items(k)%here = .false.
+      self%items(k)%applies = .false.
     end if
-    self%items(k)%here = self%items(k)%here .or. here
+    self%items(k)%applies = self%items(k)%applies .or. applies
     self%items(k)%given = given
   end subroutine declare
 
   !> Notes that a declared variable is required and not given.
-  subroutine miss(self, name, expected)
+  subroutine note_missing(self, name, expected)
     class(variable_list), intent(inout) :: self
     character(*), intent(in) :: name       !! variable
     character(*), intent(in) :: expected   !! what is expected
     integer :: k
-    k = self%knows(name)
+    k = self%position_of(name)
     if (k > 0) self%items(k)%missing = expected
-  end subroutine miss
+  end subroutine note_missing
 
   !> Position of a variable, 0 if it is not declared.
-  pure function knows(self, name) result(k)
+  pure function position_of(self, name) result(k)
     class(variable_list), intent(in) :: self
     character(*), intent(in) :: name   !! variable
     integer :: k
     do k = self%count, 1, -1
       if (self%items(k)%name == name) return
     end do
-  end function knows
+  end function position_of
 
   !> Position of the variable that a misspelt word means, 0 if none is near; those that are given are not meant.
-  pure function meant_by(self, word) result(k)
+  pure function nearest_variable(self, word) result(k)
     class(variable_list), intent(in) :: self
     character(*), intent(in) :: word   !! misspelt word
     integer :: k
@@ -96,26 +96,26 @@ contains
     names = self%items(1:self%count)%name
     where (self%items(1:self%count)%given) names = ''
     k = nearest_word(word, names)
-  end function meant_by
+  end function nearest_variable
 
-  !> Takes a variable as given under a wrong name, which is reported elsewhere; returns its name.
-  subroutine forgive(self, k, name)
+  !> A variable given under a wrong name, which is reported by itself, is not reported as missing too; returns its name.
+  subroutine drop_missing(self, k, name)
     class(variable_list), intent(inout) :: self
     integer, intent(in) :: k                             !! position of the variable
     character(:), allocatable, intent(out) :: name
     if (allocated(self%items(k)%missing)) deallocate (self%items(k)%missing)
     name = trim(self%items(k)%name)
-  end subroutine forgive
+  end subroutine drop_missing
 
   !> The variables that apply, with commas between.
   pure function applicable(self) result(t)
     class(variable_list), intent(in) :: self
     character(:), allocatable :: t
     character(longest) :: names(self%count)
-    logical :: here(self%count)
+    logical :: applies(self%count)
     names = self%items(1:self%count)%name
-    here = self%items(1:self%count)%here
-    t = joined(pack(names, here), ', ')
+    applies = self%items(1:self%count)%applies
+    t = joined(pack(names, applies), ', ')
   end function applicable
 
   !> The next missing variable behind position k, which becomes its position or 0 at the end.

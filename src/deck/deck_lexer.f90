@@ -144,7 +144,7 @@ contains
       i = i + 1
     end do
     s%position = i + 1
-    call take_value(s, list, value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
+    call append_value(s, list, value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
   end subroutine read_string
 
   !> Reads a word: the name of a variable if an equals sign follows, a value otherwise.
@@ -161,7 +161,7 @@ contains
     line = s%line
     s%position = first + len(word)
     equals = .false.
-    if (is_letter(word(1:1))) equals = s%take_equals()
+    if (is_letter(word(1:1))) equals = s%skip_equals()
     if (equals .or. begins_assignment(s, list, word)) then
       new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
       new%hash = word_hash(lower(word))
@@ -203,7 +203,7 @@ contains
         end if
       end if
     end if
-    call take_value(s, list, new)
+    call append_value(s, list, new)
   end subroutine read_bare
 
   !> A repeat count, 0 if it is out of range.
@@ -216,7 +216,7 @@ contains
   end subroutine read_repeats
 
   !> Appends a value to the open assignment; a value before any variable starts one without a name.
-  subroutine take_value(s, list, new)
+  subroutine append_value(s, list, new)
     type(scanner), intent(inout) :: s
     type(syntax), intent(inout) :: list
     type(value_token), intent(in) :: new
@@ -226,7 +226,7 @@ contains
     end if
     call list%add_value(new)
     s%expecting = .false.
-  end subroutine take_value
+  end subroutine append_value
 
   !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
   !> value is due.

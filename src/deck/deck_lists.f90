@@ -28,16 +28,16 @@ contains
     real(wp), allocatable :: values(:)
     real(wp) :: value
     type(value_token) :: token
-    integer :: place, k, n
+    integer :: assignment, k, n
     logical :: absent, good
     allocate (x(0))
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, name//'=number,number,...', kinds)
-    if (place == 0) return
-    allocate (values(deck%values(place)))
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, name//'=number,number,...', kinds)
+    if (assignment == 0) return
+    allocate (values(deck%values(assignment)))
     n = 0
-    do k = 1, deck%tokens(place)
-      token = deck%token(place, k)
+    do k = 1, deck%tokens(assignment)
+      token = deck%token(assignment, k)
       call real_of(deck, name, token, value, good)
       if (.not. good) return
       if (.not. in_range(value, above)) then
@@ -49,7 +49,7 @@ contains
       n = n + token%repeats
     end do
     call move_alloc(values, x)
-    call deck%settle(place)
+    call deck%mark_good(assignment)
   end subroutine get_reals
 
   !> Whole numbers.
@@ -62,16 +62,16 @@ contains
     character(:), allocatable :: problem
     integer, allocatable :: values(:)
     type(value_token) :: token
-    integer :: place, k, n, value
+    integer :: assignment, k, n, value
     logical :: absent, good
     allocate (x(0))
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, name//'=number,number,... (whole numbers)', kinds)
-    if (place == 0) return
-    allocate (values(deck%values(place)))
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, name//'=number,number,... (whole numbers)', kinds)
+    if (assignment == 0) return
+    allocate (values(deck%values(assignment)))
     n = 0
-    do k = 1, deck%tokens(place)
-      token = deck%token(place, k)
+    do k = 1, deck%tokens(assignment)
+      token = deck%token(assignment, k)
       call get_token(deck, name, token, 'a whole number', good)
       if (.not. good) return
       call read_integer(deck%word(token), value, problem)
@@ -83,7 +83,7 @@ contains
       n = n + token%repeats
     end do
     call move_alloc(values, x)
-    call deck%settle(place)
+    call deck%mark_good(assignment)
   end subroutine get_integers
 
   !> Checks that two lists that belong together have equal lengths; silent where one of them is missing or faulty.

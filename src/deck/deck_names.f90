@@ -1,4 +1,4 @@
-!> Names of one kind of thing and where they stand, found by hashing; also the names that could not be trusted, so that
+!> Names of one kind of thing and where they stand, found by hashing; also whether some could not be read, so that
 !> one fault does not raise others.
 module deck_names
   use text, only: lower, word_hash, edit_distance, allowed_distance
@@ -67,7 +67,7 @@ contains
     if (self%slots(slot) > 0) number = self%numbers(self%slots(slot))
   end function find
 
-  !> Whether there is no name and none was lost.
+  !> Whether there is no name of this kind, not even one that could not be read.
   pure function is_empty(self) result(yes)
     class(name_table), intent(in) :: self
     logical :: yes

@@ -85,7 +85,7 @@ contains
         if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
           '='//to_text(node)//' is out of range for '//body_text(d, place%body)//', expected '//expected)
       else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
-        call deck%miss('node'//suffix, 'a node of '//body_text(d, place%body)//', '//expected)
+        call deck%note_missing('node'//suffix, 'a node of '//body_text(d, place%body)//', '//expected)
       end if
     end associate
   end subroutine check_node

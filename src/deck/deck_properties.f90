@@ -67,7 +67,7 @@ contains
     integer :: k
     given = [(deck%is_given(trim(names(k))), k=1, size(names))]
     do k = 1, size(names)
-      if (any(given) .and. .not. given(k)) call deck%miss(trim(names(k)), joined(names, ', ')//' of equal length')
+      if (any(given) .and. .not. given(k)) call deck%note_missing(trim(names(k)), joined(names, ', ')//' of equal length')
     end do
   end subroutine check_complete
 

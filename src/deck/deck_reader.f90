@@ -87,7 +87,7 @@ contains
         associate (kind => kinds(k))
           if (is_single(kind) .and. numbers(kind) > 0) then
             call source%complain('', 'a second &'//trim(group_names(kind))//', the first is in '// &
-              source%place_of(first(kind))//', expected one')
+              source%location_of(first(kind))//', expected one')
             kind = 0
             cycle
           end if
@@ -115,7 +115,7 @@ contains
     end if
     call source%names(kind)%add(name, number, group, earlier)
     if (earlier > 0) call source%complain('name', 'name='//quoted(name)//' is taken by the '// &
-      trim(group_names(kind))//' in '//source%place_of(earlier)//', expected another name')
+      trim(group_names(kind))//' in '//source%location_of(earlier)//', expected another name')
   end subroutine register
 
   !> Reports the open group as unknown; what it would have defined raises no further faults.

@@ -25,7 +25,7 @@ module deck_scanner
     procedure :: skip_blanks
     procedure :: skip_line
     procedure :: word_ahead
-    procedure :: take_equals
+    procedure :: skip_equals
   end type scanner
 
 contains
@@ -84,7 +84,7 @@ contains
   end function word_ahead
 
   !> Whether the next character that is not blank or comment is an equals sign; if so the scanner moves behind it.
-  function take_equals(self) result(yes)
+  function skip_equals(self) result(yes)
     class(scanner), intent(inout) :: self
     logical :: yes
     integer :: position, line
@@ -99,7 +99,7 @@ contains
       self%position = position
       self%line = line
     end if
-  end function take_equals
+  end function skip_equals
 
   !> Whether a character is an ASCII letter.
   pure function is_letter(c) result(yes)

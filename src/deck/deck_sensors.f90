@@ -57,7 +57,7 @@ contains
     if (deck%is_given('joint') .and. deck%is_given('drive')) then
       call deck%complain('drive', 'joint and drive are both given, expected one of them')
     else if (.not. (deck%is_given('joint') .or. deck%is_given('drive'))) then
-      call deck%miss('joint', 'joint or drive', kinds='reaction')
+      call deck%note_missing('joint', 'joint or drive', kinds='reaction')
     end if
   end subroutine check_reaction
 

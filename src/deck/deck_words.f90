@@ -30,18 +30,18 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(:), allocatable :: value
-    integer :: place
+    integer :: assignment
     logical :: absent
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, word_list(words), kinds)
-    if (place == 0) return
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, word_list(words), kinds)
+    if (assignment == 0) return
     call get(deck, name, value, kinds=kinds)
     if (.not. deck%is_set(name)) return
     if (len_trim(value) > 0 .and. any(words == lower(value))) then
       word = lower(value)
     else
       call wrong_word(deck, name, value, words)
-      call deck%unsettle(place)
+      call deck%mark_faulty(assignment)
     end if
   end subroutine get_word
 
@@ -68,13 +68,13 @@ contains
     character(*), intent(in) :: words(:)                  !! the words that may be
     character(*), intent(in), optional :: kinds           !! kinds it applies to
     character(name_length), allocatable :: values(:)
-    integer :: k, place
-    call text_list(deck, name, values, place, word_list(words), .false., kinds)
+    integer :: k, assignment
+    call text_list(deck, name, values, assignment, word_list(words), .false., kinds)
     allocate (found(0))
     do k = 1, size(values)
       if (any(words == lower(values(k)))) cycle
       call wrong_word(deck, name, trim(values(k)), words)
-      call deck%unsettle(place)
+      call deck%mark_faulty(assignment)
       return
     end do
     deallocate (found)
@@ -125,18 +125,18 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds of the group that it applies to
     character(:), allocatable :: value
-    integer :: place, found
+    integer :: assignment, found
     logical :: absent, good
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, 'the name of a &'//trim(group_names(kind)), kinds)
-    if (place == 0) return
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, 'the name of a &'//trim(group_names(kind)), kinds)
+    if (assignment == 0) return
     call get(deck, name, value, kinds=kinds)
     if (.not. deck%is_set(name)) return
     call resolve(deck, name, value, kind, found, good)
     if (good) then
       number = found
     else
-      call deck%unsettle(place)
+      call deck%mark_faulty(assignment)
     end if
   end subroutine get_reference
 
@@ -149,9 +149,9 @@ contains
     logical, intent(in) :: need                      !! whether it is required
     character(*), intent(in), optional :: kinds      !! kinds of the group that it applies to
     character(name_length), allocatable :: values(:)
-    integer :: k, place
+    integer :: k, assignment
     logical :: good, all_good
-    call text_list(deck, name, values, place, 'the name of a &'//trim(group_names(kind)), need, kinds)
+    call text_list(deck, name, values, assignment, 'the name of a &'//trim(group_names(kind)), need, kinds)
     allocate (numbers(size(values)))
     all_good = .true.
     do k = 1, size(values)
@@ -164,15 +164,15 @@ contains
     end do
     if (all_good) return
     numbers = [integer ::]
-    call deck%unsettle(place)
+    call deck%mark_faulty(assignment)
   end subroutine get_references
 
   !> A list of names or words in quotes.
-  subroutine text_list(deck, name, values, place, expected, need, kinds)
+  subroutine text_list(deck, name, values, assignment, expected, need, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name                                  !! variable
     character(name_length), allocatable, intent(out) :: values(:)     !! the texts, size 0 if faulty
-    integer, intent(out) :: place                                     !! number of the assignment in the group
+    integer, intent(out) :: assignment                                     !! number of the assignment in the group
     character(*), intent(in) :: expected                              !! what is expected if it is missing
     logical, intent(in) :: need                                       !! whether it is required
     character(*), intent(in), optional :: kinds                       !! kinds it applies to
@@ -182,13 +182,13 @@ contains
     integer :: k, n
     logical :: absent
     allocate (values(0))
-    call deck%look_up(name, need, kinds, place, absent)
-    if (absent) call deck%miss(name, expected, kinds)
-    if (place == 0) return
-    allocate (list(deck%values(place)))
+    call deck%look_up(name, need, kinds, assignment, absent)
+    if (absent) call deck%note_missing(name, expected, kinds)
+    if (assignment == 0) return
+    allocate (list(deck%values(assignment)))
     n = 0
-    do k = 1, deck%tokens(place)
-      token = deck%token(place, k)
+    do k = 1, deck%tokens(assignment)
+      token = deck%token(assignment, k)
         problem = ''
         if (token%form == bare_value) problem = 'is not in quotes, expected '//quoted(deck%written(token))
         if (token%form == string_value) call valid_name(deck%word(token), problem)
@@ -199,7 +199,7 @@ contains
         n = n + token%repeats
     end do
     call move_alloc(list, values)
-    call deck%settle(place)
+    call deck%mark_good(assignment)
   end subroutine text_list
 
   !> A reference to a force or a drive.
@@ -209,11 +209,11 @@ contains
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     character(:), allocatable :: value, best, expected
-    integer :: as_force, as_drive, place
+    integer :: as_force, as_drive, assignment
     logical :: absent
-    call deck%look_up(name, required, place=place, absent=absent)
-    if (absent) call deck%miss(name, 'the name of a &force or &drive')
-    if (place == 0) return
+    call deck%look_up(name, required, assignment=assignment, absent=absent)
+    if (absent) call deck%note_missing(name, 'the name of a &force or &drive')
+    if (assignment == 0) return
     call get(deck, name, value)
     if (.not. deck%is_set(name)) return
     as_force = deck%names(in_force)%find(value)

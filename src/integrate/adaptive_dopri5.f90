@@ -2,12 +2,12 @@
 !> Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected
 !> before its derivative is taken: the seventh stage is then the first of the next step also where states are projected.
 !>
-!> Local errors may be as large as the tolerance, for values, rates and the derivatives of rates, each relative to its group.
-!> Where nothing damps them they add up, so each is held to its share of a sum over the run's length T: values and rates to
-!> the step's part h/T of some hundred tolerances. Derivatives are where fast vibrations show, and for these the sum is known:
-!> the estimate of a vibration z = i h omega is z5/1200, the error 2.8e-4 z6, a third of h omega of the estimate; after
-!> T/h steps they make omega T/3 estimates. Errors of derivatives are a difference quotient along the error itself,
-!> f(y + s e) - f(y) over s.
+!> Errors are measured relative to the groups of the error norm, for values, rates and derivatives of rates, and a local error
+!> may at most be the tolerance. Undamped, local errors add up over the run's length T, so that the tolerance of a step is a
+!> share of it: for values and rates h/T times `run_tolerances`. Derivatives show the errors of fast vibrations, whose sum is
+!> known: for a vibration of frequency omega with z = i h omega the estimate is z5/1200 and the error 2.8e-4 z6, h omega/3
+!> times the estimate, which makes omega T/3 estimates after T/h steps; hence `slope_tolerances`/(omega T). The error of a
+!> derivative is the difference quotient (f(y + s e) - f(y))/s along the error e of the state.
 module adaptive_dopri5
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -27,14 +27,14 @@ module adaptive_dopri5
                                  -10690763975.0_wp/1880347072.0_wp, 701980252875.0_wp/199316789632.0_wp, &
                                  -1453857185.0_wp/822651844.0_wp, 69997945.0_wp/29380423.0_wp]
 
-  real(wp), parameter :: whole_run = 300.0_wp      !! tolerances that estimates of values and rates may add up to in a run [-]
-  real(wp), parameter :: vibration = 200.0_wp      !! the same for derivatives, over omega T [-]
+  real(wp), parameter :: run_tolerances = 300.0_wp   !! sum of all estimates of values and rates in a run, in tolerances [-]
+  real(wp), parameter :: slope_tolerances = 200.0_wp !! the same for derivatives, times omega T [-]
   real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance: however long the run, no less is asked for [-]
   real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: below it there is nothing to follow [-]
   real(wp), parameter :: shift = 1.0e-7_wp         !! of the scales: size of the difference quotient's step [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
   real(wp), parameter :: last_digits = 16*epsilon(1.0_wp)   !! relative change of a state that is rounding [-]
-  integer(ip), parameter :: look_again = 100       !! steps after which the rounding of derivatives is measured again
+  integer(ip), parameter :: noise_interval = 100     !! steps after which the rounding of derivatives is measured again
 
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
@@ -81,7 +81,8 @@ contains
     call self%norm%watch_slopes(self%stages%k(:, 1))
   end subroutine begin
 
-  !> What rounding of the state makes of its derivative; the system is left evaluated beside the state.
+  !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system is left
+  !> evaluated beside the state.
   subroutine measure_noise(self, system)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -171,7 +172,7 @@ contains
     call self%norm%watch_slopes(self%k7)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
-    if (mod(self%steps, look_again) == 0) call measure_noise(self, system)
+    if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
     if (.not. at_stop) return
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
@@ -202,11 +203,11 @@ contains
       self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
                          + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
     end do
-    call weigh(self, system, h, err)
+    call measure_error(self, system, h, err)
   end subroutine try_step
 
-  !> The error of a step in what it is allowed.
-  subroutine weigh(self, system, h, err)
+  !> The error of a step over what is allowed.
+  subroutine measure_error(self, system, h, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -214,7 +215,7 @@ contains
     real(wp) :: length, allowed, s
     integer :: k
     length = self%stops(size(self%stops))
-    allowed = self%tolerance*min(1.0_wp, max(least_share, whole_run*h/length))
+    allowed = self%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
     err = self%norm%measure(self%error, self%trial, h, allowed)
     if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
     s = shift/(err*allowed)
@@ -225,9 +226,9 @@ contains
     do k = 1, size(self%y)
       self%slope(k) = (self%slope(k) - self%k7(k))/s
     end do
-    allowed = self%tolerance*min(1.0_wp, max(least_share, vibration/(self%norm%fastest*length)))
+    allowed = self%tolerance*min(1.0_wp, max(least_share, slope_tolerances/(self%norm%fastest*length)))
     err = max(err, self%norm%measure_slopes(self%slope, self%k7, h, allowed))
-  end subroutine weigh
+  end subroutine measure_error
 
   !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
   subroutine keep_dense(self, h)

@@ -7,7 +7,7 @@ module ode_system
   public :: sane
 
   real(wp), parameter, public :: largest_value = 1.0e40_wp   !! beyond it a state is lost; products of several still fit [any]
-  integer, parameter :: lanes = 8, many = 128 !! numbers compared side by side, where there are many
+  integer, parameter :: lanes = 8, many = 128   !! values compared side by side; least size of a state for which that pays
 
   !> The system.
   type, abstract, public :: ode
@@ -40,7 +40,7 @@ module ode_system
 
 contains
 
-  !> Whether every value is finite and of a size that further products can bear.
+  !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite.
   pure function sane(y) result(yes)
     real(wp), intent(in), contiguous :: y(:)  !! [any]
     logical :: yes
@@ -51,8 +51,8 @@ contains
     if (yes .and. n > 0) yes = many_bounded(n, y)
   end function sane
 
-  !> The same by bit patterns, which for positive numbers stand in the numbers' own order, infinities and what is not a
-  !> number last: integers can be compared many at a time.
+  !> The same by comparing bit patterns as integers, which processors do several at a time: those of positive reals have the
+  !> order of the reals, with infinity and NaN above all.
   pure function bounded(n, y) result(yes)
     integer, intent(in) :: n
     real(wp), intent(in) :: y(n)   !! [any]
@@ -67,7 +67,7 @@ contains
     yes = excess >= 0
   end function bounded
 
-  !> The same of a multiple of `lanes`, that many side by side.
+  !> The same for n a multiple of `lanes`, with so many values compared side by side.
   pure function many_bounded(n, y) result(yes)
     integer, intent(in) :: n
     real(wp), intent(in) :: y(lanes, n/lanes)   !! [any]

@@ -6,7 +6,7 @@ module runge_kutta
   private
   public :: tableau, classical_rk4, dormand_prince, explicit_stepper
 
-  integer, parameter :: portion = 512         !! unknowns combined at a time
+  integer, parameter :: block_size = 512         !! unknowns combined at a time
 
   !> A Butcher tableau of an explicit method.
   type :: tableau
@@ -68,8 +68,8 @@ contains
     allocate (self%k(n, method%stages), self%y(n), source=0.0_wp)
   end subroutine prepare
 
-  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y). Where a stage is lost, ok is false and y is
-  !> that stage.
+  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y). Where the state of a stage is not finite or too
+  !> large, ok is false and y is that state.
   subroutine step(self, system, t, h, y, ok)
     class(explicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -90,19 +90,19 @@ contains
     y = self%y
   end subroutine step
 
-  !> x = y + h sum of a_j k_j over the stages, in portions that stay in the processor's first cache.
+  !> x = y + h sum of a_j k_j over the stages, in blocks that stay in the processor's first cache.
   pure subroutine combine(n, used, stages, a, h, y, k, x)
     integer, intent(in) :: n, used, stages
     real(wp), intent(in) :: a(stages), h, y(n), k(n, stages)   !! weights [-], step [s], state [unit], derivatives [unit/s]
     real(wp), intent(inout) :: x(n)                            !! [unit]
     integer :: from
-    do from = 1, n, portion
-      call combine_portion(min(portion, n - from + 1), n, used, a, h, y(from), k(from, 1), x(from))
+    do from = 1, n, block_size
+      call combine_block(min(block_size, n - from + 1), n, used, a, h, y(from), k(from, 1), x(from))
     end do
   end subroutine combine
 
   !> The same of m unknowns, over the stages whose weight is not zero, two stages a pass.
-  pure subroutine combine_portion(m, n, used, a, h, y, k, x)
+  pure subroutine combine_block(m, n, used, a, h, y, k, x)
     integer, intent(in) :: m, n, used
     real(wp), intent(in) :: a(used), h, y(m), k(n, *)   !! the same [-], [s], [unit], [unit/s]
     real(wp), intent(inout) :: x(m)                     !! [unit]
@@ -130,5 +130,5 @@ contains
     do i = 1, m
       x(i) = x(i) + (h*a(waiting))*k(i, waiting)
     end do
-  end subroutine combine_portion
+  end subroutine combine_block
 end module runge_kutta

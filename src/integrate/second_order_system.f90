@@ -50,7 +50,7 @@ module second_order_system
       import :: second_order_ode
       class(second_order_ode), intent(inout) :: self
     end subroutine make_ready
-    !> Takes the constants of a step; ok is false where no factor exists.
+    !> Takes the constants c1, c2 of a step and factors what depends on them alone; ok is false where that fails.
     subroutine take_step(self, c1, c2, ok)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -58,7 +58,7 @@ module second_order_system
       real(wp), intent(in) :: c2              !! dv/dq [1/s]
       logical, intent(out) :: ok
     end subroutine take_step
-    !> Takes what the past of the internal variables predicts for the end of the step.
+    !> Takes the internal variables that their values at the start of the step predict for its end.
     subroutine take_past(self, z, zd, zdd)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -156,7 +156,7 @@ module second_order_system
       real(wp), intent(out), contiguous :: rate(:)              !! (rows) [m/s]
       real(wp), intent(out), contiguous :: acceleration(:)      !! (rows) [m/s2]
     end subroutine find_gaps
-    !> The rows' slopes along x, at the positions of the last gaps.
+    !> Phi_q x, the derivative of all rows along x, at the positions of the last call of `gaps`.
     subroutine find_slopes(self, q, x, slope)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -164,7 +164,7 @@ module second_order_system
       real(wp), intent(in), contiguous :: x(:)          !! (nq) [any]
       real(wp), intent(out), contiguous :: slope(:)     !! (rows) [any]
     end subroutine find_slopes
-    !> dq in the directions that the rows hold, by the matrix that stands: rows of dq are minus the gap, no other force acts.
+    !> dq with Phi_q dq = -gap, moved by reactions of the rows alone, by the matrix in use.
     subroutine close_gaps(self, q, gap, dq)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -172,7 +172,7 @@ module second_order_system
       real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
     end subroutine close_gaps
-    !> Leaves of two vectors what the step resolves: motion much faster than it goes.
+    !> Filters two vectors: parts of motion much faster than the step resolves are taken out.
     subroutine filter_pair(self, x, y)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -195,14 +195,14 @@ module second_order_system
       class(second_order_ode), intent(in) :: self
       real(wp) :: pivot(2)                    !! [-]
     end function judge_rows
-    !> How far from the origin the state of the last residual is, in scene sizes, or how far it has turned: what rounding follows.
+    !> How far from the origin the state of the last residual is, in scene sizes, or how far it has turned: rounding follows both.
     pure function measure_reach(self, q) result(x)
       import :: second_order_ode, wp
       class(second_order_ode), intent(in) :: self
       real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
       real(wp) :: x                           !! at least 1 [-]
     end function measure_reach
-    !> Whether a state, whose groups have reached these sizes, still means something.
+    !> Whether a state, whose groups have reached these sizes, is still one of a mechanism.
     pure function judge_state(self, q, scale) result(what)
       import :: second_order_ode, wp
       class(second_order_ode), intent(in) :: self

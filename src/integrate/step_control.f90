@@ -30,7 +30,7 @@ module step_control
     procedure :: measure_slopes
   end type error_norm
 
-  !> The controller; order is that of the error estimate's companion (5 for 5(4) pairs).
+  !> The controller; `order` is the order of the local error that is estimated (5 for 5(4) pairs).
   type, public :: step_controller
     integer :: order = 5
     real(wp) :: last_error = calm             !! error of the last accepted step [-]
@@ -65,8 +65,8 @@ contains
     end do
   end subroutine watch_slopes
 
-  !> Updates the rounding of derivatives: what a change of the state in its last digits makes of them. In an equilibrium, where
-  !> large forces cancel, it is all there is.
+  !> Updates the rounding error of derivatives, measured as their change when the state changes in its last digits. In an
+  !> equilibrium, where large forces cancel, derivatives are nothing but this rounding.
   pure subroutine watch_noise(self, change)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: change(:)         !! (n) of the derivatives [unit/s]
@@ -77,9 +77,9 @@ contains
     end do
   end subroutine watch_noise
 
-  !> Largest error of a derivative over the largest that its group has had, in tolerances. Not asked of derivatives below a
-  !> millionth of the largest of the system, and below what rounding leaves of them: the largest noise of any group, which
-  !> joints hand on, and eps v h times the square of the fastest frequency.
+  !> Largest error of a derivative relative to the largest derivative of its group so far, in tolerances. The scale of a group is at
+  !> least a millionth of the largest of the system. Allowed besides is rounding: the largest noise of any group, since joints pass
+  !> it on, and that of the values, eps v, times h and the square of the fastest frequency.
   function measure_slopes(self, e, dy, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
@@ -102,8 +102,7 @@ contains
     end do
   end function measure_slopes
 
-  !> Largest |e| of any unknown over its group's scale, y being the state that the step leads to, in tolerances; 1: just
-  !> allowed.
+  !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
   function measure(self, e, y, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
@@ -150,7 +149,7 @@ contains
     if (err > 0.0_wp) next = h/min(1.0_wp/most_shrink, err**(1.0_wp/self%order - 0.75_wp*integral)/safety)
   end function refused
 
-  !> Forgets the past: at the start and where the equations jump.
+  !> Forgets earlier errors: at the start, and where the equations jump.
   subroutine restart(self)
     class(step_controller), intent(inout) :: self
     self%last_error = calm

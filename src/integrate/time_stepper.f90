@@ -1,5 +1,5 @@
-!> What a transient sees of a method: it marches from one output time to the next, in portions of a few steps, and can be
-!> saved between two portions and restored, so that a restarted run repeats the uninterrupted one bit for bit.
+!> What a transient sees of a method: it marches from one output time to the next, a few steps a call, and can be
+!> saved between two calls and restored, so that a restarted run repeats the uninterrupted one bit for bit.
 module time_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -8,7 +8,7 @@ module time_stepper
   private
   public :: step_end, exchange_common
 
-  !> How a portion of the march ended: at the output time, before it, or with the solution lost.
+  !> How a call of `advance` ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
@@ -89,7 +89,7 @@ contains
     self%longest = max(self%longest, h)
   end subroutine count_step
 
-  !> Notes a state that is given up, with the time that could not be reached and why.
+  !> Keeps a state that was given up, the time that could not be reached, and why, for the report of the failure.
   subroutine give_back(self, t, y, trouble)
     class(stepper), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]

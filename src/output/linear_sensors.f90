@@ -93,14 +93,14 @@ contains
     w(1:2) = w(1:2) + x(i + 3)*[-rho(2), rho(1)]
   end function place_motion
 
-  !> H x.
+  !> H x: a quarter turn.
   pure function turned(x) result(y)
     complex(wp), intent(in) :: x(:)   !! (nq) unknowns of the linearisation [m, rad]
     complex(wp) :: y(2)
     y = [-x(2), x(1)]
   end function turned
 
-  !> Its rate in the turning axes of the body: w' + theta' H w.
+  !> Velocity of a place, resolved in the turning axes of its body: w' + theta' H w.
   pure function velocity(m, b, v, s, w) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
@@ -111,7 +111,7 @@ contains
     if (b > 0) y = y + v(m%s%qo(b) + 3)*turned(w)
   end function velocity
 
-  !> w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
+  !> Acceleration of a place, resolved likewise: w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
   pure function acceleration(m, b, v, s, w) result(y)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b

@@ -35,23 +35,23 @@ contains
     real(wp), intent(in) :: t, t_end          !! simulated time reached and wanted [s]
     integer(ip) :: now
     real(wp) :: seconds, left
-    logical :: told
+    logical :: written
     if (.not. self%shown) return
     call system_clock(now)
     if (real(now - self%last, wp) < 0.2_wp*real(self%rate, wp)) return
     self%last = now
     seconds = real(now - self%start, wp)/real(self%rate, wp)
     left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
-    told = write_bytes(standard_error, char(13)//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '// &
+    written = write_bytes(standard_error, char(13)//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '// &
                        fixed_text(min(left, 9.9e6_wp), 0)//' s left   ')
   end subroutine report
 
   !> Clears the line.
   subroutine finish(self)
     class(progress_line), intent(inout) :: self
-    logical :: told
+    logical :: written
     if (self%shown .and. self%last > self%start) then
-      told = write_bytes(standard_error, char(13)//repeat(' ', 60)//char(13))
+      written = write_bytes(standard_error, char(13)//repeat(' ', 60)//char(13))
     end if
   end subroutine finish
 end module progress

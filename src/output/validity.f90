@@ -20,8 +20,11 @@ module validity
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a motion that is one, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
-  !> Largest figures of every body so far: deflection [m], section rotation [rad], spin [rad/s], and the sums of squared
-  !> elastic rates and accelerations whose ratio is the frequency of the elastic motion.
+  !> What is kept of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], and the sums of squared
+  !> elastic rates and accelerations, whose ratio is the squared frequency of the elastic motion.
+  integer, parameter :: deflection = 1, rotation = 2, spin = 3, rates = 4, accelerations = 5
+
+  !> The watch.
   type :: validity_watch
     real(wp), allocatable :: figures(:, :)           !! (5, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4]
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
@@ -66,13 +69,13 @@ contains
         n = bo%nf
         do k = 1, bo%nn
           u = bo%displacement(k, q(i + 1:i + n))
-          f(1) = max(f(1), hypot(u(1), u(2)))
-          f(2) = max(f(2), abs(u(3)))
+          f(deflection) = max(f(deflection), hypot(u(1), u(2)))
+          f(rotation) = max(f(rotation), abs(u(3)))
         end do
-        f(3) = max(f(3), abs(v(i)))
+        f(spin) = max(f(spin), abs(v(i)))
         do k = 1, n
-          f(4) = f(4) + self%weight(i + k)*v(i + k)**2
-          f(5) = f(5) + self%weight(i + k)*m%a(i + k)**2
+          f(rates) = f(rates) + self%weight(i + k)*v(i + k)**2
+          f(accelerations) = f(accelerations) + self%weight(i + k)*m%a(i + k)**2
         end do
       end associate
     end do
@@ -91,32 +94,33 @@ contains
     type(mechanism_model), intent(in) :: m
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
-    real(wp) :: first, carried, bent, shear
+    real(wp) :: first, carried, bent, shear, moving
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
       associate (bo => m%s%bodies(b), f => self%figures(:, b))
         if (.not. bo%flexible) cycle
-        if (f(1) > large_deflection*bo%length) call say(bo, 'deflects by', f(1)/bo%length*100, &
+        if (f(deflection) > large_deflection*bo%length) call say(bo, 'deflects by', f(deflection)/bo%length*100, &
           '% of its length: beyond about 10 % the linear floating frame no longer holds (more bodies, each with its own frame)')
-        if (f(2) > large_rotation) call say(bo, 'turns a section by', f(2), &
+        if (f(rotation) > large_rotation) call say(bo, 'turns a section by', f(rotation), &
                                             'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
-        if (.not. bo%stiffening .and. f(3) > 0.0_wp) then
+        if (.not. bo%stiffening .and. f(spin) > 0.0_wp) then
           first = lowest_frequency(bo)
-          if (f(3) > fast_spin*first) call say(bo, 'spins at', f(3)/first, 'of its lowest bending frequency without '// &
+          if (f(spin) > fast_spin*first) call say(bo, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
-        if (max(f(1), f(2)*bo%length) > 1.0e-13_wp*bo%length) then
-          shear = lost_by_shear(bo)
+        if (max(f(deflection), f(rotation)*bo%length) > 1.0e-13_wp*bo%length) then
+          shear = shear_correction(bo)
           if (shear > slender) call say(bo, 'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
             'lower its lowest frequency by', 100*shear, '%, and higher ones by more')
         end if
         carried = highest_carried(bo)
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
-        bent = max(f(1), f(2)*bo%length)
-        if (f(4) > least_vibration*sqrt(f(5))*bent*merge(sqrt(bo%mass), 1.0_wp, bo%modal) &
+        bent = max(f(deflection), f(rotation)*bo%length)
+        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent*merge(sqrt(bo%mass), 1.0_wp, bo%modal) &
             .and. bent > 1.0e-13_wp*bo%length .and. m%t*carried >= 2*pi) then
-          if (sqrt(f(5)/f(4)) > carried) call say(bo, 'moves elastically at', sqrt(f(5)/f(4)), 'rad/s, faster than its '// &
+          moving = sqrt(f(accelerations)/f(rates))
+          if (moving > carried) call say(bo, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
       end associate
@@ -161,9 +165,10 @@ contains
     end do
   end function lowest_frequency
 
-  !> What shear and rotary inertia take from the lowest frequency: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of
-  !> a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length; 1 - 1/sqrt(1 + 2 x) where it is not small.
-  function lost_by_shear(b) result(share)
+  !> Part by which shear and rotary inertia would lower the lowest frequency: Timoshenko's first correction
+  !> k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length;
+  !> 1 - 1/sqrt(1 + 2 x) where it is not small.
+  function shear_correction(b) result(share)
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
     share = lowest_frequency(b)
@@ -175,7 +180,7 @@ contains
       share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l)/sum(g%length)
     end associate
     share = 1 - 1/sqrt(1 + 2*share)
-  end function lost_by_shear
+  end function shear_correction
 
   !> Highest frequency that the mesh (half a wave an element) or the kept modes (the highest of them) carry [rad/s].
   pure function highest_carried(b) result(omega)
