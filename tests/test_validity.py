@@ -128,6 +128,7 @@ def test_what_a_mesh_carries_scales_with_its_elements(run_deck, length):
         period = 2 * math.pi / share
         lines = told(run_deck(deck + transient(10 * period, period / 200, period / 20), name=f"e{elements}"))
         lines = [line for line in lines if "short and thick" not in line]  # the shortest is
+        lines = [line for line in lines if "redundant" not in line]  # as two welds of a body without axial deformation are
         assert len(lines) == (1 if ratio > 1 else 0), lines
         if lines:
             found = re.search(r"moves elastically at (\S+) rad/s", lines[0])
