@@ -45,9 +45,6 @@ module generalized_alpha
     real(wp) :: ad1 = 0.0_wp            !! a1 = ad1 v1' + ad v' + aa a [-]
     real(wp) :: ad = 0.0_wp             !! [-]
     real(wp) :: aa = 0.0_wp             !! [-]
-    real(wp) :: d1 = 0.0_wp             !! v1' = d1 a1 + da a + dd v' [-]
-    real(wp) :: da = 0.0_wp             !! [-]
-    real(wp) :: dd = 0.0_wp             !! [-]
   end type alpha_step
 
 contains
@@ -82,10 +79,7 @@ contains
     s%ad1 = (1 - m%alpha_f)/(1 - m%alpha_m)
     s%ad = m%alpha_f/(1 - m%alpha_m)
     s%aa = -m%alpha_m/(1 - m%alpha_m)
-    s%d1 = (1 - m%alpha_m)/(1 - m%alpha_f)
-    s%da = m%alpha_m/(1 - m%alpha_f)
-    s%dd = -m%alpha_f/(1 - m%alpha_f)
-    s%c1 = s%d1/s%qa1
+    s%c1 = (1 - m%alpha_m)/(1 - m%alpha_f)/s%qa1
     s%c2 = s%va1/s%qa1
   end function step_coefficients
 

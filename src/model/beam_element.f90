@@ -58,7 +58,7 @@ contains
   !> Turns a 2 x 6 matrix from element axes into body axes on both sides.
   pure function to_body(g, s) result(b)
     type(beam_geometry), intent(in) :: g
-    real(wp), intent(in) :: s(2, 6)
+    real(wp), intent(in) :: s(2, 6)   !! per unit mass, element axes [-], [m]
     real(wp) :: b(2, 6), r(2, 2), t(6, 6)
     t = element_rotation(g)
     r = reshape([g%c, g%s, -g%s, g%c], [2, 2])
@@ -147,7 +147,7 @@ contains
   !> T^T m T: a 6 x 6 matrix from element into body axes.
   pure function congruent(g, m) result(b)
     type(beam_geometry), intent(in) :: g
-    real(wp), intent(in) :: m(6, 6)
+    real(wp), intent(in) :: m(6, 6)   !! element axes [unit of the matrix]
     real(wp) :: b(6, 6), t(6, 6), mt(6, 6)
     t = element_rotation(g)
     mt = matmul(m, t)

@@ -25,10 +25,10 @@ module body_terms
     real(wp), allocatable :: past(:, :)      !! sum of alpha times the terms' offsets: as the deformations, or (n, runs) [m, rad]
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
-    real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame
-    real(wp) :: origin(2) = 0.0_wp           !! rows of the origin: origin(1) S + origin(2) H S; its columns: a2 S^T
-    real(wp), allocatable :: column(:)       !! (0:n) tangent of the elastic residual by the angle
-    real(wp), allocatable :: row(:)          !! (0:n) tangent of the angle's residual by the elastic coordinates
+    real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame [N/m, N, N m]
+    real(wp) :: origin(2) = 0.0_wp           !! rows of the origin: origin(1) S + origin(2) H S; its columns: a2 S^T [kg/s2]
+    real(wp), allocatable :: column(:)       !! (0:n) tangent of the elastic residual by the angle [N, N m]
+    real(wp), allocatable :: row(:)          !! (0:n) tangent of the angle's residual by the elastic coordinates [N, N m]
     real(wp), allocatable :: x(:, :), y(:, :), mx(:, :), zy(:, :)   !! (2, n) operands and products of the inertia [m, kg m, ...]
   end type body_equations
 

@@ -24,8 +24,8 @@ contains
   pure subroutine chain_deformations(ne, nd, nf, edof, factors, qx, d)
     integer, intent(in) :: ne, nd, nf
     integer, intent(in) :: edof(6, ne)
-    real(wp), intent(in) :: factors(10, ne)
-    real(wp), intent(in) :: qx(0:nf)        !! coordinates, entry 0 is zero
+    real(wp), intent(in) :: factors(10, ne) !! constants of the elements, units in the header [m, kg, N m, ...]
+    real(wp), intent(in) :: qx(0:nf)        !! coordinates, entry 0 is zero [m, rad]
     real(wp), intent(inout) :: d(nd, ne)    !! [m, rad, rad]
     real(wp) :: psi
     integer :: e
@@ -49,11 +49,11 @@ contains
   pure subroutine chain_forces(ne, nd, nf, edof, factors, ds, thetad, qx, vx, fx, tx, qmq, qmv)
     integer, intent(in) :: ne, nd, nf
     integer, intent(in) :: edof(6, ne)
-    real(wp), intent(in) :: factors(10, ne)
+    real(wp), intent(in) :: factors(10, ne) !! constants of the elements, units in the header [m, kg, N m, ...]
     real(wp), intent(in) :: ds(nd, ne)      !! deformations with GHM differences [m, rad, rad]
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(in) :: qx(0:nf), vx(0:nf)          !! coordinates and rates, entry 0 is zero
-    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)       !! entry 0 is thrown away
+    real(wp), intent(in) :: qx(0:nf), vx(0:nf)          !! coordinates and rates, entry 0 is zero [m, rad], [m/s, rad/s]
+    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)       !! Q_f and m_theta_f, entry 0 is thrown away [N, N m], [kg m, kg m2]
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2], q^T m q' [kg m2/s]
     real(wp) :: q1(3), q2(3), v1(3), v2(3)  ! coordinates of both nodes and their rates
     real(wp) :: m(3), m2(3), f(3), f2(3), z(3), z2(3)   ! m q, other forces and Z q of both nodes
@@ -83,10 +83,10 @@ contains
 
   !> Adds to the sums of the element's first node, which the element before began, and begins those of its second: m x.
   pure subroutine mass_products(factors, x1, x2, y1, y2)
-    real(wp), intent(in) :: factors(10)
+    real(wp), intent(in) :: factors(10)     !! constants of the element, units in the header [m, kg, N m, ...]
     real(wp), intent(in) :: x1(3), x2(3)    !! u [m], v [m], rotation [rad] of both nodes
     real(wp), intent(out) :: y1(3)          !! [kg m], [kg m], [kg m2]
-    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second
+    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second [kg m], [kg m], [kg m2]
     real(wp) :: r1, r2
     r1 = factors(1)*x1(3)
     r2 = factors(1)*x2(3)
@@ -101,10 +101,10 @@ contains
   !> The same of c Z x (theory.md, section 2).
   pure subroutine gyroscopic_products(c, factors, x1, x2, y1, y2)
     real(wp), intent(in) :: c               !! [-], or twice the frame's rate [rad/s]
-    real(wp), intent(in) :: factors(10)
-    real(wp), intent(in) :: x1(3), x2(3)    !! of both nodes: coordinates or rates
-    real(wp), intent(out) :: y1(3)
-    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second
+    real(wp), intent(in) :: factors(10)     !! constants of the element, units in the header [m, kg, N m, ...]
+    real(wp), intent(in) :: x1(3), x2(3)    !! of both nodes: coordinates or rates [m, rad] or [m/s, rad/s]
+    real(wp), intent(out) :: y1(3)          !! of the first node [kg m, kg m2], or [N, N m] with a rate
+    real(wp), intent(inout) :: y2(3)        !! on entry of the first node, then of the second [as y1]
     real(wp) :: r1, r2, wz, wzl
     r1 = factors(1)*x1(3)
     r2 = factors(1)*x2(3)
@@ -121,7 +121,7 @@ contains
   !> Adds the elastic forces -B^T D d of one element to those of its nodes (theory.md, section 4).
   pure subroutine add_elastic(nd, factors, ds, y1, y2)
     integer, intent(in) :: nd               !! 3, or 2 without axial deformation
-    real(wp), intent(in) :: factors(10)
+    real(wp), intent(in) :: factors(10)     !! constants of the element, units in the header [m, kg, N m, ...]
     real(wp), intent(in) :: ds(nd)          !! deformations with GHM differences [m, rad, rad]
     real(wp), intent(inout) :: y1(3), y2(3) !! [N], [N], [N m]
     real(wp) :: n, p1, p2, s                ! normal force [N], end moments [N m], transverse force [N]
@@ -143,9 +143,9 @@ contains
     integer, intent(in) :: nf
     integer, intent(in) :: dof(3)
     real(wp), intent(in) :: w2              !! theta'^2 [rad2/s2]
-    real(wp), intent(in) :: q(3), v(3), m(3), f(3), z(3)
-    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)
-    real(wp), intent(inout) :: qmq, qmv
+    real(wp), intent(in) :: q(3), v(3), m(3), f(3), z(3)   !! of the node [m, rad], [m/s, rad/s], [kg m], [N], [kg m]
+    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)          !! Q_f and m_theta_f, entry 0 is thrown away [N, N m], [kg m, kg m2]
+    real(wp), intent(inout) :: qmq, qmv                    !! sums q^T m q [kg m2], q^T m q' [kg m2/s]
     qmq = qmq + (q(1)*m(1) + q(2)*m(2) + q(3)*m(3))
     qmv = qmv + (v(1)*m(1) + v(2)*m(2) + v(3)*m(3))
     fx(dof(1)) = fx(dof(1)) + (w2*m(1) + f(1))

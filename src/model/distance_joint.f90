@@ -23,7 +23,7 @@ contains
   !> The row; while its length is pending it holds nothing.
   pure subroutine distance_rows(self, t, p, r)
     class(distance_model), intent(in) :: self
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: t   !! [s]
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: d(2), dd(2), e(2), l
@@ -47,7 +47,7 @@ contains
   pure subroutine distance_second(self, p, lambda, k)
     class(distance_model), intent(in) :: self
     type(place_states), intent(in) :: p
-    real(wp), intent(in) :: lambda(:)
+    real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
     type(place_stiffness), intent(inout) :: k
     real(wp) :: d(2), l, g(2, 2)
     d = p%r(:, self%ia) - p%r(:, self%ib)

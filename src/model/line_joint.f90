@@ -34,7 +34,7 @@ contains
   !> Rows of the joint or drive.
   pure subroutine line_rows(self, t, p, r)
     class(line_model), intent(in) :: self
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: t   !! [s]
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: n(2), d(2), dd(2), h(0:2), om, along
@@ -86,7 +86,7 @@ contains
   pure subroutine line_second(self, p, lambda, k)
     class(line_model), intent(in) :: self
     type(place_states), intent(in) :: p
-    real(wp), intent(in) :: lambda(:)
+    real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
     type(place_stiffness), intent(inout) :: k
     real(wp) :: n(2), d(2), l
     n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]

@@ -30,8 +30,8 @@ contains
   !> Shape integrals, gyroscopic matrix, damping and material stiffnesses in the modal basis.
   subroutine project_integrals(b, x, w, viscoelastic)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: x(:, :)                      !! (nf, modes)
-    real(wp), intent(in) :: w(:)                         !! (modes)
+    real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
+    real(wp), intent(in) :: w(:)                         !! (modes) squared frequencies [rad2/s2]
     type(ghm_run), intent(in) :: viscoelastic(:)
     real(wp) :: xe(6, size(w)), m(6, 6), k(6, 6)
     integer :: e, r, i, n
@@ -66,7 +66,7 @@ contains
   !> Lumps' part of the gyroscopic matrix, and their rotary inertia.
   subroutine project_lumps(b, x)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: x(:, :)
+    real(wp), intent(in) :: x(:, :)   !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     real(wp) :: xl(3, size(x, 2))
     integer :: k, c, i, j
     do k = 1, size(b%lumps)
@@ -88,7 +88,7 @@ contains
 
   !> X^T A X for one element.
   pure function sandwich(x, a) result(y)
-    real(wp), intent(in) :: x(:, :), a(6, 6)
+    real(wp), intent(in) :: x(:, :), a(6, 6)   !! the element's part of the modes, its matrix [any]
     real(wp) :: y(size(x, 2), size(x, 2)), ax(6, size(x, 2))
     ax = matmul(a, x)
     y = matmul(transpose(x), ax)
@@ -97,7 +97,7 @@ contains
   !> Displacements of every node in every mode.
   pure subroutine nodal_shapes(b, x)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: x(:, :)
+    real(wp), intent(in) :: x(:, :)   !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     integer :: k, c
     allocate (b%psi(3*b%nn, size(x, 2)), source=0.0_wp)
     do k = 1, b%nn

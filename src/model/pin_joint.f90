@@ -22,7 +22,7 @@ contains
   !> Rows of the joint.
   pure subroutine pin_rows(self, t, p, r)
     class(pin_model), intent(in) :: self
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: t   !! [s]
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     integer :: i, j

@@ -12,7 +12,7 @@ module place
     integer :: node = 0                      !! node of a beam or frame, 0: a point or the frame itself
     real(wp) :: x(2) = 0.0_wp                !! undeformed position: body axes, global on the ground [m]
     integer :: dof(3) = 0                    !! its elastic coordinates (u, v, rotation), 0: none
-    real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) its displacements in each mode
+    real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) displacements in each mode [1/kg^.5, 1/(kg^.5 m)]
   contains
     procedure :: elastic
     procedure :: shift
@@ -45,7 +45,7 @@ contains
   !> E_k x: what the place sees of a vector of its body's elastic coordinates: u, v, rotation.
   pure function elastic(self, x) result(u)
     class(place_model), intent(in) :: self
-    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp), intent(in) :: x(:)             !! (nf) [m, rad], or their rates
     real(wp) :: u(3)                         !! body axes
     integer :: c
     u = 0.0_wp
@@ -64,8 +64,8 @@ contains
   pure function shift(self, rho, frame, x) result(u)
     class(place_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
-    real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle
-    real(wp), intent(in) :: x(:)             !! (nf)
+    real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle [m, m, rad]
+    real(wp), intent(in) :: x(:)             !! (nf) [m, rad]
     real(wp) :: u(3)                         !! body axes: u, v, rotation
     integer :: c
     u(1:2) = frame(1:2) + frame(3)*turn(rho)
@@ -86,8 +86,8 @@ contains
     class(place_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
-    real(wp), intent(inout) :: frame(3)      !! on the frame, body axes
-    real(wp), intent(inout) :: f(:)          !! (nf) on the elastic coordinates
+    real(wp), intent(inout) :: frame(3)      !! on the frame, body axes [N, N, N m]
+    real(wp), intent(inout) :: f(:)          !! (nf) on the elastic coordinates [N, N m]
     frame(1:2) = frame(1:2) + w(1:2)
     frame(3) = frame(3) + w(3) + rho(1)*w(2) - rho(2)*w(1)
     call self%push_elastic(w, f)
@@ -119,7 +119,7 @@ contains
 
   !> H x: a vector turned by +90 degrees.
   pure function turn(x) result(y)
-    real(wp), intent(in) :: x(2)
+    real(wp), intent(in) :: x(2)   !! [any]
     real(wp) :: y(2)
     y(1) = -x(2)
     y(2) = x(1)

@@ -26,7 +26,7 @@ contains
   !> The row.
   pure subroutine rotation_rows(self, t, p, r)
     class(rotation_model), intent(in) :: self
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: t   !! [s]
     type(place_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: h(0:2), g(0:2)

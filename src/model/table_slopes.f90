@@ -54,8 +54,8 @@ contains
     integer, intent(in) :: ends              !! what holds there
     real(wp), intent(in) :: w(:)             !! lengths of the pieces from this end on [s]
     real(wp), intent(in) :: chord(:)         !! slopes of their chords [unit/s]
-    real(wp), intent(out) :: own, next       !! coefficients of the slope here and at the next point
-    real(wp), intent(out) :: rhs             !! right-hand side
+    real(wp), intent(out) :: own, next       !! coefficients of the slope here and at the next point [-] or [s]
+    real(wp), intent(out) :: rhs             !! right-hand side [unit/s] or [unit]
     select case (ends)
     case (ends_rest)
       own = 1.0_wp

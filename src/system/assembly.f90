@@ -19,7 +19,7 @@ contains
   !> Assembled positions and velocities; dissipative coordinates are relaxed by the caller.
   subroutine assemble(self, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(out) :: q(:), v(:)             !! (nq)
+    real(wp), intent(out) :: q(:), v(:)             !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(out) :: report
     type(failure), intent(inout) :: fail
     integer :: k

@@ -39,7 +39,7 @@ contains
   function open_joints(self, row, limit, unit) result(text)
     type(mechanism_model), intent(in) :: self
     real(wp), intent(in) :: row(:)             !! (rows) Phi [m] or its rate [m/s]
-    real(wp), intent(in) :: limit              !! up to which a row holds, in the same unit
+    real(wp), intent(in) :: limit              !! up to which a row holds [m] or [m/s]
     character(*), intent(in) :: unit
     character(:), allocatable :: text
     real(wp) :: gap

@@ -20,14 +20,14 @@ module elastic_block
     integer, allocatable :: row(:), col(:)   !! of T0's lower triangle
     integer, allocatable :: entry(:)         !! these entries' places on the even pattern of the operators
     real(wp), allocatable :: value(:)        !! (even pattern) T0 [kg/s2, ...]
-    real(wp), allocatable :: lower(:)        !! its lower triangle
+    real(wp), allocatable :: lower(:)        !! its lower triangle [N/m, N, N m]
     integer, allocatable :: reordered(:)     !! (n) reordered row of each coordinate
-    real(wp), allocatable :: band(:)         !! work of the factorisation
+    real(wp), allocatable :: band(:)         !! work of the factorisation [N/m, N, N m]
     integer :: kb = 0                        !! half band width of the whole block
     integer, allocatable :: position(:)      !! (n) its ordering
-    real(wp), allocatable :: lu(:, :)        !! its LU in LAPACK's band storage
+    real(wp), allocatable :: lu(:, :)        !! its LU in LAPACK's band storage [N/m, N, N m]
     integer, allocatable :: pivots(:)        !! (n)
-    real(wp), allocatable :: x(:, :)         !! (n, 1) work of its solves
+    real(wp), allocatable :: x(:, :)         !! (n, 1) work of its solves [any]
   contains
     procedure :: set_up
     procedure :: factor_base

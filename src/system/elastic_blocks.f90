@@ -16,7 +16,7 @@ contains
   !> springs stay empty).
   subroutine elastic_matrices(m, q, lin)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)             !! (nq) positions
+    real(wp), intent(in) :: q(:)             !! (nq) positions [m, rad]
     type(linear_mechanism), intent(out) :: lin
     integer :: b, k
     lin%n = m%s%nq
@@ -38,7 +38,7 @@ contains
   subroutine modal_block(bo, b, f, thetad, thetadd, lin)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: b, f(:)
-    real(wp), intent(in) :: thetad, thetadd
+    real(wp), intent(in) :: thetad, thetadd   !! rate and acceleration of the frame angle [rad/s], [rad/s2]
     type(linear_mechanism), intent(inout) :: lin
     real(wp) :: one(bo%nf, bo%nf), k(bo%nf, bo%nf)
     integer :: i, r
@@ -63,7 +63,7 @@ contains
   subroutine nodal_block(bo, b, t, thetad, thetadd, qf, lin)
     type(body_model), intent(in) :: bo
     integer, intent(in) :: b, t
-    real(wp), intent(in) :: thetad, thetadd, qf(:)
+    real(wp), intent(in) :: thetad, thetadd, qf(:)   !! of the frame angle [rad/s], [rad/s2]; elastic coordinates [m, rad]
     type(linear_mechanism), intent(inout) :: lin
     real(wp) :: mass(6, 6), z(6, 6), k(6, 6), g(6, 6)
     integer :: e, d(6), l, i, j, run, r

@@ -12,7 +12,7 @@ contains
   !> Frames' components from body axes into global ones.
   pure function to_global(m, x) result(y)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: x(:)             !! (nq)
+    real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
     integer :: b, i
     y = x
@@ -25,7 +25,7 @@ contains
   !> And back.
   pure function to_body(m, x) result(y)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: x(:)             !! (nq)
+    real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
     y = x
     call turn_to_body(size(m%c), m%s%qo, m%c, m%sn, size(y), y)
@@ -36,7 +36,7 @@ contains
     integer, intent(in) :: nb, nq
     integer, intent(in) :: offset(nb)        !! of each body's coordinates
     real(wp), intent(in) :: c(nb), s(nb)     !! of the frame angles [-]
-    real(wp), intent(inout) :: x(nq)
+    real(wp), intent(inout) :: x(nq)         !! [any]
     real(wp) :: y(2)
     integer :: b, i
     do b = 1, nb

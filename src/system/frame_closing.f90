@@ -37,9 +37,9 @@ contains
   pure subroutine levers(n, place, w, np, rho, lever)
     integer, intent(in) :: n, np
     integer, intent(in) :: place(n)
-    real(wp), intent(in) :: w(3, n)            !! body axes
+    real(wp), intent(in) :: w(3, n)            !! unit wrenches, body axes [-, m]
     real(wp), intent(in) :: rho(2, np)         !! [m]
-    real(wp), intent(out) :: lever(3, n)
+    real(wp), intent(out) :: lever(3, n)       !! the same on the frames [-, m]
     integer :: e
     do e = 1, n
       lever(1, e) = w(1, e)
@@ -52,7 +52,7 @@ contains
   subroutine close_frames(self, phi, q)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
-    real(wp), intent(inout), contiguous :: q(:)        !! (nq)
+    real(wp), intent(inout), contiguous :: q(:)        !! (nq) [m, rad]
     call self%closing%solve(phi)
     call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%lever, self%low, self%dinv, &
                       self%s%rows, phi, self%push)
@@ -64,8 +64,8 @@ contains
   pure subroutine add_frames(nb, offset, nq, dq, q)
     integer, intent(in) :: nb, nq
     integer, intent(in) :: offset(nb)          !! of each body's coordinates
-    real(wp), intent(in) :: dq(nq)             !! elastic entries are not used
-    real(wp), intent(inout) :: q(nq)
+    real(wp), intent(in) :: dq(nq)             !! elastic entries are not used [m, rad]
+    real(wp), intent(inout) :: q(nq)           !! [m, rad]
     integer :: b, i
     do b = 1, nb
       i = offset(b)

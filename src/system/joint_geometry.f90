@@ -73,7 +73,7 @@ contains
 
   !> A wrench on a place as force, and moment about the middle over the reach.
   pure function about(w, arm, reach) result(x)
-    real(wp), intent(in) :: w(3)                  !! body axes
+    real(wp), intent(in) :: w(3)                  !! wrench, body axes [-, m]
     real(wp), intent(in) :: arm(2), reach         !! [m]
     real(wp) :: x(3)
     x(1:2) = w(1:2)

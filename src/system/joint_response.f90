@@ -12,7 +12,7 @@ contains
   !> push = Mc^-1 J^T w lambda of every body's frame, body axes.
   pure subroutine push_frames(self, lambda)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
+    real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
     call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%jw, self%low, self%dinv, &
                         self%s%rows, lambda, self%push)
   end subroutine push_frames
@@ -21,8 +21,8 @@ contains
   pure subroutine solve_frames(nb, first, n, row, jw, low, dinv, rows, lambda, x)
     integer, intent(in) :: nb, n, rows
     integer, intent(in) :: first(nb + 1), row(n)
-    real(wp), intent(in) :: jw(3, n), low(3, nb), dinv(3, nb), lambda(rows)
-    real(wp), intent(out) :: x(3, nb)
+    real(wp), intent(in) :: jw(3, n), low(3, nb), dinv(3, nb), lambda(rows)   !! wrenches [-, m], factors [1/kg ...], [N]
+    real(wp), intent(out) :: x(3, nb)                                         !! [m/s2, rad/s2]
     real(wp) :: x1, x2, x3, l
     integer :: b, e
     do b = 1, nb
@@ -48,8 +48,8 @@ contains
   subroutine push_elastic(self, b, lambda, a)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
-    real(wp), intent(in), contiguous :: lambda(:)     !! (rows)
-    real(wp), intent(inout), contiguous :: a(:)       !! (nf)
+    real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
+    real(wp), intent(inout), contiguous :: a(:)       !! (nf) [m/s2, rad/s2], or corrections [m, rad]
     integer :: first, last
     first = self%end_first(b)
     last = self%end_first(b + 1) - 1
@@ -64,8 +64,8 @@ contains
   pure subroutine column_loads(n, row, local, w, rows, lambda, na, column, nc, load)
     integer, intent(in) :: n, rows, na, nc
     integer, intent(in) :: row(n), local(n), column(3, na)
-    real(wp), intent(in) :: w(3, n), lambda(rows)
-    real(wp), intent(out) :: load(nc)
+    real(wp), intent(in) :: w(3, n), lambda(rows)   !! wrenches of unit multipliers [-, m], multipliers [N]
+    real(wp), intent(out) :: load(nc)               !! [N, N m]
     integer :: e, c, k
     load = 0.0_wp
     do e = 1, n
@@ -79,8 +79,8 @@ contains
   !> a = a - columns load.
   pure subroutine subtract_columns(n, nc, load, columns, a)
     integer, intent(in) :: n, nc
-    real(wp), intent(in) :: load(nc), columns(n, nc)
-    real(wp), intent(inout) :: a(n)
+    real(wp), intent(in) :: load(nc), columns(n, nc)   !! forces on the columns [N, N m], columns m_ff^-1 E^T [1/kg ...]
+    real(wp), intent(inout) :: a(n)                    !! [m/s2, rad/s2]
     integer :: j, k
     do k = 1, nc
       do j = 1, n
@@ -92,8 +92,8 @@ contains
   !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
   subroutine apply_multipliers(self, mu, dq)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: mu(:)         !! (rows)
-    real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes
+    real(wp), intent(in), contiguous :: mu(:)         !! (rows) multipliers [N], or times s2 for positions
+    real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes [m/s2, rad/s2], or [m, rad]
     integer :: b, i, n
     call push_frames(self, mu)
     call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(dq), dq)
@@ -116,8 +116,8 @@ contains
   pure subroutine turn_back(nb, offset, c, s, push, nq, dq)
     integer, intent(in) :: nb, nq
     integer, intent(in) :: offset(nb)
-    real(wp), intent(in) :: c(nb), s(nb), push(3, nb)
-    real(wp), intent(inout) :: dq(nq)
+    real(wp), intent(in) :: c(nb), s(nb), push(3, nb)   !! of the frame angles [-]; accelerations, body axes [m/s2, rad/s2]
+    real(wp), intent(inout) :: dq(nq)                   !! [m/s2, rad/s2]
     integer :: b, i
     do b = 1, nb
       i = offset(b)
@@ -130,8 +130,8 @@ contains
   !> Elastic coordinates that follow a correction -x of the frame: m_ff^-1 (S-bar^T, m_theta_f^T) x.
   pure subroutine follow_frame(n, pmat, tx, x, dq)
     integer, intent(in) :: n
-    real(wp), intent(in) :: pmat(n, 2), tx(n), x(3)
-    real(wp), intent(out) :: dq(n)
+    real(wp), intent(in) :: pmat(n, 2), tx(n), x(3)   !! m_ff^-1 (S-bar^T [-], m_theta_f [m]), of the frame [m/s2, rad/s2]
+    real(wp), intent(out) :: dq(n)                    !! [m/s2, rad/s2]
     integer :: k
     do k = 1, n
       dq(k) = pmat(k, 1)*x(1) + pmat(k, 2)*x(2) + tx(k)*x(3)

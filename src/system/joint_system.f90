@@ -24,7 +24,7 @@ contains
   !> Rates of all rows, Phi_q v + Phi_t [m/s].
   pure subroutine row_rates(self, rate)
     type(mechanism_model), intent(in) :: self
-    real(wp), intent(out), contiguous :: rate(:)      !! (rows)
+    real(wp), intent(out), contiguous :: rate(:)      !! (rows) [m/s]
     call add_place_terms(self%s%rows, size(self%p%rate), self%row_place, self%rows%na, self%rows%nb, self%p%v, &
                          self%rows%phi_t, rate)
     call add_angle_terms(self%s%rows, size(self%p%rate), self%row_place, self%rows%sa, self%rows%sb, self%p%rate, rate)
@@ -34,8 +34,8 @@ contains
   pure subroutine add_place_terms(n, np, place, na, nb, u, x, y)
     integer, intent(in) :: n, np
     integer, intent(in) :: place(2, n)
-    real(wp), intent(in) :: na(2, n), nb(2, n), u(2, np), x(n)
-    real(wp), intent(out) :: y(n)
+    real(wp), intent(in) :: na(2, n), nb(2, n), u(2, np), x(n)   !! gradients [-], vectors [any], what they add to [as u]
+    real(wp), intent(out) :: y(n)                                !! [as u]
     integer :: i
     do i = 1, n
       y(i) = x(i) + ((na(1, i)*u(1, place(1, i)) + na(2, i)*u(2, place(1, i))) &
@@ -47,8 +47,8 @@ contains
   pure subroutine add_angle_terms(n, np, place, sa, sb, u, y)
     integer, intent(in) :: n, np
     integer, intent(in) :: place(2, n)
-    real(wp), intent(in) :: sa(n), sb(n), u(np)
-    real(wp), intent(inout) :: y(n)
+    real(wp), intent(in) :: sa(n), sb(n), u(np)   !! gradients [m], numbers [any]
+    real(wp), intent(inout) :: y(n)               !! [m times unit of u]
     integer :: i
     do i = 1, n
       y(i) = y(i) + (sa(i)*u(place(1, i)) + sb(i)*u(place(2, i)))
@@ -89,9 +89,9 @@ contains
     integer, intent(in) :: row(n), place(n), body(n)
     logical, intent(in) :: is_a(n)
     real(wp), intent(in) :: c(bodies), s(bodies)      !! of the frame angles [-]
-    real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)
-    real(wp), intent(in) :: rho(2, np)
-    real(wp), intent(out) :: w(3, n), jw(3, n)
+    real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)   !! gradients, as in constraint_rows [-], [m]
+    real(wp), intent(in) :: rho(2, np)                                     !! positions of places, body axes [m]
+    real(wp), intent(out) :: w(3, n), jw(3, n)                             !! on the places, on the frames [-, m]
     real(wp) :: x, y, m
     integer :: e, i, k, b
     do e = 1, n
@@ -116,9 +116,9 @@ contains
   pure subroutine condense_elastic(n, local, na, ep, ey, w, jw)
     integer, intent(in) :: n, na
     integer, intent(in) :: local(n)         !! attachment of each end
-    real(wp), intent(in) :: ep(3, 2, na), ey(3, na)    !! as in flexible_attachments
-    real(wp), intent(in) :: w(3, n)
-    real(wp), intent(inout) :: jw(3, n)
+    real(wp), intent(in) :: ep(3, 2, na), ey(3, na)    !! as in flexible_attachments [-], [m]
+    real(wp), intent(in) :: w(3, n)                    !! wrenches of unit multipliers [-, m]
+    real(wp), intent(inout) :: jw(3, n)                !! on the condensed frames [-, m]
     integer :: e, j, c
     do e = 1, n
       j = local(e)
@@ -135,9 +135,9 @@ contains
     integer, intent(in) :: n, rows, na, ns
     integer, intent(in) :: local(n), row(n)
     integer, intent(in) :: slot(n*(n + 1)/2)           !! of these pairs (mechanism_model)
-    real(wp), intent(in) :: compliance(3, 3, na, na)   !! of the body's attachments
-    real(wp), intent(in) :: w(3, n), scale(rows)
-    real(wp), intent(inout) :: s(ns)
+    real(wp), intent(in) :: compliance(3, 3, na, na)   !! of the body's attachments [1/kg ...]
+    real(wp), intent(in) :: w(3, n), scale(rows)       !! wrenches of unit multipliers [-, m], weights of rows [-]
+    real(wp), intent(inout) :: s(ns)                   !! entries of S [1/kg]
     real(wp) :: x
     integer :: e, f, c, k
     k = 0
@@ -161,9 +161,9 @@ contains
     integer, intent(in) :: nb, n, rows, pairs, ns
     integer, intent(in) :: first(nb + 1), row(n)
     integer, intent(in) :: slot(pairs)                 !! of all pairs (mechanism_model)
-    real(wp), intent(in) :: low(3, nb), dinv(3, nb), jw(3, n), scale(rows)
-    real(wp), intent(out) :: g(3, n)
-    real(wp), intent(inout) :: s(ns)
+    real(wp), intent(in) :: low(3, nb), dinv(3, nb), jw(3, n), scale(rows)   !! factors [1/kg ...], wrenches [-, m], weights [-]
+    real(wp), intent(out) :: g(3, n)                                         !! L^-1 J^T w [-, m]
+    real(wp), intent(inout) :: s(ns)                                         !! entries of S [1/kg]
     real(wp) :: h(3), x, j1, j2, j3
     integer :: b, e, f, i, k
     k = 0
@@ -213,8 +213,8 @@ contains
   pure subroutine add_frame_terms(nb, n, row, body, jw, free, rows, lambda)
     integer, intent(in) :: nb, n, rows
     integer, intent(in) :: row(n), body(n)
-    real(wp), intent(in) :: jw(3, n), free(3, nb)
-    real(wp), intent(inout) :: lambda(rows)
+    real(wp), intent(in) :: jw(3, n), free(3, nb)   !! condensed wrenches [-, m], accelerations without joints [m/s2, rad/s2]
+    real(wp), intent(inout) :: lambda(rows)         !! second derivatives of the rows so far [m/s2]
     integer :: e, b
     do e = 1, n
       b = body(e)
@@ -226,8 +226,8 @@ contains
   pure subroutine add_elastic_terms(n, row, local, w, na, ex, rows, lambda)
     integer, intent(in) :: n, na, rows
     integer, intent(in) :: row(n), local(n)
-    real(wp), intent(in) :: w(3, n), ex(3, na)
-    real(wp), intent(inout) :: lambda(rows)
+    real(wp), intent(in) :: w(3, n), ex(3, na)   !! wrenches [-, m], free accelerations of the attachments [m/s2, rad/s2]
+    real(wp), intent(inout) :: lambda(rows)      !! second derivatives of the rows so far [m/s2]
     integer :: e, j
     do e = 1, n
       j = local(e)

@@ -75,7 +75,7 @@ contains
   !> Whether two lists are the same numbers.
   pure logical function equal(n, x, y)
     integer, intent(in) :: n
-    real(wp), intent(in) :: x(n), y(n)           !! any unit
+    real(wp), intent(in) :: x(n), y(n)           !! [any]
     equal = all(abs(x - y) <= 0.0_wp)
   end function equal
 end module like_bodies

@@ -16,8 +16,8 @@ contains
   subroutine solve_mass(m, held, r, u)
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held                !! joints and drives held
-    real(wp), intent(in) :: r(:)               !! (n) forces
-    real(wp), intent(out) :: u(:)              !! (n)
+    real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
+    real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
     integer :: b, e
     call solve_bodies(m, r, u)
     if (.not. held .or. m%s%rows == 0) return
@@ -81,7 +81,7 @@ contains
   pure function row_shift(m, b, e, u) result(s)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b, e                !! body, end of a row on it
-    real(wp), intent(in) :: u(:)               !! (n)
+    real(wp), intent(in) :: u(:)               !! (n) accelerations [m/s2], [rad/s2]
     real(wp) :: s
     integer :: i, k
     i = m%s%qo(b)

@@ -12,7 +12,7 @@ contains
   !> Cosines and sines of the frame angles.
   pure subroutine set_frames(self, q)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:)          !! (nq)
+    real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp) :: angle
     integer :: b
     do b = 1, size(self%c)
@@ -25,7 +25,7 @@ contains
   !> States of all places.
   pure subroutine place_kinematics(self, q, v)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n
     if (size(self%rigid_places) > 0) call rigid_places(size(self%rigid_places), self%rigid_places, size(self%place_body), &
                                                   size(self%c), self%place_body, self%s%qo, self%c, self%sn, size(q), q, v, &
@@ -51,9 +51,9 @@ contains
     integer, intent(in) :: body(np)                   !! of each place
     integer, intent(in) :: offset(nb)                 !! of each body's coordinates
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
-    real(wp), intent(in) :: q(nq), v(nq)
+    real(wp), intent(in) :: q(nq), v(nq)              !! [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rho(2, np)                !! body axes [m]
-    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as in place_states
+    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as place_states [m, rad, per s, s2]
     real(wp) :: x(2), w
     integer :: j, k, b, i
     do j = 1, n
@@ -83,9 +83,9 @@ contains
     integer, intent(in) :: dof(3, np)                 !! elastic coordinates of each place, 0: none
     real(wp), intent(in) :: x(2, np)                  !! undeformed, body axes [m]
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
-    real(wp), intent(in) :: q(nq), v(nq)
+    real(wp), intent(in) :: q(nq), v(nq)              !! [m, rad], [m/s, rad/s]
     real(wp), intent(inout) :: rho(2, np)             !! body axes [m]
-    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as in place_states
+    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as place_states [m, rad, per s, s2]
     real(wp) :: u(3), ud(3)
     integer :: j, k, b, i, m
     do j = 1, n
@@ -108,11 +108,11 @@ contains
   !> Global position, velocity, velocity-dependent acceleration, angle and rate of a place (theory.md, section 6).
   pure subroutine move_place(c, s, q, v, rho, turned, ud, r, rv, bias, angle, rate)
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
-    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates
+    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rho(2)          !! x + u in body axes [m]
     real(wp), intent(in) :: turned          !! elastic rotation [rad]
-    real(wp), intent(in) :: ud(3)           !! rates of u, v, rotation
-    real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as in place_states
+    real(wp), intent(in) :: ud(3)           !! rates of u, v, rotation [m/s, rad/s]
+    real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as place_states [m, rad, per s, s2]
     real(wp) :: rel(2), b(2), w
     w = v(3)
     rel(1) = ud(1) - w*rho(2)
@@ -133,9 +133,9 @@ contains
   pure subroutine one_place(place, c, s, q, v, nf, qf, vf, p, k)
     type(place_model), intent(in) :: place
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
-    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates
+    real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates [m, rad], [m/s, rad/s]
     integer, intent(in) :: nf
-    real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates
+    real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates [m, rad], [m/s, rad/s]
     type(place_states), intent(inout) :: p
     integer, intent(in) :: k                !! entry of p to fill
     real(wp) :: u(3), ud(3)
@@ -148,7 +148,7 @@ contains
   pure subroutine place_displacement(place, nf, qf, vf, u, ud)
     type(place_model), intent(in) :: place
     integer, intent(in) :: nf
-    real(wp), intent(in) :: qf(nf), vf(nf)
+    real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: u(3), ud(3)    !! [m, m, rad] and per second
     integer :: i
     u = 0.0_wp
@@ -168,8 +168,8 @@ contains
   !> u = Psi q.
   pure subroutine modal_displacement(nf, psi, q, u)
     integer, intent(in) :: nf
-    real(wp), intent(in) :: psi(3, nf), q(nf)
-    real(wp), intent(out) :: u(3)
+    real(wp), intent(in) :: psi(3, nf), q(nf)   !! displacements in each mode, amplitudes [m, rad, over their unit], [kg^.5 m]
+    real(wp), intent(out) :: u(3)               !! [m, m, rad]
     integer :: i
     u = 0.0_wp
     do i = 1, nf

@@ -90,13 +90,13 @@ contains
 
   !> Phase of a quotient, from -pi to pi.
   pure real(wp) function phase(difference) result(angle)
-    complex(wp), intent(in) :: difference              !! of logarithms
+    complex(wp), intent(in) :: difference              !! of logarithms [-]
     angle = difference%im - 2*pi*anint(difference%im/(2*pi))
   end function phase
 
   !> Whether two samples are near enough for their phase to be followed.
   pure logical function near(a, b) result(yes)
-    complex(wp), intent(in) :: a, b                    !! logarithms
+    complex(wp), intent(in) :: a, b                    !! logarithms [-]
     yes = abs(phase(b - a)) < turn .and. abs(b%re - a%re) < 4*turn
   end function near
 end module pole_count

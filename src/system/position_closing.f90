@@ -22,8 +22,8 @@ contains
   !> Newton steps that move frames only, least sum of (dx2 + dy2)/S2 + dtheta2.
   subroutine close_positions(self, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(inout) :: q(:)
-    real(wp), intent(in) :: v(:)
+    real(wp), intent(inout) :: q(:)   !! (nq) [m, rad]
+    real(wp), intent(in) :: v(:)      !! (nq) [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: trial(:)
@@ -81,7 +81,7 @@ contains
   !> Largest change of a frame, relative to the size, or in radians.
   pure function largest_motion(self, dq) result(motion)
     type(mechanism_model), intent(in) :: self
-    real(wp), intent(in) :: dq(:)
+    real(wp), intent(in) :: dq(:)   !! (nq) [m, rad]
     real(wp) :: motion
     integer :: b, i
     motion = 0.0_wp
@@ -94,8 +94,8 @@ contains
   !> Places and constraints at trial positions; the largest |Phi| [m].
   subroutine frame_positions(self, q, v, worst)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: q(:), v(:)
-    real(wp), intent(out) :: worst
+    real(wp), intent(in) :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
+    real(wp), intent(out) :: worst       !! largest gap of a row [m]
     call set_frames(self, q)
     call place_kinematics(self, q, v)
     call constraint_values(self, 0.0_wp)
@@ -107,7 +107,7 @@ contains
   !> Warns where a frame moved by more than 5 % of the size.
   subroutine warn_of_motion(self, q, report)
     type(mechanism_model), intent(in) :: self
-    real(wp), intent(in) :: q(:)
+    real(wp), intent(in) :: q(:)   !! (nq) [m, rad]
     type(assembly_report), intent(inout) :: report
     real(wp) :: dx, da
     character(:), allocatable :: by

@@ -24,8 +24,8 @@ contains
   subroutine project(self, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(inout), contiguous :: q(:), v(:)   !! (nq)
-    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz)
+    real(wp), intent(inout), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
+    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     logical, intent(out) :: ok
     ok = .true.
     if (self%s%rows == 0) return
@@ -51,9 +51,9 @@ contains
   !> Newton corrections of the positions; new factors where old ones converge slowly.
   subroutine project_positions(self, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: t
-    real(wp), intent(inout), contiguous :: q(:)
-    real(wp), intent(in), contiguous :: v(:), z(:), zd(:)
+    real(wp), intent(in) :: t   !! [s]
+    real(wp), intent(inout), contiguous :: q(:)   !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: v(:), z(:), zd(:)   !! (nq), (nz) [m, rad], [m/s, rad/s]
     logical, intent(out) :: ok
     real(wp) :: worst, before, goal, enough
     integer :: pass
@@ -94,8 +94,8 @@ contains
   !> Corrections of the velocities at fixed positions.
   subroutine project_velocities(self, q, v)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:)
-    real(wp), intent(inout), contiguous :: v(:)
+    real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
+    real(wp), intent(inout), contiguous :: v(:)   !! (nq) [m/s, rad/s]
     real(wp) :: worst, before, goal
     integer :: pass
     before = huge(1.0_wp)
@@ -115,7 +115,7 @@ contains
   !> Largest absolute value; four at a time, so that they need not wait for each other.
   pure function largest(n, x) result(y)
     integer, intent(in) :: n
-    real(wp), intent(in) :: x(n)
+    real(wp), intent(in) :: x(n)   !! [any]
     real(wp) :: y, part(4)
     integer :: k, i
     part = 0.0_wp
@@ -133,9 +133,9 @@ contains
   !> Largest violations of positions and velocities at a state (angle rows count times the scene's size) [m], [m/s].
   subroutine violations(self, t, q, v, position, velocity)
     type(mechanism_model), intent(inout) :: self
-    real(wp), intent(in) :: t
-    real(wp), intent(in), contiguous :: q(:), v(:)
-    real(wp), intent(out) :: position, velocity
+    real(wp), intent(in) :: t   !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
+    real(wp), intent(out) :: position, velocity      !! largest of all rows [m], [m/s]
     position = 0.0_wp
     velocity = 0.0_wp
     if (self%s%rows == 0) return
@@ -151,7 +151,7 @@ contains
   subroutine open_constraints(self, names, worst)
     type(mechanism_model), intent(in) :: self
     character(:), allocatable, intent(out) :: names
-    real(wp), intent(out) :: worst
+    real(wp), intent(out) :: worst   !! largest gap [m]
     real(wp) :: gap(size(self%s%constraints))
     integer :: k, n
     do k = 1, size(gap)

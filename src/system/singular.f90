@@ -23,8 +23,8 @@ contains
   subroutine evaluate_branch(m, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq)
-    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz)
+    real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
+    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     call evaluate(m, t, q, v, z, zd)
     if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, t, q, v, z, zd)
   end subroutine evaluate_branch
@@ -36,8 +36,8 @@ contains
   subroutine smooth_accelerations(m, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
-    real(wp), intent(in) :: q(:), v(:)          !! (nq) the evaluated state
-    real(wp), intent(in) :: z(:), zd(:)         !! (nz)
+    real(wp), intent(in) :: q(:), v(:)          !! (nq) the state [m, rad], [m/s, rad/s]
+    real(wp), intent(in) :: z(:), zd(:)         !! (nz) [m, rad], [m/s, rad/s]
     real(wp), allocatable :: a(:), lambda(:)
     real(wp) :: s, power, rate
     logical :: ok
@@ -72,7 +72,7 @@ contains
   !> Whether drives at rest leave no freedom: no acceleration either, though a singular position seems to let one through.
   pure logical function held(m, v) result(yes)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: v(:)                !! (nq)
+    real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
     yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(m%rows%phi_t) > 0.0_wp) .or. &
                                           any(abs(m%rows%extra) > 0.0_wp))
   end function held
@@ -82,7 +82,7 @@ contains
   logical function passes(m, t, q, v, z, zd, rate, most) result(yes)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                   !! [s]
-    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
+    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
     real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
     yes = steadily(m, rate, most)
@@ -111,8 +111,8 @@ contains
   subroutine mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
-    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)
-    real(wp), intent(inout) :: a(:)             !! accelerations, improved
+    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
+    real(wp), intent(inout) :: a(:)             !! accelerations, improved [m/s2, rad/s2]
     real(wp), intent(out) :: lambda(:)          !! multipliers [N]
     real(wp), intent(out) :: power              !! [W]
     logical, intent(out) :: ok
