@@ -26,19 +26,18 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from histories import HistoryError, read
+from histories import HistoryError, read, read_summary
 
 COUNTS = {
-    "steps": r"^\s*steps: (\d+)",
-    "rejected": r"rejected: (\d+)",
-    "evaluations": r"evaluations: (\d+)",
-    "newton": r"Newton iterations: (\d+)",
-    "solves": r"banded solves: (\d+)",
-    "coordinates": r"^\s*coordinates: .*= (\d+)",
-    "dissipative": r"^\s*dissipative coordinates: (\d+)",
-    "multipliers": r"^\s*constraints \(multipliers\): (\d+)",
+    "steps": ("transient", "steps"),
+    "rejected": ("transient", "rejected"),
+    "evaluations": ("transient", "evaluations"),
+    "newton": ("transient", "newton_iterations"),
+    "solves": ("transient", "banded_solves"),
+    "coordinates": ("model", "coordinates"),
+    "dissipative": ("model", "dissipative_coordinates"),
+    "multipliers": ("model", "constraints"),
 }
-SECONDS = r"^timing: analyses took\s+[\d.]+ s, ([\d.]+) s of the processor"
 ALONE = 9  # a run timed alone is repeated so often at most
 ENOUGH = 1.0  # [s] of repeats of a run timed alone
 Item = TypeVar("Item")
@@ -292,13 +291,13 @@ class Runner:
             return Outcome(status, message or f"the solver ended with status {status}")
         try:
             history = read(place / "out")
-            summary = (place / "out" / "summary.txt").read_text(encoding="utf-8")
-        except (HistoryError, OSError) as fault:
+            summary = read_summary(place / "out")
+        except HistoryError as fault:
             return Outcome(-2, str(fault))
-        counts = {k: int(m[1]) for k, p in COUNTS.items() if (m := re.search(p, summary, re.MULTILINE))}
-        seconds = re.search(SECONDS, summary, re.MULTILINE)
+        counts = {name: summary[part][key] for name, (part, key) in COUNTS.items() if key in summary.get(part, {})}
+        seconds = summary["timing"]["processor_seconds"]
         units = tuple(history.units[name] for name in history.names[1:])
-        return Outcome(0, "", tuple(history.names[1:]), units, history.data, float(seconds[1]) if seconds else 0.0, counts)
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts)
 
     def _show(self, stage: str, done: int, count: int) -> None:
         """Draw the progress bar on a terminal."""

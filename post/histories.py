@@ -8,6 +8,7 @@ Every fault is a `HistoryError` of one line, the file and where possible the lin
 from __future__ import annotations
 
 import fnmatch
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,6 +127,21 @@ def read(source: str | Path, kind: str = "history") -> History:
     data = _rows(path, lines, first, len(names), separator)
     _check_order(path, names[0], data[:, 0])
     return History(path, names, dict(columns), data)
+
+
+def read_summary(folder: str | Path) -> dict:
+    """Read the figures of a run, summary.json of its results folder (input/README.md says what they mean).
+
+    Raises:
+        HistoryError: the file is missing or damaged.
+    """
+    path = Path(folder) / "summary.json"
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise HistoryError(f"{path}: no such file (has the run been made?)") from None
+    except (OSError, ValueError) as fault:
+        raise HistoryError(f"{path}: cannot be read ({fault})") from None
 
 
 def _why_missing(path: Path) -> str:

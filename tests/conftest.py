@@ -58,6 +58,11 @@ class Run:
         return (self.folder / "summary.txt").read_text(encoding="utf-8")
 
 
+def untimed(text: bytes) -> bytes:
+    """Return a result without what two equal runs may differ in: the line of seconds, machine and date of the summaries."""
+    return b"\n".join(line for line in text.splitlines() if not line.strip().startswith((b"timing:", b'"timing":')))
+
+
 def wait_for(file: Path, process: subprocess.Popen) -> None:
     """Wait until a run has made a file; a run that ends without it is a failure, not a reason to wait for ever."""
     while not file.exists():

@@ -187,7 +187,7 @@ def test_a_killed_rerun_does_not_read_done(run_deck, biela, tmp_path):
         assert "done" not in text
         assert "! changed" in text
     found = {path.name for path in old.folder.iterdir() if not path.name.startswith(".")}
-    assert found - {"checkpoint"} == {"summary.txt", "history.txt", "energy.txt", "notes.txt"}
+    assert found - {"checkpoint"} == {"summary.txt", "summary.json", "history.txt", "energy.txt", "notes.txt"}
 
 
 def test_an_interrupted_run_reads_interrupted_and_running_while_it_goes_on(biela, tmp_path):

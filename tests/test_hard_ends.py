@@ -83,7 +83,7 @@ def test_closed_streams_change_no_result(closed, biela, tmp_path):
     assert done.returncode == 0
     names = {path.name for path in (tmp_path / "plain").iterdir()}
     assert {path.name for path in (tmp_path / "closed").iterdir()} == names
-    for name in names - {"summary.txt"}:
+    for name in names - {"summary.txt", "summary.json"}:
         assert (tmp_path / "closed" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
 
 
@@ -99,7 +99,7 @@ def test_what_cannot_be_printed_is_told(option, biela, tmp_path):
         assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", ["energy.txt", "history.txt", "summary.txt.new", ".lock"])
+@pytest.mark.parametrize("name", ["energy.txt", "history.txt", "summary.txt.new", "summary.json.new", ".lock"])
 def test_a_pipe_in_place_of_a_result_is_refused(name, run_deck, tmp_path):
     folder = tmp_path / "results" / "scene"
     folder.mkdir(parents=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import TIMEOUT, caught, wait_for
+from conftest import TIMEOUT, caught, untimed, wait_for
 
 SCENE = """&scene title='two beams, a drive, a spring, a pulse' gravity=0.0,-9.81 /
 &material name='m' density=1500.0 young=3.0e9 ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0 rayleigh_stiffness=1e-6 /
@@ -68,11 +68,7 @@ class Place:
 
     def files(self) -> dict[str, bytes]:
         """Return the bytes of every result, without the lines of times."""
-        return {
-            path.name: re.sub(rb"(?m)^timing:.*\n", b"", path.read_bytes())
-            for path in self.results.iterdir()
-            if path.name != ".lock"
-        }
+        return {path.name: untimed(path.read_bytes()) for path in self.results.iterdir() if path.name != ".lock"}
 
 
 @pytest.fixture
@@ -104,7 +100,7 @@ def test_killed_at_random_moments(method, place):
     assert whole.run()[0] == 0
     duration = time.monotonic() - start
     expected = whole.files()
-    assert set(expected) == {"history.txt", "energy.txt", "motion.txt", "summary.txt"}
+    assert set(expected) == {"history.txt", "energy.txt", "motion.txt", "summary.txt", "summary.json"}
 
     seed = random.randrange(10**6)
     print(f"seed {seed}")

@@ -13,7 +13,7 @@ import subprocess
 from math import cos, sin
 
 import pytest
-from conftest import TIMEOUT
+from conftest import TIMEOUT, untimed
 
 ROWS = 100
 CUTS = 2  # of each scene
@@ -94,7 +94,7 @@ class Runner:
     def files(self) -> dict[str, bytes]:
         """Return the bytes of every result, without the lines of times; a checkpoint knows how often the run was restarted."""
         found = {path.name: path.read_bytes() for path in self.results.iterdir() if path.name not in (".lock", "checkpoint")}
-        return {name: re.sub(rb"(?m)^timing:.*\n", b"", text) for name, text in found.items()}
+        return {name: untimed(text) for name, text in found.items()}
 
 
 def restarted(biela, folder, seed: int, method: str) -> int:

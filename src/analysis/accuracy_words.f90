@@ -7,6 +7,7 @@ module accuracy_words
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
   use summary, only: add_line
+  use summary_text, only: json_number, json_text, summary_record
   use text, only: es_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
@@ -26,16 +27,20 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     logical, intent(in) :: lost
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     associate (b => march%balance)
-      call add_line(text, '  largest violations: position '//es_text(b%violation(1), 3)//' m ('// &
-                    es_text(b%violation(1)/run%sys%m%s%size, 3)//' of the size), velocity '//es_text(b%violation(2), 3)//' m/s')
-      call add_line(text, '  energy residual: largest '//es_text(b%largest_residual, 3)//' J, at the end '// &
-                    es_text(b%row(5), 3)//' J; largest swing of an energy '//es_text(maxval(b%high - b%low), 3)//' J')
+      call text%figure('  largest violations: position ', 'position_violation', b%violation(1), 3)
+      call text%figure(' m (', 'position_violation_of_size', b%violation(1)/run%sys%m%s%size, 3)
+      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3)
+      call text%line(' m/s')
+      call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
+      call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
+      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3)
+      call text%line(' J')
       if (run%d%transient%method == 'generalized_alpha') then
-        call add_line(text, '  energy removed by the method itself: '//es_text(march%method%removed, 3)// &
-                      ' J, numerical damping that the residual shows; without it the residual at the end: '// &
-                      es_text(b%row(5) + march%method%removed, 3)//' J')
+        call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
+        call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &
+                       es_text(b%row(5) + march%method%removed, 3)//' J')
       end if
       if (lost) then
         call add_line(text, '  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
@@ -55,7 +60,7 @@ contains
   subroutine balance_lines(run, march, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(:), allocatable :: name
     real(wp) :: x, exchanged
     integer :: body
@@ -65,6 +70,7 @@ contains
         return
       end if
       call add_line(text, '  energy balance: closed to '//short(b%share())//' of the energy that moved')
+      call text%member('energy_balance', json_number(b%share()))
       if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short(b%share())// &
         ' of the energy that moved: the results cannot be trusted; use a smaller step or tolerance'// &
         damped(march%method%removed, b), text)
@@ -93,7 +99,7 @@ contains
   subroutine error_lines(run, march, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     real(wp), allocatable :: e(:), range(:), x(:)
     character(:), allocatable :: doubt, share
     integer :: k
@@ -105,11 +111,14 @@ contains
       call add_line(text, '  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
         'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%m%evaluations)//' evaluations):')
       call add_line(text, '    column, largest error, of its range')
+      call text%open('estimated_errors', '{')
       do k = 1, size(e)
         share = '  (constant but for rounding)'
         if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)
-        call add_line(text, '    '//trim(names(k))//' '//es_text(e(k), 2)//share)
+        call text%figure('    '//trim(names(k))//' ', trim(names(k)), e(k), 2)
+        call text%line(share)
       end do
+      call text%close()
       call add_line(text, '  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
       if (len(doubt) > 0) call warn(run, doubt, text)
@@ -121,6 +130,8 @@ contains
         call add_line(text, '  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short(x(k))// &
                       ' of its range')
       end if
+      call text%member('worst_column', json_text(trim(names(k))))
+      call text%member('worst_error_of_range', json_number(x(k)))
       if (x(k) > noticed) call warn(run, to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
         short(noticed)//' of their range, the worst, '//trim(names(k))//', by an estimated '//short(x(k))// &
         '; use a smaller step or tolerance', text)

@@ -11,7 +11,7 @@ module command_line
   private
   public :: command, parse_arguments, print_ending
 
-  character(10), parameter :: known(6) = [character(10) :: '--check', '--output', '--restart', '--quiet', '--version', &
+  character(10), parameter :: known(7) = [character(10) :: '--check', '--json', '--output', '--restart', '--quiet', '--version', &
                                           '--help']
 
   !> What the user asked for; decks is not allocated where there is nothing to run.
@@ -45,6 +45,8 @@ contains
       select case (word)
       case ('--check')
         asked%options%check = .true.
+      case ('--json')
+        asked%options%json = .true.
       case ('--restart')
         asked%options%restart = .true.
       case ('--quiet')
@@ -71,6 +73,7 @@ contains
       end select
     end do
     if (output_next) call complain('--output needs a folder', status)
+    if (asked%options%json .and. .not. asked%options%check) call complain('--json goes with --check', status)
     if (n == 0) call complain('no deck given', status)
     if (count(decks(1:n) == '-') > 1) call complain('standard input (-) holds one deck', status)
     if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
@@ -159,6 +162,7 @@ contains
       '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard'//lf// &
       '                                 input, with results in results/stdin/'//lf// &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
+      '  biela --check --json DECK.nml  the same as JSON, with every place of the assembled scene'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --quiet ...              no progress, warnings and errors only'//lf// &

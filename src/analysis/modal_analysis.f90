@@ -8,10 +8,11 @@ module modal_analysis
   use linear_state, only: linear_system, refuse_uneven
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
-  use posix, only: remove_file, tell
+  use posix, only: remove_file
   use scene_run, only: run_state
-  use summary, only: add_line, number
-  use text, only: es_text, to_text
+  use summary, only: add_line, add_warnings, number
+  use summary_text, only: json_text, summary_record
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: run_modal
@@ -23,7 +24,7 @@ contains
   !> Runs the deck's modal analysis; its figures go to the summary.
   subroutine run_modal(run, text, fail)
     type(run_state), intent(inout) :: run
-    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     type(stiffness_system) :: ds
     type(mode_set) :: modes
@@ -50,7 +51,7 @@ contains
   subroutine mind_missing(run, modes, text, fail)
     type(run_state), intent(in) :: run
     type(mode_set), intent(in) :: modes
-    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     character(:), allocatable :: words
     integer :: k
@@ -63,15 +64,14 @@ contains
                       modes%note_undamped//words)
     else if (modes%missing > 0) then
       words = 'warning: poles are missing in modes.txt: '//modes%note_damped
-      call add_line(text, words)
-      call tell(run%d%path//': '//words)
+      call add_warnings(text, run%d%path, words//new_line('a'))
     end if
   end subroutine mind_missing
 
   !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
   subroutine warn_of_motion(run, text)
     type(run_state), intent(in) :: run
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(*), parameter :: words = 'warning: the state about which modes are computed is no equilibrium (it would '// &
                                'accelerate from rest): they are those of the frozen instant; &static finds the equilibrium'
     integer :: nq
@@ -80,8 +80,7 @@ contains
       if (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. m%s%rows == nq) return
       if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%s%gravity), maxval(abs(m%free)))) return
     end associate
-    call add_line(text, words)
-    call tell(run%d%path//': '//words)
+    call add_warnings(text, run%d%path, words//new_line('a'))
   end subroutine warn_of_motion
 
   !> The table of modes for the summary.
@@ -89,7 +88,7 @@ contains
     type(mode_set), intent(in) :: modes
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: wanted
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(12), parameter :: names(0:3) = [character(12) :: 'undamped', 'damped', 'further pole', 'real pole']
     real(wp) :: x(9)
     integer :: k
@@ -97,14 +96,27 @@ contains
     call add_line(text, 'modes')
     if (wanted > ds%n - ds%rows) call add_line(text, '  only '//number(ds%n - ds%rows)//' degrees of freedom for '// &
                                                number(wanted)//' modes')
+    call text%open('modes', '{')
+    call text%open('poles', '[')
     do k = 1, modes%count
       x = mode_figures(modes, k)
-      call add_line(text, '  '//repeat(' ', max(0, 4 - len(number(modes%mode(k)))))//number(modes%mode(k))//'  '// &
-                    names(modes%kind(k))//'  '//es_text(x(4), 8)//' Hz, damping ratio '//es_text(x(5), 8)//', real part '// &
-                    es_text(x(7), 8)//' 1/s')
+      call text%open('', '{')
+      call text%figure(repeat(' ', max(2, 6 - len(number(modes%mode(k))))), 'mode', modes%mode(k))
+      text%words = text%words//'  '//names(modes%kind(k))
+      call text%member('kind', json_text(trim(names(modes%kind(k)))))
+      call text%figure('  ', 'frequency', x(4), 8)
+      call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)
+      call text%figure(', real part ', 'real_part', x(7), 8)
+      call text%line(' 1/s')
+      call text%close()
     end do
-    call add_line(text, '  '//modes%note_undamped)
-    if (len(modes%note_damped) > 0) call add_line(text, '  '//modes%note_damped)
-    call add_line(text, '  factorisations: '//number(ds%factorisations))
+    call text%close()
+    call text%figure('  ', 'complete', modes%note_undamped)
+    call text%line('')
+    if (len(modes%note_damped) > 0) call text%line('  '//modes%note_damped)
+    call text%member('complete_damped', json_text(modes%note_damped))
+    call text%figure('  factorisations: ', 'factorisations', ds%factorisations)
+    call text%line('')
+    call text%close()
   end subroutine modal_lines
 end module modal_analysis

@@ -13,7 +13,8 @@ module response_analysis
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
   use sensors, only: read_sensors
-  use summary, only: add_line, number
+  use summary, only: add_line
+  use summary_text, only: summary_record
   use text, only: to_text
   use text_file, only: result_file
   implicit none (type, external)
@@ -25,7 +26,7 @@ contains
   !> Runs the deck's frequency response.
   subroutine run_response(run, text, fail)
     type(run_state), intent(inout) :: run
-    character(:), allocatable, intent(inout) :: text   !! the summary
+    type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     type(stiffness_system) :: ds
     type(result_file) :: file
@@ -61,8 +62,12 @@ contains
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call add_line(text, '')
     call add_line(text, 'frequency response')
-    call add_line(text, '  input: '//input_name(run)//', points: '//number(k - 1)//', matrices: '// &
-                  number(ds%solver%memory()/1024)//' kB')
+    call text%open('frequency_response', '{')
+    call text%figure('  input: ', 'input', input_name(run))
+    call text%figure(', points: ', 'points', k - 1)
+    call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024)
+    call text%line(' kB')
+    call text%close()
   end subroutine run_response
 
   !> A drive whose row was left out as redundant cannot excite the linear system; nor can a constant rate be a small motion.

@@ -8,6 +8,8 @@ module run_deck
   use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response
+  use rigid_mobility, only: mobility_lines
+  use scene_figures, only: add_scene
   use lapack, only: refused_routine
   use load, only: stage_transient
   use run_summary, only: begin_results, finish_summary
@@ -17,7 +19,8 @@ module run_deck
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use static_analysis, only: run_static, refuse_free_bodies
-  use summary, only: model_lines, model_warnings, add_line, add_warnings
+  use summary, only: model_lines, model_warnings, tell_warnings
+  use summary_text, only: json_number, summary_record
   use text, only: es_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
@@ -29,6 +32,7 @@ module run_deck
   !> What the command line asks for.
   type :: run_options
     logical :: check = .false.
+    logical :: json = .false.                 !! the check's figures instead of its words
     logical :: restart = .false.
     logical :: quiet = .false.
     character(:), allocatable :: output       !! folder, empty: results/<deck name>
@@ -44,7 +48,7 @@ contains
     type(fault_list) :: faults
     type(failure) :: fail
     type(stability_advice) :: advice
-    character(:), allocatable :: text
+    type(summary_record) :: text
     integer :: k
     status = status_bad_input
     call read_deck(path, run%d, faults)
@@ -59,22 +63,26 @@ contains
       status = fail%status
       return
     end if
-    text = ''
-    call add_warnings(text, path, model_warnings(run%sys%m, run%assembly))
+    call text%begin()
+    call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
     call warn_of_slips(run%d, options%check)
-    text = model_lines(run%d, run%sys%m, run%assembly)
+    call model_lines(run%d, run%sys%m, run%assembly, text)
+    if (options%check) call mobility_lines(run%d, text)
+    call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)
     call advise(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), advice)
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
-    call add_line(text, '')
-    text = text//advice%text//deck_step(run, advice)
+    call text%line('')
+    call text%append(advice%text)
+    call deck_step(run, advice, text)
+    call text%close()
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
+      if (options%json) text%words = text%json()//new_line('a')
       status = status_ok
-      if (.not. write_bytes(standard_output, text)) then
-        call tell(path//': the check cannot be written to standard output')
-        status = status_no_output
-      end if
+      if (write_bytes(standard_output, text%words)) return
+      call tell(path//': the check cannot be written to standard output')
+      status = status_no_output
       return
     end if
     run%quiet = options%quiet
@@ -122,7 +130,7 @@ contains
            es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
            es_text(0.98_wp*advice%safe%step(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
     call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
-    if (refused) call tell(advice%text(:len(advice%text) - 1))
+    if (refused) call tell(advice%text%words(:len(advice%text%words) - 1))
   end function step_refused
 
   !> The fixed step in use.
@@ -133,14 +141,13 @@ contains
   end function fixed_step_of
 
   !> Whether the step that the deck asks for is stable, in words.
-  function deck_step(run, advice) result(text)
+  subroutine deck_step(run, advice, text)
     type(run_state), intent(in) :: run
     type(stability_advice), intent(in) :: advice
-    character(:), allocatable :: text
+    type(summary_record), intent(inout) :: text
     character(:), allocatable :: line
     real(wp) :: share                       ! of the safe bound [-]
     integer :: k
-    text = ''
     if (.not. run%d%transient%present) return
     k = method_number(run%d%transient%method)
     if (k == 0) then
@@ -154,14 +161,15 @@ contains
       share = fixed_step_of(run)/advice%safe%step(k)
       line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, '//to_text(anint(100*share)/100)// &
              ' of the safe bound: '//trim(merge('stable          ', 'above that bound', share <= 1.0_wp))
+      call text%member('step_of_safe_bound', json_number(share))
     end if
-    text = '  this deck: '//line//new_line('a')
-  end function deck_step
+    call text%line('  this deck: '//line)
+  end subroutine deck_step
 
   !> Runs the analyses with the results folder locked.
   integer function run_in_folder(run, text) result(status)
     type(run_state), intent(inout) :: run
-    character(:), allocatable, intent(inout) :: text    !! the summary so far
+    type(summary_record), intent(inout) :: text         !! the summary so far
     type(failure) :: fail
     type(transient_march) :: march
     integer :: lock
@@ -195,9 +203,9 @@ contains
     call mind_lapack('transient', fail)
     call system_clock(t1)
     call cpu_time(p1)
-    if (march%restarts > 0) call add_line(text, 'timing: restarts '//to_text(march%restarts))
     ok = .true.
-    if (fail%status /= status_bad_input) call finish_summary(run, fail, real(t1 - t0, wp)/real(rate, wp), p1 - p0, text, ok)
+    if (fail%status /= status_bad_input) call finish_summary(run, fail, [real(t1 - t0, wp)/real(rate, wp), p1 - p0], &
+                                                            march%restarts, text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     call close_lock(run%folder//'/.lock', lock)
     call hold_signals(.false.)

@@ -1,13 +1,14 @@
-!> The file summary.txt of a run: while the run is under way it says so, at the end how the run ended. It is replaced as a
-!> whole, so that whatever ends a run, even the system, leaves a summary that is true.
+!> The files summary.txt and summary.json of a run: while the run is under way they say so, at the end how the run ended.
+!> They are replaced as a whole, so that whatever ends a run, even the system, leaves a summary that is true.
 module run_summary
   use kinds, only: wp
   use checkpoint, only: remove_checkpoint
   use errors, only: failure, status_no_output
-  use posix, only: remove_file, replace_file
+  use posix, only: host_name, remove_file, replace_file
   use scene_run, only: run_state
   use summary, only: version, add_line
-  use text, only: fixed_text
+  use summary_text, only: json_number, json_text, summary_record
+  use text, only: fixed_text, to_text
   use text_file, only: result_file
   use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
@@ -36,46 +37,59 @@ contains
   subroutine announce(run, fail)
     type(run_state), intent(in) :: run
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: text
+    type(summary_record) :: text
     logical :: ok
     text = run%opening
     call add_line(text, '')
     call add_line(text, 'outcome: running; where biela is no longer at work in this folder, the run was killed: its last rows '// &
                   'may be missing, and biela --restart goes on from its checkpoint, if there is one')
-    call add_deck(run, text)
-    call write_whole(run%folder//'/summary.txt', text, ok)
+    call text%member('outcome', json_text('running'))
+    call write_summary(run, text, ok)
     if (.not. ok) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder// &
                                   '": the disk may be full or the folder protected')
   end subroutine announce
 
   !> Writes the summary of a run that has ended: text, outcome, times, the deck.
-  subroutine finish_summary(run, fail, seconds, processor, text, ok)
+  subroutine finish_summary(run, fail, seconds, restarts, text, ok)
     type(run_state), intent(in) :: run
     type(failure), intent(in) :: fail
-    real(wp), intent(in) :: seconds, processor   !! by the clock, of the processor [s]
-    character(:), allocatable, intent(inout) :: text
+    real(wp), intent(in) :: seconds(2)           !! by the clock, of the processor [s]
+    integer, intent(in) :: restarts              !! times that the run was continued
+    type(summary_record), intent(inout) :: text
     logical, intent(out) :: ok                   !! whether it could be written
-    call add_line(text, '')
+    character(8) :: date
+    character(10) :: clock
+    if (restarts > 0) call text%line('timing: restarts '//to_text(restarts))
+    call text%line('')
     if (fail%happened()) then
-      call add_line(text, 'outcome: '//fail%message)
+      call text%figure('outcome: ', 'outcome', fail%message)
     else
-      call add_line(text, 'outcome: done')
+      call text%figure('outcome: ', 'outcome', 'done')
     end if
-    call add_line(text, 'timing: analyses took '//fixed_text(seconds, 6)//' s, '//fixed_text(processor, 6)// &
-                  ' s of the processor')
-    call add_deck(run, text)
-    call write_whole(run%folder//'/summary.txt', text, ok)
+    call text%line('')
+    call text%member('status', to_text(fail%status))
+    call text%line('timing: analyses took '//fixed_text(seconds(1), 6)//' s, '//fixed_text(seconds(2), 6)//' s of the processor')
+    call date_and_time(date, clock)
+    call text%member('timing', '{"seconds": '//json_number(seconds(1))//', "processor_seconds": '//json_number(seconds(2))// &
+      ', "restarts": '//to_text(restarts)//', "ended": '//json_text(date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'// &
+      clock(1:2)//':'//clock(3:4)//':'//clock(5:6))//', "host": '//json_text(host_name())//', "compiler": '// &
+      json_text(compiler_version())//'}')
+    call write_summary(run, text, ok)
   end subroutine finish_summary
 
-  !> Adds the version and the deck's text.
-  subroutine add_deck(run, text)
+  !> Adds the version and the deck's text, and writes both files.
+  subroutine write_summary(run, text, ok)
     type(run_state), intent(in) :: run
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
+    logical, intent(out) :: ok
     call add_line(text, 'version: biela '//version//', '//compiler_version())
     call add_line(text, '')
     call add_line(text, 'deck text')
-    call add_line(text, run%d%text)
-  end subroutine add_deck
+    call text%figure('', 'deck_text', run%d%text)
+    call text%line('')
+    call write_whole(run%folder//'/summary.json', text%json(), ok)
+    if (ok) call write_whole(run%folder//'/summary.txt', text%words, ok)
+  end subroutine write_summary
 
   !> Writes a whole file beside its place and renames it, so that it is never half there.
   subroutine write_whole(path, text, ok)

@@ -12,11 +12,11 @@ module scene_run
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
   use nodal_kernel, only: deformations
-  use posix, only: tell
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor
-  use summary, only: add_line
+  use summary, only: add_warnings
+  use summary_text, only: summary_record
   use validity, only: validity_watch
   implicit none (type, external)
   private
@@ -33,7 +33,7 @@ module scene_run
     type(value_archive) :: saved              !! a restart's checkpoint
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`) [m, rad], [m/s, rad/s], [J]
     character(:), allocatable :: folder       !! results folder
-    character(:), allocatable :: opening      !! first part of the summary: the model, its stable steps
+    type(summary_record) :: opening           !! first part of the summary: the model, its stable steps
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     logical :: quiet = .false.
     logical :: restart = .false.
@@ -68,9 +68,9 @@ contains
   subroutine warn(run, words, text)
     type(run_state), intent(in) :: run
     character(*), intent(in) :: words
-    character(:), allocatable, intent(inout) :: text    !! the summary so far
-    call add_line(text, '  warning: '//words)
-    call tell(run%d%path//': warning: '//words)
+    type(summary_record), intent(inout) :: text         !! the summary so far
+    text%words = text%words//'  '
+    call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
   end subroutine warn
 
   !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).

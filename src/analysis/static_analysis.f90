@@ -16,6 +16,7 @@ module static_analysis
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use summary, only: add_line, add_warnings, number
+  use summary_text, only: summary_record
   use text, only: to_text
   use text_file, only: result_file
   use validity, only: validity_watch
@@ -106,7 +107,7 @@ contains
   !> Runs the deck's static analysis.
   subroutine run_static(run, text, fail)
     type(run_state), intent(inout) :: run
-    character(:), allocatable, intent(inout) :: text !! the summary
+    type(summary_record), intent(inout) :: text !! the summary
     type(failure), intent(inout) :: fail
     type(result_file) :: file
     type(equilibrium_report) :: report
@@ -147,9 +148,14 @@ contains
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call add_line(text, '')
     call add_line(text, 'static')
-    call add_line(text, '  load steps done: '//number(k - 1)//', Newton steps: '//number(steps))
-    call add_line(text, '  residual over the largest force: '//to_text(report%residual)//' (rounding: '// &
-                  to_text(report%noise)//')')
+    call text%open('static', '{')
+    call text%figure('  load steps done: ', 'load_steps', k - 1)
+    call text%figure(', Newton steps: ', 'newton_steps', steps)
+    call text%line('')
+    call text%figure('  residual over the largest force: ', 'residual', report%residual)
+    call text%figure(' (rounding: ', 'rounding', report%noise)
+    call text%line(')')
+    call text%close()
     call add_warnings(text, run%d%path, watch%warnings(run%sys%m, 'in the static analysis '))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
@@ -157,7 +163,7 @@ contains
   !> Says whether the equilibrium is one that the mechanism would leave.
   subroutine tell_growth(run, text)
     type(run_state), intent(inout) :: run
-    character(:), allocatable, intent(inout) :: text !! the summary
+    type(summary_record), intent(inout) :: text !! the summary
     real(wp) :: rate                                 ! [1/s]
     integer :: body
     call find_growth(run, rate, body)

@@ -16,7 +16,8 @@ module step_advice
   use spectrum, only: fast_spectrum
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
-  use text, only: es_text, fixed_text
+  use summary_text, only: json_number, summary_record
+  use text, only: fixed_text
   implicit none (type, external)
   private
   public :: advise, stability_advice
@@ -24,7 +25,7 @@ module step_advice
   !> Both bounds and their explanation, for the summary.
   type :: stability_advice
     type(step_bound) :: safe, current
-    character(:), allocatable :: text
+    type(summary_record) :: text
   end type stability_advice
 
 contains
@@ -65,28 +66,44 @@ contains
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
     integer :: k
-    advice%text = 'stable steps of explicit methods'//new_line('a')
+    call advice%text%begin()
+    call advice%text%line('stable steps of explicit methods')
+    call advice%text%open('stable_steps', '{')
     do k = 1, size(method_names)
-      if (advice%safe%step(k) >= huge(1.0_wp)) then
-        advice%text = advice%text//'  '//trim(method_names(k))//': no limit (nothing vibrates or decays fast): accuracy '// &
-                      'alone sets the step'//new_line('a')
-        cycle
-      end if
-      advice%text = advice%text//'  '//trim(method_names(k))//': safe bound '//es_text(advice%safe%step(k), 4)// &
-                    ' s (joints released)'
-      if (advice%current%step(k) > 1.0e6_wp*advice%safe%step(k)) then
-        advice%text = advice%text//', no current bound (as assembled)'//new_line('a')
-      else
-        advice%text = advice%text//', current bound '//es_text(advice%current%step(k), 4)//' s (as assembled)'//new_line('a')
-      end if
-      advice%text = advice%text//'    limited by '//trim(advice%safe%cause(k)%what)//', |eigenvalue| '// &
-                    es_text(abs(advice%safe%mu(k)), 4)//' rad/s, damping ratio '// &
-                    fixed_text(abs(real(advice%safe%mu(k), wp))/abs(advice%safe%mu(k)), 4)//new_line('a')
+      call advice%text%open(trim(method_names(k)), '{')
+      call method_lines(advice, k)
+      call advice%text%close()
     end do
-    if (any(m%s%bodies%stiffening)) advice%text = advice%text//'  note: with geometric stiffening the bounds are those '// &
-                                                  'of the start; tension raises frequencies'//new_line('a')
+    if (any(m%s%bodies%stiffening)) call advice%text%line('  note: with geometric stiffening the bounds are those of the '// &
+                                                          'start; tension raises frequencies')
     if (advice%safe%step(1) < huge(1.0_wp)) call what_helps(d, m, advice)
   end subroutine advice_lines
+
+  !> Both bounds of one method and what limits it.
+  subroutine method_lines(advice, k)
+    type(stability_advice), intent(inout) :: advice
+    integer, intent(in) :: k                   !! method
+    associate (text => advice%text, safe => advice%safe%step(k), current => advice%current%step(k), mu => advice%safe%mu(k))
+      text%words = text%words//'  '//trim(method_names(k))
+      if (safe >= huge(1.0_wp)) then
+        call text%line(': no limit (nothing vibrates or decays fast): accuracy alone sets the step')
+        return
+      end if
+      call text%figure(': safe bound ', 'safe_bound', safe, 4)
+      text%words = text%words//' s (joints released)'
+      if (current > 1.0e6_wp*safe) then
+        call text%line(', no current bound (as assembled)')
+      else
+        call text%figure(', current bound ', 'current_bound', current, 4)
+        call text%line(' s (as assembled)')
+      end if
+      call text%figure('    limited by ', 'limited_by', trim(advice%safe%cause(k)%what))
+      call text%figure(', |eigenvalue| ', 'eigenvalue', abs(mu), 4)
+      text%words = text%words//' rad/s, damping ratio '//fixed_text(abs(real(mu, wp))/abs(mu), 4)
+      call text%member('damping_ratio', json_number(abs(real(mu, wp))/abs(mu)))
+      call text%line('')
+    end associate
+  end subroutine method_lines
 
   !> Rebuilds the scene without what limits, and says the bound that remains.
   subroutine what_helps(d, m, advice)
@@ -96,6 +113,7 @@ contains
     integer :: k
     associate (cause => advice%safe%cause(1))
       if (cause%body == 0) return
+      call advice%text%open('remedies', '[')
       if (cause%run > 0) then
         if (cause%material > 0) call try(d, m, without_ghm, advice)
       else if (cause%rayleigh) then
@@ -105,6 +123,7 @@ contains
           call try(d, m, mode_changes(k), advice)
         end do
       end if
+      call advice%text%close()
     end associate
   end subroutine what_helps
 
@@ -139,13 +158,15 @@ contains
       if (b == 0 .or. k == rounds) return
       if (changed(b)) return
     end do
-    advice%text = advice%text//'    '//change_words(other, changed, change)
+    call advice%text%open('', '{')
+    call advice%text%figure('    ', 'change', change_words(other, changed, change))
     if (bound%step(1) >= huge(1.0_wp)) then
-      advice%text = advice%text//': no limit'//new_line('a')
+      call advice%text%line(': no limit')
     else
-      advice%text = advice%text//': '//es_text(bound%step(1), 4)//' s (rk4), '// &
-                    fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times'//new_line('a')
+      call advice%text%figure(': ', 'safe_bound', bound%step(1), 4)
+      call advice%text%line(' s (rk4), '//fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times')
     end if
+    call advice%text%close()
   end subroutine try
 
   !> The safe bound of a deck.

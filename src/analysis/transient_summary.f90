@@ -6,7 +6,8 @@ module transient_summary
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
   use summary, only: add_line, add_warnings
-  use text, only: es_text, fixed_text, to_text
+  use summary_text, only: summary_record
+  use text, only: es_text, fixed_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -19,25 +20,37 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     integer, intent(in) :: status              !! of the run (`errors`)
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     if (.not. allocated(march%method)) return
     associate (r => run%d%transient, method => march%method, m => run%sys%m)
       call add_line(text, '')
       call add_line(text, 'transient')
-      call add_line(text, '  method: '//trim(r%method)//', stabilization: '//trim(r%stabilization))
+      call text%open('transient', '{')
+      call text%figure('  method: ', 'method', trim(r%method))
+      call text%figure(', stabilization: ', 'stabilization', trim(r%stabilization))
+      call text%line('')
       if (r%adaptive) then
-        call add_line(text, '  tolerance: '//es_text(r%tolerance, 3)//', accepted steps from '// &
-                      es_text(min(method%shortest, method%longest), 3)//' to '//es_text(method%longest, 3)//' s')
+        call text%figure('  tolerance: ', 'tolerance', r%tolerance, 3)
+        call text%figure(', accepted steps from ', 'shortest_step', min(method%shortest, method%longest), 3)
+        call text%figure(' to ', 'longest_step', method%longest, 3)
       else
-        call add_line(text, '  step: '//es_text(actual_step(r%output_step, r%step), 9)//' s')
+        call text%figure('  step: ', 'step', actual_step(r%output_step, r%step), 9)
       end if
-      call add_line(text, '  reached: t = '//es_text(method%t, 9)//' s')
-      call add_line(text, '  steps: '//to_text(method%steps)//', rejected: '//to_text(method%rejected))
-      call add_line(text, '  evaluations: '//to_text(m%evaluations)//', banded solves: '//to_text(m%solves))
-      if (len(method%account()) > 0) call add_line(text, '  '//method%account())
+      call text%line(' s')
+      call text%figure('  reached: t = ', 'reached', method%t, 9)
+      call text%line(' s')
+      call text%figure('  steps: ', 'steps', method%steps)
+      call text%figure(', rejected: ', 'rejected', method%rejected)
+      call text%line('')
+      call text%figure('  evaluations: ', 'evaluations', m%evaluations)
+      call text%figure(', banded solves: ', 'banded_solves', m%solves)
+      call text%line('')
+      call method%account(text)
       if (run%monitor%smallest < huge(1.0_wp)) then
-        call add_line(text, '  smallest current bound of the step: '//es_text(run%monitor%smallest, 4)//' s at t = '// &
-                      es_text(run%monitor%at, 4)//' s ('//to_text(run%monitor%estimates)//' estimates)')
+        call text%figure('  smallest current bound of the step: ', 'smallest_bound', run%monitor%smallest, 4)
+        call text%figure(' s at t = ', 'smallest_bound_at', run%monitor%at, 4)
+        call text%figure(' s (', 'bound_estimates', run%monitor%estimates)
+        call text%line(' estimates)')
         if (.not. r%adaptive) call compare_step(run, text)
       end if
       if (len(march%warning) > 0) call warn(run, march%warning, text)
@@ -45,12 +58,13 @@ contains
     end associate
     call accuracy_lines(run, march, status == status_failed, text)
     call validity_lines(run, text)
+    call text%close()
   end subroutine transient_lines
 
   !> Says where a fixed step lay above the smallest current bound that was met.
   subroutine compare_step(run, text)
     type(run_state), intent(in) :: run
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     real(wp) :: share                          ! of the bound [-]
     associate (r => run%d%transient)
       share = actual_step(r%output_step, r%step)/run%monitor%smallest
@@ -63,7 +77,7 @@ contains
   !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
   subroutine motion_interval(run, text)
     type(run_state), intent(in) :: run
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     real(wp) :: ratio
     associate (r => run%d%transient)
       ratio = r%motion_step/r%output_step
@@ -77,7 +91,7 @@ contains
   !> Warnings of the validity watch.
   subroutine validity_lines(run, text)
     type(run_state), intent(in) :: run
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
     warnings = run%watch%warnings(run%sys%m, '')
     if (len(warnings) == 0) then

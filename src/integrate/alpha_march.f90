@@ -10,6 +10,7 @@ module alpha_march
   use second_order_system, only: second_order_ode, sensible, out_of_shape
   use ode_system, only: sane
   use step_control, only: error_norm
+  use summary_text, only: summary_record
   use text, only: to_text
   use time_stepper, only: stepper, exchange_common, reached, lost, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
   implicit none (type, external)
@@ -124,14 +125,17 @@ contains
   end subroutine give_up
 
   !> Newton iterations and factorisations, and steps that had to be divided.
-  function account(self) result(text)
+  subroutine account(self, text)
     class(alpha_steps), intent(in) :: self
-    character(:), allocatable :: text
-    text = 'Newton iterations: '//to_text(self%solver%iterations)//', factorisations of elastic blocks: constant '// &
-           to_text(self%solver%factors(1))//', exact '//to_text(self%solver%factors(2))
-    if (self%failures > 0) text = text//'; Newton''s method failed '//to_text(self%failures)//' times, and the step was '// &
-      trim(merge('tried smaller', 'halved       ', self%adaptive))
-  end function account
+    type(summary_record), intent(inout) :: text
+    call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%iterations)
+    call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%factors(1))
+    call text%figure(', exact ', 'exact_factorisations', self%solver%factors(2))
+    call text%member('newton_failures', to_text(self%failures))
+    if (self%failures > 0) text%words = text%words//'; Newton''s method failed '//to_text(self%failures)// &
+      ' times, and the step was '//trim(merge('tried smaller', 'halved       ', self%adaptive))
+    call text%line('')
+  end subroutine account
 
   !> Saves or restores the march.
   subroutine exchange(self, a)

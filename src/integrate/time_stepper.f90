@@ -4,6 +4,7 @@ module time_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode
+  use summary_text, only: summary_record
   implicit none (type, external)
   private
   public :: step_end, exchange_common
@@ -118,9 +119,8 @@ contains
   end subroutine step_end
 
   !> A line for the summary about the method's own work; most methods have none.
-  function nothing_more(self) result(text)
+  subroutine nothing_more(self, text)
     class(stepper), intent(in) :: self
-    character(:), allocatable :: text
-    text = ''
-  end function nothing_more
+    type(summary_record), intent(inout) :: text
+  end subroutine nothing_more
 end module time_stepper

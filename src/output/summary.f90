@@ -1,4 +1,4 @@
-!> The model part of summary.txt and of --check: what was modelled and why, and what it costs.
+!> The model part of the summary and of --check: what was modelled and why, and what it costs.
 module summary
   use kinds, only: wp
   use assembly_reports, only: assembly_report
@@ -6,36 +6,46 @@ module summary
   use deck_records, only: deck
   use mechanism, only: mechanism_model
   use posix, only: tell
+  use summary_text, only: json_text, summary_record
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: model_lines, model_warnings, version, add_line, add_warnings, number
+  public :: model_lines, model_warnings, version, add_line, add_warnings, tell_warnings, number
 
   character(*), parameter :: version = '0.1.0'   !! of the program
 
 contains
 
-  !> Appends a line to a text.
+  !> Appends a line to a summary.
   subroutine add_line(text, line)
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(*), intent(in) :: line
-    text = text//line//new_line('a')
+    call text%line(line)
   end subroutine add_line
 
-  !> Adds lines of warnings to a text, and to standard error with the deck's path.
+  !> Adds lines of warnings to a summary, and tells them.
   subroutine add_warnings(text, path, warnings)
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     character(*), intent(in) :: path
     character(*), intent(in) :: warnings       !! each ends with a new line
+    text%words = text%words//warnings
+    call tell_warnings(text, path, warnings)
+  end subroutine add_warnings
+
+  !> Tells warnings on standard error with the deck's path, and adds them to the summary's list.
+  subroutine tell_warnings(text, path, warnings)
+    type(summary_record), intent(inout) :: text
+    character(*), intent(in) :: path
+    character(*), intent(in) :: warnings       !! lines `warning: ...`, each ends with a new line
     integer :: from, to
-    text = text//warnings
     from = 1
     do while (from <= len(warnings))
       to = from + index(warnings(from:), new_line('a')) - 2
       call tell(path//': '//warnings(from:to))
+      call text%warning(warnings(from + len('warning: '):to))
       from = to + 2
     end do
-  end subroutine add_warnings
+  end subroutine tell_warnings
 
   !> A count as text.
   function number(n) result(text)
@@ -45,58 +55,85 @@ contains
   end function number
 
   !> What was modelled: bodies and their coordinates, constraints, degrees of freedom, redundant joints.
-  function model_lines(d, m, report) result(text)
+  subroutine model_lines(d, m, report, text)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
-    character(:), allocatable :: text
+    type(summary_record), intent(inout) :: text
     integer :: k
-    text = ''
-    call add_line(text, 'deck: '//d%name)
-    if (len(d%scene%title) > 0) call add_line(text, 'title: '//d%scene%title)
-    call add_line(text, '')
-    call add_line(text, 'model')
+    call text%member('version', json_text(version))
+    call text%figure('deck: ', 'deck', d%name)
+    call text%line('')
+    if (len(d%scene%title) > 0) call text%line('title: '//d%scene%title)
+    call text%member('title', json_text(d%scene%title))
+    call text%line('')
+    call text%line('model')
+    call text%open('model', '{')
+    call text%open('bodies', '[')
     do k = 1, size(m%s%bodies)
-      call add_line(text, '  body "'//trim(m%s%bodies(k)%name)//'": '//body_line(d, m%s%bodies(k), k))
+      call body_line(d, m%s%bodies(k), k, text)
     end do
-    call add_line(text, '  coordinates: '//number(3*size(m%s%bodies))//' of frames + '// &
-                  number(m%s%nq - 3*size(m%s%bodies))//' elastic = '//number(m%s%nq))
-    call add_line(text, '  dissipative coordinates: '//number(m%s%nz))
-    call add_line(text, '  constraints (multipliers): '//number(m%s%rows)//', independent at the start: '// &
-                  number(report%rank))
-    call add_line(text, '  degrees of freedom: '//number(report%freedoms))
+    call text%close()
+    call text%figure('  coordinates: ', 'frame_coordinates', 3*size(m%s%bodies))
+    call text%figure(' of frames + ', 'elastic_coordinates', m%s%nq - 3*size(m%s%bodies))
+    call text%figure(' elastic = ', 'coordinates', m%s%nq)
+    call text%line('')
+    call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', m%s%nz)
+    call text%line('')
+    call text%figure('  constraints (multipliers): ', 'constraints', m%s%rows)
+    call text%figure(', independent at the start: ', 'independent_constraints', report%rank)
+    call text%line('')
+    call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms)
+    call text%line('')
     call redundancy(m, report, text)
     call frame_notes(m, text)
     do k = 1, size(report%warnings)
-      call add_line(text, '  warning: '//trim(report%warnings(k)))
+      call text%line('  warning: '//trim(report%warnings(k)))
     end do
-  end function model_lines
+    call text%close()
+  end subroutine model_lines
 
-  !> One body in words: which coordinates it has, and why.
-  function body_line(d, b, k) result(text)
+  !> One body: which coordinates it has, and why.
+  subroutine body_line(d, b, k, text)
     type(deck), intent(in) :: d
     type(body_model), intent(in) :: b
     integer, intent(in) :: k
-    character(:), allocatable :: text
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: kind
+    call text%open('', '{')
+    call text%figure('  body "', 'name', trim(b%name))
+    kind = trim(d%bodies(k)%kind)
     if (.not. b%flexible) then
-      text = 'rigid, 3 coordinates'
-      if (d%bodies(k)%kind /= 'rigid') text = text//' ('//trim(d%bodies(k)%kind)//' with flexible=.false.)'
+      call text%figure('": ', 'model', 'rigid')
+      call text%member('kind', json_text(kind))
+      text%words = text%words//', 3 coordinates'
+      if (kind /= 'rigid') text%words = text%words//' ('//kind//' with flexible=.false.)'
+      call text%line('')
+      call text%close()
       return
     end if
-    text = trim(d%bodies(k)%kind)//' of '//number(b%ne)//' elements, reference '//trim(d%bodies(k)%reference)//', 3 + '
+    call text%member('model', json_text(merge('modal', 'nodal', b%modal)))
+    call text%figure('": ', 'kind', kind)
+    call text%figure(' of ', 'elements', b%ne)
+    call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
+    call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
     if (b%modal) then
-      text = text//number(b%nf)//' modes of '//number(b%nodal_nf)//' nodal coordinates'
+      call text%figure(' modes of ', 'nodal_coordinates', b%nodal_nf)
+      text%words = text%words//' nodal coordinates'
     else
-      text = text//number(b%nf)//' elastic coordinates ('//number(3*b%nn)//' nodal ones'
-      if (.not. b%axial) text = text//' without the axial ones'
-      text = text//' less the reference conditions)'
+      text%words = text%words//' elastic coordinates ('//number(3*b%nn)//' nodal ones'
+      if (.not. b%axial) text%words = text%words//' without the axial ones'
+      text%words = text%words//' less the reference conditions)'
     end if
-    if (b%modal .and. .not. b%axial) text = text//', no axial deformation'
-    if (b%stiffening) text = text//', geometric stiffening'
-    text = text//', '//damping_words(d, b, k)
-    if (b%extra_references > 0) text = text//'; '//number(b%extra_references)// &
-                                       ' reference conditions more than needed: stiffer than the structure'
-  end function body_line
+    if (b%modal .and. .not. b%axial) text%words = text%words//', no axial deformation'
+    if (b%stiffening) text%words = text%words//', geometric stiffening'
+    call text%member('dissipative_coordinates', number(b%nz))
+    call text%figure(', ', 'damping', damping_words(d, b, k))
+    if (b%extra_references > 0) text%words = text%words//'; '//number(b%extra_references)// &
+                                             ' reference conditions more than needed: stiffer than the structure'
+    call text%line('')
+    call text%close()
+  end subroutine body_line
 
   !> What damps a body: dissipative coordinates and why there are as many, Rayleigh damping.
   function damping_words(d, b, k) result(text)
@@ -131,10 +168,10 @@ contains
   subroutine redundancy(m, report, text)
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     if (report%rank == m%s%rows) return
-    call add_line(text, '  redundant constraints: '//to_text(m%s%rows - report%rank)//' at the start, among'// &
-                  undetermined(m, report))
+    call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%rows - report%rank)
+    call text%line(' at the start, among'//undetermined(m, report))
   end subroutine redundancy
 
   !> The joints of redundant sets and what becomes of their reactions.
@@ -158,19 +195,21 @@ contains
     integer :: k
     text = ''
     do k = 1, size(report%warnings)
-      call add_line(text, 'warning: '//trim(report%warnings(k)))
+      text = text//'warning: '//trim(report%warnings(k))//new_line('a')
     end do
-    if (report%rank < m%s%rows) call add_line(text, 'warning: redundant constraints at the start among'//undetermined(m, report))
+    if (report%rank < m%s%rows) text = text//'warning: redundant constraints at the start among'//undetermined(m, report)// &
+                                       new_line('a')
     do k = 1, size(m%s%bodies)
-      if (m%s%bodies(k)%extra_references > 0) call add_line(text, 'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
-        to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure')
+      if (m%s%bodies(k)%extra_references > 0) text = text//'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
+        to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure'// &
+        new_line('a')
     end do
   end function model_warnings
 
   !> Says where a drive, torque or torsional spring acts on the frame of a flexible body.
   subroutine frame_notes(m, text)
     type(mechanism_model), intent(in) :: m
-    character(:), allocatable, intent(inout) :: text
+    type(summary_record), intent(inout) :: text
     integer :: k
     do k = m%s%joints + 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)

@@ -1,0 +1,237 @@
+!> A run's summary, written once for two readers: words for people (summary.txt) and named figures for programs
+!> (summary.json). What writes a figure into a line of words stores it under its name, so that the two cannot differ.
+module summary_text
+  use kinds, only: wp, ip
+  use text, only: es_text, to_text
+  implicit none (type, external)
+  private
+  public :: json_number, json_text
+
+  !> A summary that is being written.
+  type, public :: summary_record
+    character(:), allocatable :: words            !! lines so far, and the beginning of the next one
+    character(:), allocatable :: members          !! of the JSON object, so far, in the first `used` characters
+    integer :: used = 0
+    character(:), allocatable :: warnings         !! elements of its list of warnings, so far
+    character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
+  contains
+    procedure :: begin
+    procedure :: line
+    procedure :: open => open_bracket
+    procedure :: close => close_bracket
+    procedure :: append
+    procedure :: warning
+    procedure :: json
+    procedure :: member
+    procedure, private :: put
+    procedure, private :: put_integer, put_long, put_real, put_word
+    generic :: figure => put_integer, put_long, put_real, put_word
+  end type summary_record
+
+contains
+
+  !> Empties the summary.
+  subroutine begin(self)
+    class(summary_record), intent(inout) :: self
+    self%words = ''
+    self%members = repeat(' ', 4096)
+    self%used = 0
+    self%warnings = ''
+    self%open_brackets = ''
+  end subroutine begin
+
+  !> Ends the present line of words.
+  subroutine line(self, words)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: words             !! rest of the line
+    self%words = self%words//words//new_line('a')
+  end subroutine line
+
+  !> A whole number, behind words that lead to it.
+  subroutine put_integer(self, lead, name, n)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: lead              !! words in front of the number
+    character(*), intent(in) :: name              !! of the figure in summary.json
+    integer, intent(in) :: n                      !! any count
+    call self%put_long(lead, name, int(n, ip))
+  end subroutine put_integer
+
+  !> A whole number of 64 bits.
+  subroutine put_long(self, lead, name, n)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: lead, name
+    integer(ip), intent(in) :: n                  !! any count
+    self%words = self%words//lead//to_text(n)
+    call self%member(name, to_text(n))
+  end subroutine put_long
+
+  !> A real number: rounded in the words, in full in the figure.
+  subroutine put_real(self, lead, name, x, decimals)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: lead, name
+    real(wp), intent(in) :: x                     !! any unit, which the words tell
+    integer, intent(in), optional :: decimals     !! of d.ddE+ee; left out: few digits
+    if (present(decimals)) then
+      self%words = self%words//lead//es_text(x, decimals)
+    else
+      self%words = self%words//lead//to_text(x)
+    end if
+    call self%member(name, json_number(x))
+  end subroutine put_real
+
+  !> A word.
+  subroutine put_word(self, lead, name, word)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: lead, name
+    character(*), intent(in) :: word              !! any text
+    self%words = self%words//lead//word
+    call self%member(name, json_text(word))
+  end subroutine put_word
+
+  !> Adds a member with its value as JSON has it; inside a list the name is left out.
+  subroutine member(self, name, value)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: name, value
+    if (self%used > 0 .and. scan(self%members(max(1, self%used):self%used), '{[') == 0) call self%put(',')
+    call self%put(new_line('a')//repeat('  ', len_trim(self%open_brackets) + 1))
+    if (.not. in_list(self)) call self%put(json_text(name)//': ')
+    call self%put(value)
+  end subroutine member
+
+  !> Appends characters to the members; their buffer grows by doubling, so that long scenes cost no more a line than short ones.
+  subroutine put(self, piece)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: piece
+    if (self%used + len(piece) > len(self%members)) self%members = self%members//repeat(' ', self%used + len(piece))
+    self%members(self%used + 1:self%used + len(piece)) = piece
+    self%used = self%used + len(piece)
+  end subroutine put
+
+  !> Whether the innermost bracket is that of a list.
+  pure logical function in_list(self) result(yes)
+    class(summary_record), intent(in) :: self
+    integer :: depth
+    depth = len_trim(self%open_brackets)
+    yes = .false.
+    if (depth > 0) yes = self%open_brackets(depth:depth) == '['
+  end function in_list
+
+  !> Opens an object or a list.
+  subroutine open_bracket(self, name, bracket)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: name              !! of the object; without a meaning inside a list
+    character(1), intent(in) :: bracket           !! '{' or '['
+    call self%member(name, bracket)
+    self%open_brackets(len_trim(self%open_brackets) + 1:) = bracket
+  end subroutine open_bracket
+
+  !> Closes the object or list opened last.
+  subroutine close_bracket(self)
+    class(summary_record), intent(inout) :: self
+    integer :: depth
+    depth = len_trim(self%open_brackets)
+    call self%put(new_line('a')//repeat('  ', depth)//merge(']', '}', in_list(self)))
+    self%open_brackets(depth:) = ''
+  end subroutine close_bracket
+
+  !> Appends a part that was written by itself; what it left open stays open.
+  subroutine append(self, part)
+    class(summary_record), intent(inout) :: self
+    type(summary_record), intent(in) :: part
+    self%words = self%words//part%words
+    if (self%used > 0 .and. part%used > 0) call self%put(',')
+    call self%put(part%members(1:part%used))
+    self%open_brackets = part%open_brackets
+  end subroutine append
+
+  !> A warning in the list of warnings; the words are the caller's.
+  subroutine warning(self, sentence)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: sentence
+    if (len(self%warnings) > 0) self%warnings = self%warnings//','
+    self%warnings = self%warnings//new_line('a')//'    '//json_text(sentence)
+  end subroutine warning
+
+  !> The whole as a JSON object.
+  function json(self) result(text)
+    class(summary_record), intent(in) :: self
+    character(:), allocatable :: text
+    text = '{'//self%members(1:self%used)//','//new_line('a')//'  "warnings": ['//self%warnings//']'//new_line('a')//'}'
+  end function json
+
+  !> A number as JSON has it, in as few digits as give it back; null where it is infinite or none.
+  function json_number(x) result(text)
+    real(wp), intent(in) :: x                     !! any unit
+    character(:), allocatable :: text
+    real(wp) :: back
+    integer :: decimals
+    text = 'null'
+    if (.not. abs(x) < huge(1.0_wp)) return
+    text = to_text(x)
+    do decimals = 14, 16
+      read (text, *) back
+      if (.not. abs(back - x) > 0.0_wp) exit
+      text = long_number(x, decimals)
+    end do
+  end function json_number
+
+  !> A number with that many decimals.
+  function long_number(x, decimals) result(text)
+    real(wp), intent(in) :: x                     !! any unit
+    integer, intent(in) :: decimals
+    character(:), allocatable :: text
+    character(26) :: buffer
+    write (buffer, '(es26.'//to_text(decimals)//'e3)') x
+    text = trim(adjustl(buffer))
+  end function long_number
+
+  !> A text as JSON has it. A byte that is not part of UTF-8 counts as a letter of Latin-1.
+  pure function json_text(plain) result(text)
+    character(*), intent(in) :: plain
+    character(:), allocatable :: text
+    integer :: k, n
+    text = '"'
+    k = 1
+    do while (k <= len(plain))
+      n = letter_length(plain(k:))
+      if (n == 0 .or. iachar(plain(k:k)) < 32) then
+        text = text//escaped(iachar(plain(k:k)))
+        n = 1
+      else if (scan(plain(k:k), '"\') > 0) then
+        text = text//'\'//plain(k:k)
+      else
+        text = text//plain(k:k + n - 1)
+      end if
+      k = k + n
+    end do
+    text = text//'"'
+  end function json_text
+
+  !> \n, or \u00XX.
+  pure function escaped(code) result(text)
+    integer, intent(in) :: code                   !! 0 to 255
+    character(:), allocatable :: text
+    character(4) :: digits
+    text = '\n'
+    if (code == 10) return
+    write (digits, '(z4.4)') code
+    text = '\u'//digits
+  end function escaped
+
+  !> Bytes of the UTF-8 letter with which a text begins; 0: it begins with none.
+  pure integer function letter_length(plain) result(n)
+    character(*), intent(in) :: plain             !! not empty
+    integer :: first, k
+    first = iachar(plain(1:1))
+    n = 0
+    if (first < 128) n = 1
+    if (first >= 194 .and. first < 224) n = 2
+    if (first >= 224 .and. first < 240) n = 3
+    if (first >= 240 .and. first < 245) n = 4
+    if (n > len(plain)) n = 0
+    do k = 2, n
+      if (iand(iachar(plain(k:k)), 192) /= 128) n = 0
+      if (n == 0) return
+    end do
+  end function letter_length
+end module summary_text

@@ -1,0 +1,105 @@
+"""summary.json holds the figures of summary.txt under names, the assembled scene, and how the run ended."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import subprocess
+
+import pytest
+from conftest import ROOT
+
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+DECKS = ("four_bar", "modal_four_bar", "frequency_response_cantilever", "quick_return", "slider_crank_joint_both")
+PENDULUM = """&scene title='a "quoted" title, Größe' gravity=0.0,-9.81 /
+&body name='a' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 angle=0.3 /
+&joint name='pin' type='revolute' body_a='a' /
+&sensor name='tip' quantity='position' body='a' point=1.0,0.0 /
+&transient t_end={t_end} method='{method}' step=1e-3 /
+"""
+
+
+def numbers(value):
+    """All numbers of a nested figure."""
+    if isinstance(value, dict):
+        return [x for item in value.values() for x in numbers(item)]
+    if isinstance(value, list):
+        return [x for item in value for x in numbers(item)]
+    return [float(value)] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+
+
+def shown(words, x):
+    """Whether a figure stands in the words, rounded as they round."""
+    return any(math.isclose(x, word, rel_tol=6e-3, abs_tol=1e-300) for word in words)
+
+
+def figures(folder):
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_every_figure_stands_in_the_words(name, run_deck):
+    text = (ROOT / "input" / f"{name}.nml").read_text().replace("t_end=1.5", "t_end=0.02").replace("t_end=2.0", "t_end=0.02")
+    text = re.sub(r"file='(?=\w)", f"file='{ROOT}/input/", text)
+    run = run_deck(text)
+    found = figures(run.folder)
+    words = [float(word) for word in NUMBER.findall(run.summary.partition("deck text")[0])]
+    parts = [found[key] for key in ("model", "stable_steps", "static", "modes", "frequency_response", "transient") if key in found]
+    hidden = {"energy_balance", "damping_ratio", "step_of_safe_bound", "dissipative_coordinates", "newton_failures"}
+    for part in parts:
+        for key, value in part.items():
+            for x in numbers(value) if key not in hidden else []:
+                assert shown(words, x) or key in ("bodies", "rk4", "dopri5"), (key, x)
+    assert found["outcome"] == "done"
+    assert found["status"] == 0
+    assert found["deck_text"] in run.summary
+    assert set(found["timing"]) == {"seconds", "processor_seconds", "restarts", "ended", "host", "compiler"}
+
+
+def test_names_with_quotes_and_letters_beyond_ascii_are_kept(run_deck):
+    found = figures(run_deck(PENDULUM.format(t_end=0.01, method="rk4")).folder)
+    assert found["title"] == 'a "quoted" title, Größe'
+    assert found["deck_text"].startswith("&scene title='a \"quoted\"")
+
+
+def test_a_run_that_fails_says_so_with_its_status(run_deck):
+    text = PENDULUM.format(t_end=1.0, method="rk4").replace("/\n&joint", "angular_velocity=1e20 /\n&joint")
+    run = run_deck(text, expect=1)
+    found = figures(run.folder)
+    assert found["status"] == 1
+    assert f"outcome: {found['outcome']}" in run.summary
+
+
+def test_warnings_are_listed(run_deck):
+    text = PENDULUM.format(t_end=0.01, method="rk4").replace("&sensor", "&joint name='pin2' type='revolute' body_a='a' /\n&sensor")
+    run = run_deck(text)
+    assert any("redundant constraints" in line for line in figures(run.folder)["warnings"])
+
+
+@pytest.mark.parametrize(("deck", "free", "driven"), [("four_bar", 1, 1), ("engine", 1, None), ("slider_crank_elastic", 1, 0)])
+def test_check_tells_the_rigid_mobility(deck, free, driven, biela):
+    path = ROOT / "input" / f"{deck}.nml"
+    done = subprocess.run([biela, "--check", "--json", path], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found["rigid_mobility"] == free
+    assert driven is None or found["driven_freedoms"] == driven
+    words = subprocess.run([biela, "--check", path], capture_output=True, text=True, check=True).stdout
+    assert f"  rigid mobility: {free} degree" in words
+
+
+def test_the_scene_stands_where_the_motion_begins(run_deck):
+    text = (ROOT / "input" / "four_bar.nml").read_text().replace("t_end=1.5", "t_end=0.002")
+    text = text.replace("motion_step=1.0e-2", "motion_step=2e-3").replace("file='", f"file='{ROOT}/input/")
+    run = run_deck(text)
+    first = run.motion
+    for body in figures(run.folder)["scene"]["bodies"]:
+        for number, (x, y) in enumerate(body["nodes"], 1):
+            assert first[f"{body['name']}.{number}.x"][0] == pytest.approx(x, abs=1e-6)
+            assert first[f"{body['name']}.{number}.y"][0] == pytest.approx(y, abs=1e-6)
+
+
+def test_json_goes_with_check(biela):
+    done = subprocess.run([biela, "--json", "a.nml"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--json goes with --check" in done.stderr
