@@ -100,7 +100,7 @@ module posix
     !> gethostname(2).
     function c_gethostname(name, length) bind(c, name='gethostname') result(status)
       import :: c_char, c_int, c_size_t
-      character(kind=c_char), intent(inout) :: name(*)
+      character(kind=c_char), intent(out) :: name(256)
       integer(c_size_t), value :: length
       integer(c_int) :: status
     end function c_gethostname
