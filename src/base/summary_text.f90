@@ -69,7 +69,7 @@ contains
   subroutine put_real(self, lead, name, x, decimals)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
-    real(wp), intent(in) :: x                     !! any unit, which the words tell
+    real(wp), intent(in) :: x                     !! [unit that the words name]
     integer, intent(in), optional :: decimals     !! of d.ddE+ee; left out: few digits
     if (present(decimals)) then
       self%words = self%words//lead//es_text(x, decimals)
@@ -161,7 +161,7 @@ contains
 
   !> A number as JSON has it, in as few digits as give it back; null where it is infinite or none.
   function json_number(x) result(text)
-    real(wp), intent(in) :: x                     !! any unit
+    real(wp), intent(in) :: x                     !! [any]
     character(:), allocatable :: text
     real(wp) :: back
     integer :: decimals
@@ -177,7 +177,7 @@ contains
 
   !> A number with that many decimals.
   function long_number(x, decimals) result(text)
-    real(wp), intent(in) :: x                     !! any unit
+    real(wp), intent(in) :: x                     !! [any]
     integer, intent(in) :: decimals
     character(:), allocatable :: text
     character(26) :: buffer
