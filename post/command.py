@@ -16,6 +16,11 @@ ROOT = Path(__file__).resolve().parent.parent
 SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
 
 
+def parser(tool: str, words: str) -> argparse.ArgumentParser:
+    """Return a tool's parser, its help beginning with the tool's own words, layout kept."""
+    return argparse.ArgumentParser(prog=f"{tool}.py", description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
 def finite(text: str) -> float:
     """Return a number from the command line; infinities and NaN are none."""
     try:

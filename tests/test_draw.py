@@ -1,0 +1,45 @@
+"""draw.py: every deck of input/ is drawn from what the solver assembles, with all of its names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import draw
+import matplotlib.pyplot as plt
+import pytest
+from conftest import ROOT
+
+
+@pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "andrews"])
+def test_all_names_are_drawn(name, biela):
+    figures = draw.figures_of(ROOT / "input" / f"{name}.nml", biela)
+    figure = draw.draw(figures)
+    shown = " ".join(text.get_text() for text in figure.axes[0].texts)
+    for kind in ("bodies", "joints", "drives", "springs", "forces", "sensors"):
+        for item in figures["scene"][kind]:
+            assert item["name"] in shown
+    axis = figure.axes[0]
+    assert axis.get_xlabel() == "x [m]"
+    for body in figures["scene"]["bodies"]:
+        for x, y in [body["centre"], *body["nodes"]]:
+            assert axis.get_xlim()[0] < x < axis.get_xlim()[1]
+            assert axis.get_ylim()[0] < y < axis.get_ylim()[1]
+    plt.close(figure)
+
+
+def test_a_deck_and_its_results_draw_the_same(biela, run_deck, tmp_path):
+    text = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=1e-4")
+    run = run_deck(text)
+    checked = draw.figures_of(tmp_path / "scene.nml", biela)
+    assert draw.figures_of(run.folder, biela)["scene"] == checked["scene"]
+
+
+def test_a_faulty_deck_is_told_as_the_solver_tells_it(biela, tmp_path):
+    (tmp_path / "bad.nml").write_text("&scene titel='x' /\n")
+    script = ROOT / "post" / "draw.py"
+    command = [sys.executable, script, "bad.nml", "--biela", biela]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "bad.nml:1" in done.stderr
+    assert "Traceback" not in done.stderr
