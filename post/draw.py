@@ -219,7 +219,7 @@ class ScenePicture:
             if self.scene[kind]
         ]
         if lines:
-            found = self.axis.legend(handles=lines, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncol=5, fontsize=8)
+            found = self.axis.figure.legend(handles=lines, loc="outside lower center", ncol=5, fontsize=8)
             for text, line in zip(found.get_texts(), lines):
                 text.set_color(line.get_markeredgecolor())
 
