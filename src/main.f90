@@ -6,6 +6,7 @@ program biela
   use lapack, only: use_one_blas_thread
   use process, only: begin_process, caught_signal
   use run_deck, only: run_one_deck
+  use side_by_side, only: run_side_by_side
   implicit none (type, external)
   type(command) :: asked
   integer :: k, status, ended
@@ -13,9 +14,10 @@ program biela
   call parse_arguments(asked, status)
   if (status == status_ok .and. allocated(asked%decks)) then
     call use_one_blas_thread()
-    do k = 1, size(asked%decks)
+    if (asked%jobs > 1) call run_side_by_side(asked%decks, asked%options, min(asked%jobs, size(asked%decks)), print_ending, status)
+    do k = 1, merge(0, size(asked%decks), asked%jobs > 1)
       ended = run_one_deck(trim(asked%decks(k)), asked%options)
-      if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended)
+      if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended, '')
       status = max(status, ended)
       if (k < size(asked%decks) .and. caught_signal() > 0) status = status_signal + caught_signal()
       if (status > status_signal) exit

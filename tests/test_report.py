@@ -23,6 +23,7 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
+        """Note what an element refers to."""
         values = dict(attrs)
         self.references += [values[key] for key in ("src", "href") if key in values]
         self.ids |= {values["id"]} if "id" in values else set()
@@ -30,9 +31,11 @@ class Page(HTMLParser):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
+        """Elements close in the order in which they opened."""
         assert self.open.pop() == tag
 
     def handle_data(self, data):
+        """Note headings."""
         if self.open and self.open[-1] == "h2":
             self.headings.append(data)
 

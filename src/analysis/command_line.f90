@@ -1,23 +1,25 @@
-!> The command line: biela [--check] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help; a deck named - is
-!> read from standard input.
+!> The command line: biela [--check [--json]] [--jobs N] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help;
+!> a deck named - is read from standard input.
 module command_line
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
   use posix, only: write_bytes, standard_output, tell
+  use process, only: most_children
   use run_deck, only: run_options
   use summary, only: version
-  use text, only: nearest_word
+  use text, only: nearest_word, to_text
   implicit none (type, external)
   private
   public :: command, parse_arguments, print_ending
 
-  character(10), parameter :: known(7) = [character(10) :: '--check', '--json', '--output', '--restart', '--quiet', '--version', &
-                                          '--help']
+  character(10), parameter :: known(8) = [character(10) :: '--check', '--jobs', '--json', '--output', '--restart', '--quiet', &
+                                          '--version', '--help']
 
   !> What the user asked for; decks is not allocated where there is nothing to run.
   type :: command
     character(:), allocatable :: decks(:)
     type(run_options) :: options
+    integer :: jobs = 1                       !! decks that run at a time
   end type command
 
 contains
@@ -28,10 +30,11 @@ contains
     integer, intent(out) :: status
     character(:), allocatable :: word, decks(:)
     integer :: k, n
-    logical :: output_next
+    logical :: output_next, jobs_next
     status = status_ok
     asked%options%output = ''
     output_next = .false.
+    jobs_next = .false.
     n = 0
     allocate (character(longest()) :: decks(command_argument_count()))
     do k = 1, command_argument_count()
@@ -42,6 +45,13 @@ contains
         cycle
       end if
       if (output_next) exit
+      if (jobs_next) then
+        asked%jobs = whole_number(word)
+        jobs_next = .false.
+        if (asked%jobs > 0) cycle
+        call complain('--jobs needs a number from 1 to '//to_text(most_children)//', found "'//word//'"', status)
+        return
+      end if
       select case (word)
       case ('--check')
         asked%options%check = .true.
@@ -56,6 +66,8 @@ contains
       case ('--version')
         call print_out('biela '//version//new_line('a'), status)
         return
+      case ('--jobs', '-j')
+        jobs_next = .true.
       case ('--help', '-h')
         call print_help(status)
         return
@@ -73,22 +85,30 @@ contains
       end select
     end do
     if (output_next) call complain('--output needs a folder', status)
+    if (jobs_next) call complain('--jobs needs a number', status)
+    if (asked%jobs > 1 .and. asked%options%check) call complain('--jobs goes without --check', status)
     if (asked%options%json .and. .not. asked%options%check) call complain('--json goes with --check', status)
     if (n == 0) call complain('no deck given', status)
     if (count(decks(1:n) == '-') > 1) call complain('standard input (-) holds one deck', status)
     if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
     if (status /= status_ok) return
     asked%decks = decks(1:n)
-    if (.not. asked%options%check) call warn_of_one_name(asked%decks)
+    if (.not. asked%options%check) call warn_of_one_name(asked%decks, asked%jobs, status)
   end subroutine parse_arguments
 
   !> Decks of one name in several folders share results/<deck name>: only those of the last one would be left.
-  subroutine warn_of_one_name(decks)
+  !> Side by side they are refused.
+  subroutine warn_of_one_name(decks, jobs, status)
     character(*), intent(in) :: decks(:)      !! paths of the decks
+    integer, intent(in) :: jobs               !! decks that run at a time
+    integer, intent(inout) :: status
     integer :: k, j
     do k = 2, size(decks)
       do j = 1, k - 1
         if (deck_name(trim(decks(j))) /= deck_name(trim(decks(k)))) cycle
+        if (jobs > 1) call complain('--jobs: '//trim(decks(j))//' and '//trim(decks(k))//' cannot run side by side, both '// &
+                                    'write into results/'//deck_name(trim(decks(k))), status)
+        if (jobs > 1) return
         call tell('biela: warning: the results of '//trim(decks(k))//' replace those of '// &
           trim(decks(j))//', both are written into results/'//deck_name(trim(decks(k)))//' (one deck and --output keeps both)')
         exit
@@ -134,9 +154,20 @@ contains
     status = status_bad_input
   end subroutine complain
 
+  !> A whole number from 1 to the most decks that run at a time; 0: it is none.
+  integer function whole_number(word) result(n)
+    character(*), intent(in) :: word
+    integer :: failed
+    n = 0
+    if (len(word) == 0 .or. len(word) > 4 .or. verify(word, '0123456789') > 0) return
+    read (word, *, iostat=failed) n
+    if (failed /= 0 .or. n > most_children) n = 0
+  end function whole_number
+
   !> One line that says how one of several decks ended.
-  subroutine print_ending(deck, status)
+  subroutine print_ending(deck, status, more)
     character(*), intent(in) :: deck          !! its path
+    character(*), intent(in) :: more          !! words at the end of the line
     integer, intent(inout) :: status          !! its exit status
     character(:), allocatable :: words
     select case (status)
@@ -151,7 +182,7 @@ contains
     case default
       words = 'stopped by a signal'
     end select
-    if (.not. write_bytes(standard_output, deck//': '//words//new_line('a'))) status = max(status, status_no_output)
+    if (.not. write_bytes(standard_output, deck//': '//words//more//new_line('a'))) status = max(status, status_no_output)
   end subroutine print_ending
 
   !> The help text.
@@ -165,6 +196,7 @@ contains
       '  biela --check --json DECK.nml  the same as JSON, with every place of the assembled scene'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
+      '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &
       '  biela --quiet ...              no progress, warnings and errors only'//lf// &
       '  biela --version | --help (-h)'//lf//lf// &
       'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or'//lf// &

@@ -7,7 +7,7 @@ module posix
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
   public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, host_name, c_open
-  public :: standard_output, standard_error
+  public :: standard_output, standard_error, nameless_file, read_back
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: read_only = 0, write_only = 1   !! O_RDONLY, O_WRONLY
@@ -60,6 +60,20 @@ module posix
       integer(c_size_t), value :: count
       integer(c_long) :: done
     end function c_write
+    !> mkstemp(3): makes and opens a file whose name ends with letters of its own choice, in place of XXXXXX.
+    function c_mkstemp(name) bind(c, name='mkstemp') result(fd)
+      import :: c_char, c_int
+      character(kind=c_char), intent(inout) :: name(64)
+      integer(c_int) :: fd
+    end function c_mkstemp
+    !> read(2): bytes from an open file; how many there were.
+    function c_read(fd, bytes, count) bind(c, name='read') result(done)
+      import :: c_char, c_int, c_size_t, c_long
+      integer(c_int), value :: fd
+      integer(c_size_t), value :: count
+      character(kind=c_char), intent(out) :: bytes(count)
+      integer(c_long) :: done
+    end function c_read
     !> lseek(2): where the next byte of an open file goes.
     function c_lseek(fd, offset, whence) bind(c, name='lseek') result(position)
       import :: c_int, c_long
@@ -193,6 +207,34 @@ contains
     end if
     handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
   end function create_file
+
+  !> Opens an empty file that no folder lists and that goes when it is closed; negative where that fails.
+  function nameless_file() result(handle)
+    integer :: handle
+    character(kind=c_char) :: name(64)
+    character(*), parameter :: pattern = '/tmp/biela.XXXXXX'
+    integer :: k
+    integer(c_int) :: status
+    name = c_null_char
+    do k = 1, len(pattern)
+      name(k) = pattern(k:k)
+    end do
+    handle = int(c_mkstemp(name))
+    if (handle >= 0) status = c_unlink(name)
+  end function nameless_file
+
+  !> All that was written to an open file, which is closed.
+  function read_back(handle) result(text)
+    integer, intent(in) :: handle
+    character(:), allocatable :: text
+    integer(c_long) :: bytes, start
+    integer(c_int) :: status
+    bytes = c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int))
+    start = c_lseek(int(handle, c_int), 0_c_long, 0_c_int)
+    allocate (character(max(0_c_long, bytes)) :: text)
+    if (bytes > 0) bytes = c_read(int(handle, c_int), text, int(bytes, c_size_t))
+    status = c_close(int(handle, c_int))
+  end function read_back
 
   !> Opens a file that exists to write behind its end; negative where that fails.
   function extend_file(path) result(handle)

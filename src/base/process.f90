@@ -2,11 +2,11 @@
 !> leaves no lock behind.
 module process
   use errors, only: status_failed, status_signal
-  use posix, only: c_open, drop_lock, standard_error, tell
+  use posix, only: c_open, drop_lock, standard_error, standard_output, tell
   use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_loc, c_intptr_t, c_null_funptr
   implicit none (type, external)
   private
-  public :: begin_process, hold_signals, caught_signal
+  public :: begin_process, hold_signals, caught_signal, start_child, wait_for_child, leave
 
   integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_terminate = 15, signal_file_size = 25
   integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
@@ -14,6 +14,8 @@ module process
   integer(c_int), volatile :: received = 0                 !! the last signal caught
   logical, volatile :: held = .false.                      !! signals are noted; else they end the program
   character(kind=c_char), target :: own_stack(65536)       !! of the handler of memory faults
+  integer, parameter, public :: most_children = 1024       !! that run at a time
+  integer(c_int), volatile :: children(most_children) = 0  !! which a signal is handed on to; 0: none
 
   interface
     !> signal(2): sets a handler.
@@ -28,6 +30,30 @@ module process
       import :: c_int
       integer(c_int), value :: status
     end subroutine c_exit
+    !> fork(2): 0 in the new process, there its number; negative where none can be made.
+    function c_fork() bind(c, name='fork') result(child)
+      import :: c_int
+      integer(c_int) :: child
+    end function c_fork
+    !> waitpid(2): waits until a child has ended.
+    function c_waitpid(child, status, options) bind(c, name='waitpid') result(ended)
+      import :: c_int
+      integer(c_int), value :: child, options
+      integer(c_int), intent(out) :: status
+      integer(c_int) :: ended
+    end function c_waitpid
+    !> kill(2): sends a signal.
+    function c_kill(child, number) bind(c, name='kill') result(status)
+      import :: c_int
+      integer(c_int), value :: child, number
+      integer(c_int) :: status
+    end function c_kill
+    !> dup2(2): makes a handle mean another file.
+    function c_dup2(from, to) bind(c, name='dup2') result(fd)
+      import :: c_int
+      integer(c_int), value :: from, to
+      integer(c_int) :: fd
+    end function c_dup2
     !> dup(2): a second handle; -1 where the first is none.
     function c_dup(fd) bind(c, name='dup') result(other)
       import :: c_int
@@ -112,9 +138,53 @@ contains
   !> The handler of signals.
   subroutine note_signal(number) bind(c)
     integer(c_int), value :: number
+    integer :: k
+    integer(c_int) :: status
     received = number
+    do k = 1, most_children
+      if (children(k) > 0) status = c_kill(children(k), number)
+    end do
     if (.not. held) call c_exit(int(status_signal + number, c_int))
   end subroutine note_signal
+
+  !> A second process that goes on from here, its output and messages in a file; 0 in that process, its number in this one,
+  !> negative where the system gives none. Signals that this process catches are handed on to it.
+  integer function start_child(handle) result(child)
+    integer, intent(in) :: handle                          !! of the open file
+    integer(c_int) :: status
+    integer :: k
+    child = int(c_fork())
+    if (child == 0) then
+      children = 0
+      held = .false.
+      status = c_dup2(int(handle, c_int), int(standard_output, c_int))
+      status = c_dup2(int(handle, c_int), int(standard_error, c_int))
+    else if (child > 0) then
+      do k = 1, most_children
+        if (children(k) == 0) exit
+      end do
+      children(k) = int(child, c_int)
+      if (received > 0) status = c_kill(int(child, c_int), received)   ! caught before the child stood in the list
+    end if
+  end function start_child
+
+  !> Waits until any child has ended; its number, 0 where there is none, and its exit status (128 + signal that ended it).
+  subroutine wait_for_child(child, status)
+    integer, intent(out) :: child, status
+    integer(c_int) :: ended, word
+    ended = c_waitpid(-1_c_int, word, 0_c_int)
+    child = max(0, int(ended))
+    if (child == 0) return
+    where (children == ended) children = 0
+    status = iand(int(word)/256, 255)
+    if (iand(int(word), 127) /= 0) status = status_signal + iand(int(word), 127)
+  end subroutine wait_for_child
+
+  !> Ends this process at once with an exit status.
+  subroutine leave(status)
+    integer, intent(in) :: status
+    call c_exit(int(status, c_int))
+  end subroutine leave
 
   !> Number of the signal caught, 0: none.
   function caught_signal() result(number)
