@@ -92,7 +92,7 @@ contains
     do i = 1, e%lines
       call take_smaller(e%line(i)%bound, bound)
     end do
-    call material_poles(d, m, .false., fast, bound)
+    call material_poles(d, m, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
   !> Starts with a box and cuts corners that limit the step, in turn for each method.

@@ -2,9 +2,10 @@
 !> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
 module step_bounds
   use kinds, only: wp
+  use linear_matrices, only: linear_run
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use deck_records, only: deck
-  use lapack, only: dgeev
+  use modal_eigenvalues, only: modal_roots, mark_mode, run_poles, term_roots
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use stability_region, only: largest_step, method_names
@@ -47,10 +48,10 @@ contains
     real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations
     type(fast_mode) :: f
     type(bound_cause) :: cause
-    real(wp) :: most
+    real(wp) :: fastest, most                  ! [rad2/s2], of damping [1/s]
     integer :: k
-    call fast%largest(m, held, only_stiffness, 100, most)
-    if (present(lambda)) lambda = most
+    call fast%largest(m, held, only_stiffness, 100, fastest)
+    if (present(lambda)) lambda = fastest
     if (present(force)) then
       force = 0.0_wp
       do k = 1, min(4, fast%steps)
@@ -58,7 +59,7 @@ contains
       end do
     end if
     do k = 1, min(modes_looked_at, fast%steps)
-      if (fast%e(fast%steps + 1 - k) < 0.25_wp*most) exit
+      if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
       call fast%mode(m, k, f)
       call mode_cause(m, f, cause)
       call look_at(d, m, fast, f, cause, bound)
@@ -71,7 +72,7 @@ contains
       call look_at(d, m, fast, f, cause, bound)
       end do
     end if
-    call material_poles(d, m, held, fast, bound)
+    call material_poles(d, m, held, fast, fastest, bound)
   end subroutine find_bound
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
@@ -88,7 +89,7 @@ contains
     real(wp) :: total
     integer :: body
     total = f%stiffness + sum(f%runs)
-    call modal_roots(fast, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
+    call modal_roots(fast%lin%runs, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
     cause = carrier
     if (damping_limits(fast, f, roots)) call blame_damping(f, f%springs, cause)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
@@ -109,22 +110,10 @@ contains
     integer :: k
     yes = f%damping > 0.0_wp
     if (.not. yes) return
-    call modal_roots(fast, f%stiffness, 0.0_wp, f%runs, 1.0e-6_wp*(f%stiffness + sum(f%runs)), without)
+    call modal_roots(fast%lin%runs, f%stiffness, 0.0_wp, f%runs, 1.0e-6_wp*(f%stiffness + sum(f%runs)), without)
     yes = minval([(largest_step(1, roots(k)), k=1, size(roots))]) < &
           0.99_wp*minval([(largest_step(1, without(k)), k=1, size(without))])
   end function damping_limits
-
-  !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
-  pure subroutine mark_mode(roots, omega, is_mode)
-    complex(wp), intent(in) :: roots(:)        !! [1/s]
-    real(wp), intent(in) :: omega              !! [rad/s]
-    logical, allocatable, intent(out) :: is_mode(:)
-    real(wp) :: apart(size(roots))
-    integer :: k
-    k = minloc(abs(roots - cmplx(0.0_wp, omega, wp)), dim=1)
-    apart = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
-    is_mode = apart <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
-  end subroutine mark_mode
 
   !> What GHM adds to a mode's stiffness at once [1/s2].
   pure function extra(fast, runs) result(k)
@@ -156,105 +145,57 @@ contains
     end do
   end subroutine take
 
-  !> Roots of (s2 + c s + k) prod d_i + sum_i a_i (s2 + 2 zeta w s) prod over the others d_j, by the eigenvalues of the
-  !> equivalent first-order system (each term: z and its rate).
-  subroutine modal_roots(fast, k, c, runs, small, roots)
-    type(fast_spectrum), intent(in) :: fast
-    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
-    real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: runs(:)            !! stiffness of every run [1/s2]
-    real(wp), intent(in) :: small              !! runs below are left out
-    complex(wp), allocatable, intent(out) :: roots(:)
-    real(wp), allocatable :: a(:, :)
-    real(wp) :: scale
-    integer :: n, r, j, i
-    n = 2
-    do r = 1, size(runs)
-      if (runs(r) > small) n = n + 2*size(fast%lin%runs(r)%alpha)
-    end do
-    allocate (a(n, n), source=0.0_wp)
-    scale = sqrt(max(k + sum(runs), tiny(1.0_wp)))       ! of time, so that positions and rates are alike
-    a(1, 2) = scale
-    a(2, 1) = -k/scale
-    a(2, 2) = -c
-    i = 2
-    do r = 1, size(runs)
-      if (.not. runs(r) > small) cycle
-      associate (t => fast%lin%runs(r))
-        do j = 1, size(t%alpha)
-          a(2, 1) = a(2, 1) - t%alpha(j)*runs(r)/scale
-          a(2, i + 1) = t%alpha(j)*runs(r)/scale
-          a(i + 1, i + 2) = t%omega(j)
-          a(i + 2, 1) = t%omega(j)
-          a(i + 2, i + 1) = -t%omega(j)
-          a(i + 2, i + 2) = -2*t%zeta(j)*t%omega(j)
-          i = i + 2
-        end do
-      end associate
-    end do
-    call eigenvalues(a, roots)
-  end subroutine modal_roots
-
   !> Poles of every material's and spring's terms, between two ends: where hardly anything moves (the terms' own poles, which
   !> slow modes approach), and where the least mass resists, in the motion that the material or spring alone would make
-  !> fastest. Poles of real modes lie between.
-  subroutine material_poles(d, m, held, fast, bound)
+  !> fastest. Poles of real modes lie between. That motion is slower than the fastest of all, so that only those are looked for
+  !> whose poles would set the bound even there.
+  subroutine material_poles(d, m, held, fast, fastest, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast
+    real(wp), intent(in) :: fastest            !! largest squared frequency, instantaneous stiffness [rad2/s2]
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
-    logical, allocatable :: is_mode(:)
-    real(wp) :: share(size(fast%lin%runs)), lambda
-    integer :: r
-    do r = 1, size(fast%lin%runs)
-      if (repeated(r)) cycle
-      associate (t => fast%lin%runs(r))
+    integer, allocatable :: firsts(:)          ! one run of each material or spring
+    real(wp), allocatable :: least(:, :)       ! steps that the poles surely allow [s]
+    real(wp) :: lambda
+    integer :: i, j, k
+    firsts = distinct_runs(fast%lin%runs)
+    allocate (least(size(method_names), size(firsts)))
+    do i = 1, size(firsts)
+      associate (t => fast%lin%runs(firsts(i)))
         call term_roots(t%zeta, t%omega, roots)
-        call take(roots, pole_cause(d, m, fast%lin%runs, r), bound)
-        call fast%largest_of_run(m, held, r, lambda)
-        if (.not. lambda > 0.0_wp) cycle
-        share = 0.0_wp
-        share(r) = lambda
-        call modal_roots(fast, lambda, 0.0_wp, share, 0.0_wp, roots)
-        call mark_mode(roots, sqrt(lambda*(1 + sum(t%alpha))), is_mode)
-        call take(pack(roots, .not. is_mode), pole_cause(d, m, fast%lin%runs, r), bound)
+        call take(roots, pole_cause(d, m, fast%lin%runs, firsts(i)), bound)
+        call run_poles(t, 2*fastest/(1 + sum(t%alpha)), roots)
+        least(:, i) = [(minval([huge(1.0_wp), (largest_step(k, roots(j)), j=1, size(roots))]), k=1, size(method_names))]
       end associate
     end do
-  contains
-    !> Whether an earlier run has the same material.
-    logical function repeated(r)
-      integer, intent(in) :: r
-      integer :: j
-      repeated = .false.
-      do j = 1, r - 1
-        if (fast%lin%runs(r)%spring == 0 .and. fast%lin%runs(j)%spring == 0 .and. &
-            fast%lin%runs(j)%material == fast%lin%runs(r)%material) repeated = .true.
-      end do
-    end function repeated
+    do i = 1 - size(method_names), size(firsts)          ! first what each method has to fear most: it rules out others
+      k = i
+      if (i < 1) k = minloc(least(1 - i, :), 1)
+      if (k == 0) cycle
+      if (all(least(:, k) >= bound%step)) cycle
+      call fast%largest_of_run(m, held, firsts(k), lambda)
+      least(:, k) = huge(1.0_wp)
+      if (.not. lambda > 0.0_wp) cycle
+      call run_poles(fast%lin%runs(firsts(k)), lambda, roots)
+      call take(roots, pole_cause(d, m, fast%lin%runs, firsts(k)), bound)
+    end do
   end subroutine material_poles
 
-  !> The terms' own poles, roots of s2 + 2 zeta omega s + omega2: those of z where x is held.
-  pure subroutine term_roots(zeta, omega, roots)
-    real(wp), intent(in) :: zeta(:)            !! [-]
-    real(wp), intent(in) :: omega(:)           !! [rad/s]
-    complex(wp), allocatable, intent(out) :: roots(:)
-    complex(wp) :: w(size(zeta))
-    w = sqrt(cmplx(zeta**2 - 1, 0.0_wp, wp))
-    roots = [omega*(w - zeta), omega*(-w - zeta)]
-  end subroutine term_roots
-
-  !> Eigenvalues of a small dense matrix.
-  subroutine eigenvalues(a, roots)
-    real(wp), intent(inout) :: a(:, :)         !! destroyed
-    complex(wp), allocatable, intent(out) :: roots(:)
-    real(wp) :: left(1, 1), right(1, 1)
-    real(wp), allocatable :: wr(:), wi(:), work(:)
-    integer :: n, info
-    n = size(a, 1)
-    allocate (wr(n), wi(n), work(8*n))
-    call dgeev('N', 'N', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
-    roots = cmplx(wr, wi, wp)
-  end subroutine eigenvalues
+  !> The springs' runs and the first run of every material.
+  pure function distinct_runs(runs) result(firsts)
+    type(linear_run), intent(in) :: runs(:)
+    integer, allocatable :: firsts(:)
+    logical :: seen(0:maxval([0, runs%material]))
+    logical :: new(size(runs))
+    integer :: r
+    seen = .false.
+    do r = 1, size(runs)
+      new(r) = runs(r)%spring > 0 .or. .not. seen(runs(r)%material)
+      seen(runs(r)%material) = .true.
+    end do
+    firsts = pack([(r, r=1, size(runs))], new)
+  end function distinct_runs
 end module step_bounds

@@ -67,7 +67,7 @@ contains
     if (m%s%rows == 0 .or. .not. self%start_lambda > 0.0_wp) return
     mu = bound%mu(self%method)
     self%mode_step = bound%step(self%method)
-    call material_poles(d, work, .false., self%fast, poles)
+    call material_poles(d, work, .false., self%fast, self%start_lambda, poles)
     self%pole_step = poles%step(self%method)
     if (bound%cause(self%method)%run > 0) then
       self%mode_step = huge(1.0_wp)

@@ -14,6 +14,7 @@ module triplets
     procedure :: add_block
     procedure :: dense => to_dense
     procedure :: times => matrix_times
+    procedure :: quadratic_form
   end type triplet_matrix
 
 contains
@@ -81,4 +82,15 @@ contains
       y(self%rows(k)) = y(self%rows(k)) + s*self%values(k)*x(self%cols(k))
     end do
   end subroutine matrix_times
+
+  !> x^T A x.
+  pure real(wp) function quadratic_form(self, x) result(total)
+    class(triplet_matrix), intent(in) :: self
+    real(wp), intent(in) :: x(:)              !! units of the unknowns
+    integer :: k
+    total = 0.0_wp
+    do k = 1, self%count
+      total = total + self%values(k)*x(self%rows(k))*x(self%cols(k))
+    end do
+  end function quadratic_form
 end module triplets

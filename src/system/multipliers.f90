@@ -48,6 +48,7 @@ module multipliers
     procedure :: lose
     procedure :: solve
     procedure :: share
+    procedure :: remove_range
     procedure :: weak_rows
   end type multiplier_system
 
@@ -223,6 +224,16 @@ contains
     end do
     call self%solve(lambda)
   end subroutine share
+
+  !> Leaves of the given multipliers what exerts no force: their part in the null space of S.
+  subroutine remove_range(self, lambda)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
+    real(wp) :: shared(size(lambda))
+    shared = lambda
+    call self%share(shared)
+    lambda = lambda - shared
+  end subroutine remove_range
 
   !> x <- x + (S + eps)^-1 (r - S x) from 0 until the residual stops falling.
   subroutine correct(self)

@@ -13,6 +13,7 @@ module redundancy
   public :: count_freedoms
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others [-]
+  integer, parameter :: mixtures = 2                !! vectors of the null space that are looked at: entries cancel in one by chance
 
 contains
 
@@ -42,9 +43,8 @@ contains
     self%redundant = stays_redundant(self, q, v)
     if (self%redundant) self%schur%shift = 1.0e-9_wp
     call evaluate(self, 0.0_wp, q, v, none, none)
-    do k = 1, self%s%rows
-      if (.not. weak(k)) cycle
-      call null_vector(self, k, x)
+    do k = 1, mixtures
+      call null_vector(self, weak, k, x)
       do i = 1, size(self%s%constraints)
         associate (c => self%s%constraints(i)%item)
           if (any(abs(x(c%first:c%first + c%rows - 1)) > 1.0e-5_wp)) report%dependent(i) = .true.
@@ -84,23 +84,16 @@ contains
     yes = any(weak)
   end function stays_redundant
 
-  !> The part of the unit vector of a dependent row that lies in the null space of S.
-  subroutine null_vector(self, k, x)
+  !> A mixture of the dependent rows' unit vectors, as far as it lies in the null space of S. These parts span the null space, so
+  !> that a row which takes part in any redundant set has an entry in the mixture, whatever the number of sets, unless they
+  !> cancel there by chance.
+  subroutine null_vector(self, weak, number, x)
     type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: k
-    real(wp), intent(out) :: x(:)
-    real(wp), allocatable :: s(:)
-    integer :: i, j, pk
-    allocate (s(size(x)))
-    pk = self%schur%position(k)
-    do i = 1, size(x)                     ! column of S for this row
-      j = self%schur%position(i)
-      s(i) = 0.0_wp
-      if (abs(j - pk) <= self%schur%kd) s(i) = self%schur%s(abs(j - pk), min(j, pk))
-      s(i) = s(i)/(self%schur%scale(i)*self%schur%scale(k))
-    end do
-    call self%schur%solve(s)
-    x = -s
-    x(k) = x(k) + 1.0_wp
+    logical, intent(in) :: weak(:)            !! (rows) dependent
+    integer, intent(in) :: number             !! which mixture
+    real(wp), intent(out) :: x(:)             !! (rows) [-]
+    integer :: k
+    x = merge([(1.5_wp + sin(real(k, wp)*(number + 0.3_wp)**2), k=1, size(x))], 0.0_wp, weak)
+    call self%schur%remove_range(x)
   end subroutine null_vector
 end module redundancy

@@ -192,26 +192,17 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                 !! 1: the fastest
     type(fast_mode), intent(out) :: f
-    real(wp), allocatable :: y(:)
     real(wp) :: square                       ! of a spring's deformation [m2] or [rad2]
     integer :: j, r
     f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
-    allocate (y(size(f%x)), f%runs(size(self%lin%runs)))
-    y = 0.0_wp
-    call self%lin%stiffness%times(1.0_wp, f%x, y)
-    f%stiffness = dot_product(f%x, y)
+    allocate (f%runs(size(self%lin%runs)))
+    f%stiffness = self%lin%stiffness%quadratic_form(f%x)
     do j = 1, size(self%turning)
       f%stiffness = f%stiffness + self%turning(j)*f%x(m%s%qo(j) + 3)**2
     end do
-    y = 0.0_wp
-    call self%lin%damping%times(1.0_wp, f%x, y)
-    f%damping = dot_product(f%x, y)
+    f%damping = self%lin%damping%quadratic_form(f%x)
     do r = 1, size(self%lin%runs)
-      f%runs(r) = 0.0_wp
-      if (self%lin%runs(r)%spring > 0) cycle
-      y = 0.0_wp
-      call self%lin%runs(r)%stiffness%times(1.0_wp, f%x, y)
-      f%runs(r) = dot_product(f%x, y)
+      f%runs(r) = self%lin%runs(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
     end do
     do j = 1, size(m%s%springs)
       square = spring_square(m, j, self%ends(:, j), f%x)

@@ -1,0 +1,150 @@
+!> Eigenvalues of one mode with GHM terms: roots of s2 + c s + k + sum of a_r g_r(s), and which of them are the mode's own.
+module modal_eigenvalues
+  use kinds, only: wp
+  use complex_modulus, only: modulus_ratio, modulus_slope
+  use lapack, only: dgeev
+  use linear_matrices, only: linear_run
+  implicit none (type, external)
+  private
+  public :: modal_roots, mark_mode, run_poles, term_roots
+
+  integer, parameter :: most_terms = 60          !! GHM terms of a mode up to which all its eigenvalues are computed
+
+contains
+
+  !> Roots of s2 + c s + k + sum of a_r g_r(s): all of them; of very many terms the mode's own pair alone, since the poles lie
+  !> between ends that `material_poles` looks at.
+  subroutine modal_roots(runs, k, c, parts, small, roots)
+    type(linear_run), intent(in) :: runs(:)
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: small              !! runs below are left out [1/s2]
+    complex(wp), allocatable, intent(out) :: roots(:)
+    integer, allocatable :: kept(:)
+    integer :: r
+    logical :: ok
+    kept = pack([(r, r=1, size(runs))], parts > small)
+    ok = .false.
+    if (sum([(size(runs(kept(r))%alpha), r=1, size(kept))]) > most_terms) &
+      call mode_pair(runs(kept), k, c, parts(kept), roots, ok)
+    if (.not. ok) call all_roots(runs(kept), k, c, parts(kept), roots)
+  end subroutine modal_roots
+
+  !> The two roots that the instantaneous stiffness leads to, by Newton's method.
+  subroutine mode_pair(runs, k, c, parts, roots, ok)
+    type(linear_run), intent(in) :: runs(:)
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    complex(wp), allocatable, intent(out) :: roots(:)
+    logical, intent(out) :: ok
+    complex(wp) :: f, df, s, step
+    integer :: i, r, pass
+    allocate (roots(2))
+    s = k
+    do r = 1, size(runs)
+      s = s + parts(r)*sum(runs(r)%alpha)
+    end do
+    s = sqrt(c**2/4 - s)
+    roots = [-c/2 + s, -c/2 - s]
+    do i = 1, 2
+      do pass = 1, 30
+        s = roots(i)
+        f = s**2 + c*s + k
+        df = 2*s + c
+        do r = 1, size(runs)
+          f = f + parts(r)*modulus_ratio(runs(r)%alpha, runs(r)%zeta, runs(r)%omega, s)
+          df = df + parts(r)*modulus_slope(runs(r)%alpha, runs(r)%zeta, runs(r)%omega, s)
+        end do
+        step = f/df
+        roots(i) = s - step
+        ok = abs(step) <= 1.0e-13_wp*abs(s)
+        if (ok) exit
+      end do
+      if (.not. ok) return
+    end do
+    ok = abs(roots(1) - roots(2)) > 1.0e-6_wp*abs(roots(1))
+  end subroutine mode_pair
+
+  !> Roots of (s2 + c s + k) prod d_i + sum_i a_i (s2 + 2 zeta w s) prod over the others d_j, by the eigenvalues of the
+  !> equivalent first-order system (each term: z and its rate).
+  subroutine all_roots(runs, k, c, parts, roots)
+    type(linear_run), intent(in) :: runs(:)
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp), allocatable :: a(:, :)
+    real(wp) :: scale
+    integer :: n, r, j, i
+    n = 2 + 2*sum([(size(runs(r)%alpha), r=1, size(runs))])
+    allocate (a(n, n), source=0.0_wp)
+    scale = sqrt(max(k + sum(parts), tiny(1.0_wp)))      ! of time, so that positions and rates are alike
+    a(1, 2) = scale
+    a(2, 1) = -k/scale
+    a(2, 2) = -c
+    i = 2
+    do r = 1, size(runs)
+      associate (t => runs(r))
+        do j = 1, size(t%alpha)
+          a(2, 1) = a(2, 1) - t%alpha(j)*parts(r)/scale
+          a(2, i + 1) = t%alpha(j)*parts(r)/scale
+          a(i + 1, i + 2) = t%omega(j)
+          a(i + 2, 1) = t%omega(j)
+          a(i + 2, i + 1) = -t%omega(j)
+          a(i + 2, i + 2) = -2*t%zeta(j)*t%omega(j)
+          i = i + 2
+        end do
+      end associate
+    end do
+    call eigenvalues(a, roots)
+  end subroutine all_roots
+
+  !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
+  pure subroutine mark_mode(roots, omega, is_mode)
+    complex(wp), intent(in) :: roots(:)        !! [1/s]
+    real(wp), intent(in) :: omega              !! [rad/s]
+    logical, allocatable, intent(out) :: is_mode(:)
+    real(wp) :: apart(size(roots))
+    integer :: k
+    k = minloc(abs(roots - cmplx(0.0_wp, omega, wp)), dim=1)
+    apart = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
+    is_mode = apart <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
+  end subroutine mark_mode
+
+  !> Poles of a run's terms in a motion that its material or spring alone makes.
+  subroutine run_poles(run, lambda, poles)
+    type(linear_run), intent(in) :: run
+    real(wp), intent(in) :: lambda             !! static stiffness over mass [1/s2]
+    complex(wp), allocatable, intent(out) :: poles(:)    !! [1/s]
+    complex(wp), allocatable :: roots(:)
+    logical, allocatable :: is_mode(:)
+    call all_roots([run], lambda, 0.0_wp, [lambda], roots)
+    call mark_mode(roots, sqrt(lambda*(1 + sum(run%alpha))), is_mode)
+    poles = pack(roots, .not. is_mode)
+  end subroutine run_poles
+
+  !> The terms' own poles, roots of s2 + 2 zeta omega s + omega2: those of z where x is held.
+  pure subroutine term_roots(zeta, omega, roots)
+    real(wp), intent(in) :: zeta(:)            !! [-]
+    real(wp), intent(in) :: omega(:)           !! [rad/s]
+    complex(wp), allocatable, intent(out) :: roots(:)
+    complex(wp) :: w(size(zeta))
+    w = sqrt(cmplx(zeta**2 - 1, 0.0_wp, wp))
+    roots = [omega*(w - zeta), omega*(-w - zeta)]
+  end subroutine term_roots
+
+  !> Eigenvalues of a small dense matrix.
+  subroutine eigenvalues(a, roots)
+    real(wp), intent(inout) :: a(:, :)         !! destroyed
+    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp) :: left(1, 1), right(1, 1)
+    real(wp), allocatable :: wr(:), wi(:), work(:)
+    integer :: n, info
+    n = size(a, 1)
+    allocate (wr(n), wi(n), work(8*n))
+    call dgeev('N', 'N', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
+    roots = cmplx(wr, wi, wp)
+  end subroutine eigenvalues
+end module modal_eigenvalues
