@@ -7,7 +7,38 @@ module body_matrices
   private
   public :: mass_triplets, stiffness_triplets, mass_product, translational_product
 
+  !> m_ff for many products: the lower triangle's entries.
+  type, public :: mass_matrix
+    integer, allocatable :: rows(:), cols(:)
+    real(wp), allocatable :: values(:)                  !! [kg, kg m, kg m2]
+  contains
+    procedure :: assemble
+    procedure :: times
+  end type mass_matrix
+
 contains
+
+  !> Collects the entries.
+  pure subroutine assemble(self, b)
+    class(mass_matrix), intent(inout) :: self
+    type(body_model), intent(in) :: b
+    call mass_triplets(b, self%rows, self%cols, self%values)
+  end subroutine assemble
+
+  !> m_ff x.
+  pure function times(self, x) result(y)
+    class(mass_matrix), intent(in) :: self
+    real(wp), intent(in) :: x(:)                        !! (nf)
+    real(wp) :: y(size(x))
+    integer :: i, j, k
+    y = 0.0_wp
+    do k = 1, size(self%values)
+      i = self%rows(k)
+      j = self%cols(k)
+      y(i) = y(i) + self%values(k)*x(j)
+      if (i /= j) y(j) = y(j) + self%values(k)*x(i)
+    end do
+  end function times
 
   !> Lower triangle of m_ff as triplets (consistent mass and lumps with their rotary inertia).
   pure subroutine mass_triplets(b, rows, cols, values)

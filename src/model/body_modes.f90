@@ -4,13 +4,14 @@ module body_modes
   use kinds, only: wp
   use banded, only: band_factor, factor_symmetric, band_solve
   use body, only: body_model
-  use body_matrices, only: mass_triplets, stiffness_triplets, mass_product
-  use lapack, only: dsygvd
+  use body_matrices, only: mass_matrix, mass_triplets, stiffness_triplets
+  use lapack, only: dsyev, dsygvd
   implicit none (type, external)
   private
   public :: lowest_modes
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
+  integer, parameter :: width = 3         !! vectors in a block of the Krylov space: a chain of beams has no frequency more often
   integer, parameter :: polish_passes = 2, most_gram_schmidt = 6
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
@@ -23,19 +24,20 @@ contains
     real(wp), allocatable, intent(out) :: x(:, :), w(:)
     logical, intent(out) :: bad
     real(wp), allocatable :: rigid(:, :)
-    integer :: p
-    call rigid_modes(b, rigid)
+    type(mass_matrix) :: mass
+    call mass%assemble(b)
+    call rigid_modes(b, mass, rigid)
     if (b%nf <= dense_size .or. 2*(modes + size(rigid, 2)) >= b%nf) then
-      call dense_modes(b, modes, rigid, x, w, bad)
+      call dense_modes(b, mass, modes, rigid, x, w, bad)
     else
-      p = min(b%nf - size(rigid, 2), max(2*modes, modes + 8))
-      call subspace_modes(b, modes, p, rigid, x, w, bad)
+      call subspace_modes(b, mass, modes, rigid, x, w, bad)
     end if
   end subroutine lowest_modes
 
   !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).
-  subroutine rigid_modes(b, rigid)
+  subroutine rigid_modes(b, mass, rigid)
     type(body_model), intent(in) :: b
+    type(mass_matrix), intent(in) :: mass
     real(wp), allocatable, intent(out) :: rigid(:, :)   !! (nf, n)
     real(wp) :: u(3)
     integer :: k, c, m, n, first
@@ -56,30 +58,31 @@ contains
           if (b%dof(c, k) > 0) rigid(b%dof(c, k), n) = u(c)
         end do
       end do
-      call orthogonalise(b, rigid(:, 1:n - 1), rigid(:, n))
+      call orthogonalise(mass, rigid(:, 1:n - 1), rigid(:, n))
     end do
   end subroutine rigid_modes
 
   !> Makes x mass-orthogonal to mass-orthonormal columns (twice, to rounding) and normalises it.
-  subroutine orthogonalise(b, basis, x)
-    type(body_model), intent(in) :: b
+  subroutine orthogonalise(mass, basis, x)
+    type(mass_matrix), intent(in) :: mass
     real(wp), intent(in) :: basis(:, :)
     real(wp), intent(inout) :: x(:)
     real(wp), allocatable :: mx(:)
     integer :: pass, k
     do pass = 1, 2
       do k = 1, size(basis, 2)
-        mx = mass_product(b, x)
+        mx = mass%times(x)
         x = x - dot_product(basis(:, k), mx)*basis(:, k)
       end do
     end do
-    mx = mass_product(b, x)
+    mx = mass%times(x)
     x = x/sqrt(dot_product(x, mx))
   end subroutine orthogonalise
 
   !> All modes of a small body.
-  subroutine dense_modes(b, modes, rigid, x, w, bad)
+  subroutine dense_modes(b, mass, modes, rigid, x, w, bad)
     type(body_model), intent(in) :: b
+    type(mass_matrix), intent(in) :: mass
     integer, intent(in) :: modes
     real(wp), intent(in) :: rigid(:, :)
     real(wp), allocatable, intent(out) :: x(:, :), w(:)
@@ -96,16 +99,17 @@ contains
     w = lambda(nr + 1:nr + modes)
     if (nr > 0) then
       do j = 1, modes
-        call orthogonalise(b, rigid, x(:, j))
+        call orthogonalise(mass, rigid, x(:, j))
       end do
     end if
-    call polish(b, count(w <= far_below*lambda(b%nf)), rigid, x, w, bad)
+    call polish(b, mass, count(w <= far_below*lambda(b%nf)), rigid, x, w, bad)
   end subroutine dense_modes
 
   !> Repeats inverse iteration on the lowest modes of a dense solution, whose errors are those of its highest frequency:
   !> with a heavy lump on a light beam they are a large part of the lowest. Frequencies are Rayleigh quotients.
-  subroutine polish(b, low, rigid, x, w, bad)
+  subroutine polish(b, mass, low, rigid, x, w, bad)
     type(body_model), intent(in) :: b
+    type(mass_matrix), intent(in) :: mass
     integer, intent(in) :: low                           !! how many modes
     real(wp), intent(in) :: rigid(:, :)
     real(wp), intent(inout) :: x(:, :), w(:)
@@ -113,7 +117,7 @@ contains
     type(band_factor) :: factor
     real(wp), allocatable :: f(:, :)
     real(wp) :: shift
-    integer :: i, j, pass
+    integer :: j, pass
     bad = .false.
     if (low == 0) return
     call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
@@ -121,14 +125,11 @@ contains
     allocate (f(size(x, 1), low))
     do pass = 1, polish_passes
       do j = 1, low
-        f(:, j) = mass_product(b, x(:, j))
+        f(:, j) = mass%times(x(:, j))
         x(:, j) = f(:, j)
-        call band_solve(factor, x(:, j))
-        do i = 1, size(rigid, 2)
-          x(:, j) = x(:, j) - dot_product(rigid(:, i), mass_product(b, x(:, j)))*rigid(:, i)
-        end do
+        call solve_elastic(mass, factor, rigid, x(:, j))
       end do
-      call orthogonalise_pair(b, x(:, 1:low), f)
+      call orthogonalise_pair(mass, x(:, 1:low), f)
     end do
     do j = 1, low
       w(j) = dot_product(x(:, j), f(:, j)) - shift
@@ -169,84 +170,130 @@ contains
     bad = info /= 0
   end subroutine symmetric_pair
 
-  !> Lowest modes by subspace iteration with the banded factor of K + shift M (Bathe, Finite Element Procedures).
-  subroutine subspace_modes(b, modes, p, rigid, x, w, bad)
+  !> Lowest modes by subspace iteration with the banded factor of K + shift M (Bathe, Finite Element Procedures), from the
+  !> modes of a Krylov space, which are exact but for rounding.
+  subroutine subspace_modes(b, mass, modes, rigid, x, w, bad)
     type(body_model), intent(in) :: b
-    integer, intent(in) :: modes, p                      !! modes wanted, size of the subspace
+    type(mass_matrix), intent(in) :: mass
+    integer, intent(in) :: modes                         !! modes wanted
     real(wp), intent(in) :: rigid(:, :)
     real(wp), allocatable, intent(out) :: x(:, :), w(:)
     logical, intent(out) :: bad
     type(band_factor) :: factor
-    real(wp), allocatable :: y(:, :), my(:, :), kk(:, :), mm(:, :), lambda(:), old(:)
+    real(wp), allocatable :: y(:, :), f(:, :), kk(:, :), mm(:, :)
+    real(wp), allocatable :: lambda(:), old(:)           ! squared frequencies + shift, of the last pass [rad2/s2]
     real(wp) :: shift, change, before                    ! changes of the frequencies, relative to themselves
-    integer :: i, j, pass, still
+    integer :: j, p, pass
     call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
     if (bad) return
-    allocate (y(b%nf, p), my(b%nf, p), kk(p, p), mm(p, p), lambda(p), old(p))
-    do j = 1, p
-      do i = 1, b%nf
-        y(i, j) = sin(real(i, wp)*(j + 0.37_wp)*1.7_wp) + merge(1.0_wp, 0.0_wp, mod(i, p) == j - 1)
-      end do
-    end do
-    old = 0.0_wp
+    p = min(b%nf - size(rigid, 2), modes + 8)
+    call krylov_modes(mass, factor, rigid, p, y, old, bad)
+    if (bad) return
+    allocate (f(b%nf, p), lambda(p))
     before = huge(1.0_wp)
-    still = 0
     do pass = 1, 200
       do j = 1, p
-        my(:, j) = mass_product(b, y(:, j))
-        y(:, j) = my(:, j)
-        call band_solve(factor, y(:, j))
-        do i = 1, size(rigid, 2)
-          y(:, j) = y(:, j) - dot_product(rigid(:, i), mass_product(b, y(:, j)))*rigid(:, i)
-        end do
+        f(:, j) = mass%times(y(:, j))
+        y(:, j) = f(:, j)
+        call solve_elastic(mass, factor, rigid, y(:, j))
+        y(:, j) = old(j)*y(:, j)                         ! nearly orthonormal: the modes are
+        f(:, j) = old(j)*f(:, j)
       end do
-      call orthogonalise_pair(b, y, my)
+      kk = matmul(transpose(y), f)
       do j = 1, p
-        kk(:, j) = matmul(transpose(y), my(:, j))
+        f(:, j) = mass%times(y(:, j))
       end do
-      do j = 1, p
-        my(:, j) = mass_product(b, y(:, j))
-        mm(:, j) = matmul(transpose(y), my(:, j))
-      end do
+      mm = matmul(transpose(y), f)
       call symmetric_pair(kk, mm, lambda, bad)
       if (bad) return
       y = matmul(y, kk)
       change = maxval(abs(lambda(1:modes) - old(1:modes))/lambda(1:modes))
-      if (change < 1.0e-9_wp .and. change > 0.5_wp*before) still = still + 1
-      if (change <= 1.0e-14_wp .or. still == 3) exit      ! converged, or as far as rounding lets it
+      if (change <= 1.0e-14_wp .or. (change < 1.0e-9_wp .and. change > 0.5_wp*before)) exit      ! rounding alone is left
       old = lambda
       before = change
     end do
     x = y(:, 1:modes)
     w = lambda(1:modes) - shift
     do j = 1, modes
-      call orthogonalise(b, rigid, x(:, j))
+      call orthogonalise(mass, rigid, x(:, j))
     end do
-    call polish(b, count(w <= far_below*w(modes)), rigid, x, w, bad)
+    call polish(b, mass, count(w <= far_below*w(modes)), rigid, x, w, bad)
   end subroutine subspace_modes
+
+  !> Approximate lowest modes from the Krylov space of (K + shift M)^-1 M, mass-orthonormal, by the block Lanczos method with full
+  !> orthogonalisation (Golub & Underwood 1977).
+  subroutine krylov_modes(mass, factor, rigid, p, x, lambda, bad)
+    type(mass_matrix), intent(in) :: mass
+    type(band_factor), intent(inout) :: factor
+    real(wp), intent(in) :: rigid(:, :)
+    integer, intent(in) :: p                             !! modes
+    real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, p)
+    real(wp), allocatable, intent(out) :: lambda(:)      !! (p) squared frequencies + shift [rad2/s2]
+    logical, intent(out) :: bad
+    real(wp), allocatable :: y(:, :), my(:, :), t(:, :), c(:), theta(:), work(:)
+    real(wp) :: before, now
+    integer :: i, j, n, info, pass
+    n = min(size(rigid, 1) - size(rigid, 2), 2*p + 20)
+    allocate (y(size(rigid, 1), n + width), my(size(rigid, 1), n + width), theta(n), work(40*n))
+    allocate (t(n + width, -width + 1:n), source=0.0_wp)
+    do j = 1, n + width
+      if (j > width) then
+        y(:, j) = my(:, j - width)
+      else
+        y(:, j) = [(sin(real(i, wp)*(j + 0.37_wp)*1.7_wp), i=1, size(y, 1))]
+      end if
+      call solve_elastic(mass, factor, rigid, y(:, j))
+      before = huge(1.0_wp)
+      do pass = 1, most_gram_schmidt
+        c = matmul(y(:, j), my(:, 1:j - 1))
+        y(:, j) = y(:, j) - matmul(y(:, 1:j - 1), c)
+        t(1:j - 1, j - width) = t(1:j - 1, j - width) + c
+        my(:, j) = mass%times(y(:, j))
+        now = sqrt(max(dot_product(y(:, j), my(:, j)), tiny(1.0_wp)))
+        if (pass > 1 .and. now > 0.5_wp*before) exit
+        before = now
+      end do
+      y(:, j) = y(:, j)/now
+      my(:, j) = my(:, j)/now
+    end do
+    call dsyev('V', 'U', n, t(1:n, 1:n), n, theta, work, size(work), info)
+    bad = info /= 0
+    x = matmul(y(:, 1:n), t(1:n, n:n - p + 1:-1))
+    lambda = 1.0_wp/max(theta(n:n - p + 1:-1), epsilon(1.0_wp)*theta(n))
+  end subroutine krylov_modes
+
+  !> y <- (K + shift M)^-1 y without rigid motions.
+  subroutine solve_elastic(mass, factor, rigid, y)
+    type(mass_matrix), intent(in) :: mass
+    type(band_factor), intent(inout) :: factor
+    real(wp), intent(in) :: rigid(:, :)
+    real(wp), intent(inout) :: y(:)                      !! forces, then displacements
+    integer :: i
+    call band_solve(factor, y)
+    do i = 1, size(rigid, 2)
+      y = y - dot_product(rigid(:, i), mass%times(y))*rigid(:, i)
+    end do
+  end subroutine solve_elastic
 
   !> Makes the columns of y = K^-1 f mass-orthonormal, f with them: inverse iteration leaves them nearly parallel on fine
   !> meshes, and their products then lose the small differences.
-  subroutine orthogonalise_pair(b, y, f)
-    type(body_model), intent(in) :: b
+  subroutine orthogonalise_pair(mass, y, f)
+    type(mass_matrix), intent(in) :: mass
     real(wp), intent(inout) :: y(:, :)                   !! displacements
     real(wp), intent(inout) :: f(:, :)                   !! the forces that cause them
-    real(wp), allocatable :: my(:)
-    real(wp) :: c
-    integer :: i, j, pass
+    real(wp), allocatable :: my(:), c(:)
+    real(wp) :: norm
+    integer :: j, pass
     do j = 1, size(y, 2)
       do pass = 1, most_gram_schmidt
-        my = mass_product(b, y(:, j))
-        c = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(c)))
-        y(:, j) = c*y(:, j)
-        f(:, j) = c*f(:, j)
-        if (pass > 2 .and. c < 2.0_wp) exit              ! the last pass took away rounding only
-        my = c*my
-        do i = 1, j - 1
-          c = dot_product(y(:, i), my)
-          y(:, j) = y(:, j) - c*y(:, i)
-          f(:, j) = f(:, j) - c*f(:, i)
-        end do
+        my = mass%times(y(:, j))
+        norm = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(norm)))
+        y(:, j) = norm*y(:, j)
+        f(:, j) = norm*f(:, j)
+        if (pass > 1 .and. norm < 2.0_wp) exit           ! the last pass took away rounding only
+        c = matmul(norm*my, y(:, 1:j - 1))
+        y(:, j) = y(:, j) - matmul(y(:, 1:j - 1), c)
+        f(:, j) = f(:, j) - matmul(f(:, 1:j - 1), c)
       end do
     end do
   end subroutine orthogonalise_pair

@@ -231,12 +231,20 @@ contains
   !> Largest distance between two points [m].
   pure function body_length(x) result(length)
     real(wp), intent(in) :: x(:, :)      !! (2, n) [m]
-    real(wp) :: length, far
+    real(wp) :: length, far, middle(2)
+    real(wp) :: r(size(x, 2))            ! distances from the middle, where no two points are farther apart than their sum [m]
+    integer, allocatable :: ends(:)
     integer :: i, j
-    far = 0.0_wp
-    do i = 2, size(x, 2)
+    middle = 0.5_wp*(maxval(x, dim=2) + minval(x, dim=2))
+    do i = 1, size(x, 2)
+      r(i) = norm2(x(:, i) - middle)
+    end do
+    j = maxloc(r, dim=1)
+    far = maxval([0.0_wp, ((x(1, i) - x(1, j))**2 + (x(2, i) - x(2, j))**2, i=1, size(r))])
+    ends = pack([(i, i=1, size(r))], r + maxval(r) >= 0.999_wp*sqrt(far))
+    do i = 2, size(ends)
       do j = 1, i - 1
-        far = max(far, (x(1, i) - x(1, j))**2 + (x(2, i) - x(2, j))**2)
+        far = max(far, (x(1, ends(i)) - x(1, ends(j)))**2 + (x(2, ends(i)) - x(2, ends(j)))**2)
       end do
     end do
     length = sqrt(far)
