@@ -2,7 +2,7 @@
 !> subspace iteration with the bordered matrix, which keeps every multiple frequency and every rigid motion. Small systems
 !> start from the dense solution on the null space of J, large ones from fixed pseudo-random vectors.
 module natural_modes
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeqp3, dorgqr, dsygvd, dsyev
   use process, only: caught_signal
@@ -11,7 +11,8 @@ module natural_modes
   public :: natural_subspace, rounding_level
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
-  integer, parameter :: most_passes = 80
+  integer, parameter :: most_passes = 80, most_rounds = 6, most_gram_schmidt = 6
+  integer, parameter :: width = 3                  !! vectors in a block: a chain of beams has no frequency more often
   real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
   real(wp), parameter :: settled = 1.0e-13_wp      !! relative change of omega^2 [-]
   real(wp), parameter :: at_floor = 1.0e-10_wp     !! change that no longer shrinks and is rounding [-]
@@ -29,22 +30,22 @@ contains
     integer :: free, p, pass
     real(wp) :: shift, noise, change, last
     logical :: settled_yet
-    real(wp), allocatable :: before(:)
+    real(wp), allocatable :: before(:), moved(:), scale(:)
     free = ds%n - ds%rows
-    p = min(free, max(2*wanted, wanted + 8))
+    p = min(free, merge(wanted + 8, max(2*wanted, wanted + 8), ds%symmetric .and. .not. ds%damped))
     ok = .true.
     allocate (omega2(p), x(ds%n, p))
     if (p == 0) return
+    shift = first_shift(ds)
+    noise = epsilon(1.0_wp)*shift/small_shift          ! rounding of the largest frequencies [rad2/s2]
     if (ds%n <= small .or. 2*p > free) then
       call dense_start(ds, p, omega2, x, ok)
       if (.not. ok) return
+      call shift_matrix(ds, shift)
     else
-      call random_start(x)
-      omega2 = 0.0_wp
+      call krylov_start(ds, shift, omega2, x, ok)
+      if (.not. ok) return
     end if
-    shift = first_shift(ds)
-    noise = epsilon(1.0_wp)*shift/small_shift          ! rounding of the largest frequencies [rad2/s2]
-    call shift_matrix(ds, shift)
     settled_yet = .false.
     change = huge(1.0_wp)
     do pass = 1, most_passes
@@ -58,11 +59,12 @@ contains
         call shift_matrix(ds, shift)
       end if
       associate (w => min(wanted, p))
-        settled_yet = pass > 2 .and. all(abs(omega2(1:w) - before(1:w)) <= settled*(abs(omega2(1:w)) + shift) + noise)
-        if (settled_yet) exit
+        moved = abs(omega2(1:w) - before(1:w))
+        scale = abs(omega2(1:w)) + shift
         last = change
-        change = maxval(abs(omega2(1:w) - before(1:w))/(abs(omega2(1:w)) + shift))
-        settled_yet = pass > 6 .and. change <= at_floor .and. change >= 0.5_wp*last   ! rounding alone changes it
+        change = maxval(moved/scale)
+        settled_yet = pass > 1 .and. (change <= settled .or. &           ! or rounding alone changes it
+                                      (all(moved <= at_floor*scale + noise) .and. change >= 0.5_wp*last))
         if (settled_yet) exit
       end associate
     end do
@@ -101,20 +103,82 @@ contains
     end do
   end function better_shift
 
-  !> Fixed pseudo-random vectors (a linear congruential sequence).
-  pure subroutine random_start(x)
-    real(wp), intent(out) :: x(:, :)
-    integer(ip), parameter :: factor = 16807_ip, prime = 2147483647_ip     ! Park & Miller (1988)
-    integer(ip) :: seed
-    integer :: i, j
-    seed = 12345_ip
-    do j = 1, size(x, 2)
-      do i = 1, size(x, 1)
-        seed = modulo(seed*factor, prime)
-        x(i, j) = real(seed, wp)/real(prime, wp) - 0.5_wp
-      end do
+  !> Approximate lowest modes from Krylov spaces of (K + shift M)^-1 M: small ones until the shift is near the lowest frequency,
+  !> then a large one. A block of as many vectors as a chain of beams may have equal frequencies.
+  subroutine krylov_start(ds, shift, omega2, x, ok)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(inout) :: shift                   !! [rad2/s2]
+    real(wp), intent(out) :: omega2(:)                 !! (p) [rad2/s2]
+    real(wp), intent(out) :: x(:, :)                   !! (n, p) [1/sqrt(kg)]
+    logical, intent(out) :: ok
+    real(wp) :: near
+    integer :: round, q
+    q = min(size(x, 2), 5)
+    do round = 1, most_rounds
+      call shift_matrix(ds, shift)
+      call krylov_modes(ds, shift, 3*q, omega2(1:q), x(:, 1:q), ok)
+      if (.not. ok) return
+      near = better_shift(omega2(1:q), shift)
+      if (abs(log(near/shift)) < 2.0_wp) exit
+      shift = near
     end do
-  end subroutine random_start
+    call krylov_modes(ds, shift, 2*size(x, 2) + 20, omega2, x, ok)
+  end subroutine krylov_start
+
+  !> Modes on a Krylov space, by the block Lanczos method with full orthogonalisation (Golub &
+  !> Underwood 1977).
+  subroutine krylov_modes(ds, shift, most, omega2, x, ok)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: shift                      !! of the factored matrix [rad2/s2]
+    integer, intent(in) :: most                        !! dimension of the space
+    real(wp), intent(out) :: omega2(:)                 !! (p) [rad2/s2]
+    real(wp), intent(out) :: x(:, :)                   !! (n, p) [1/sqrt(kg)]
+    logical, intent(out) :: ok
+    real(wp), allocatable :: y(:, :), my(:, :), t(:, :), c(:), theta(:), work(:)
+    real(wp) :: before, now
+    integer :: i, j, n, p, info, pass
+    p = size(x, 2)
+    n = min(ds%n - ds%rows, most)
+    allocate (y(ds%n, n + width), my(ds%n, n + width), theta(n), work(40*n))
+    allocate (t(n + width, -width + 1:n), source=0.0_wp)
+    do j = 1, n + width
+      ok = caught_signal() == 0
+      if (.not. ok) return
+      if (j > width) then
+        y(:, j) = my(:, j - width)
+      else
+        y(:, j) = real_product(ds, ds%m, [(sin(real(i, wp)*(j + 0.37_wp)*1.7_wp), i=1, ds%n)])
+      end if
+      call solve_real(ds, y(:, j))
+      before = huge(1.0_wp)
+      do pass = 1, most_gram_schmidt
+        c = matmul(y(:, j), my(:, 1:j - 1))
+        y(:, j) = y(:, j) - matmul(y(:, 1:j - 1), c)
+        t(1:j - 1, j - width) = t(1:j - 1, j - width) + c
+        my(:, j) = real_product(ds, ds%m, y(:, j))
+        now = sqrt(max(dot_product(y(:, j), my(:, j)), tiny(1.0_wp)))
+        if (pass > 1 .and. now > 0.5_wp*before) exit
+        before = now
+      end do
+      y(:, j) = y(:, j)/now
+      my(:, j) = my(:, j)/now
+    end do
+    call dsyev('V', 'U', n, t(1:n, 1:n), n, theta, work, size(work), info)
+    ok = info == 0
+    x = matmul(y(:, 1:n), t(1:n, n:n - p + 1:-1))
+    omega2 = 1.0_wp/theta(n:n - p + 1:-1) - shift
+  end subroutine krylov_modes
+
+  !> y <- (K + shift M)^-1 y on the constraints.
+  subroutine solve_real(ds, y)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(inout) :: y(:)                    !! (n) forces, then displacements
+    complex(wp) :: z(ds%n + ds%rows)
+    z = 0.0_wp
+    z(1:ds%n) = y
+    call ds%solve(z)
+    y = real(z(1:ds%n), wp)
+  end subroutine solve_real
 
   !> One pass: x <- (K + shift M)^-1 M x on the constraints, orthonormal in M, then Rayleigh-Ritz.
   subroutine iterate(ds, omega2, x, ok)
@@ -122,15 +186,12 @@ contains
     real(wp), intent(inout) :: omega2(:), x(:, :)
     logical, intent(out) :: ok
     real(wp), allocatable :: kx(:, :), h(:, :), work(:)
-    complex(wp), allocatable :: y(:)
     integer :: j, p, info
     p = size(x, 2)
-    allocate (y(ds%n + ds%rows), kx(ds%n, p), h(p, p), work(40*p))
+    allocate (kx(ds%n, p), h(p, p), work(40*p))
     do j = 1, p
-      y = 0.0_wp
-      y(1:ds%n) = real_product(ds, ds%m, x(:, j))
-      call ds%solve(y)
-      x(:, j) = real(y(1:ds%n), wp)
+      x(:, j) = real_product(ds, ds%m, x(:, j))
+      call solve_real(ds, x(:, j))
     end do
     call orthonormalise(ds, x, ok)
     if (.not. ok) return
