@@ -26,8 +26,9 @@ contains
     logical :: ok
     kept = pack([(r, r=1, size(runs))], parts > small)
     ok = .false.
-    if (sum([(size(runs(kept(r))%alpha), r=1, size(kept))]) > most_terms) &
+    if (sum([(size(runs(kept(r))%alpha), r=1, size(kept))]) > most_terms) then
       call mode_pair(runs(kept), k, c, parts(kept), roots, ok)
+    end if
     if (.not. ok) call all_roots(runs(kept), k, c, parts(kept), roots)
   end subroutine modal_roots
 

@@ -86,7 +86,7 @@ contains
   !> x^T A x.
   pure real(wp) function quadratic_form(self, x) result(total)
     class(triplet_matrix), intent(in) :: self
-    real(wp), intent(in) :: x(:)              !! units of the unknowns
+    real(wp), intent(in) :: x(:)              !! unknowns [m], [rad]
     integer :: k
     total = 0.0_wp
     do k = 1, self%count

@@ -179,11 +179,17 @@ contains
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
     character(:), allocatable :: text
-    integer :: k
-    text = ''
+    character(32) :: name
+    integer :: k, length
+    allocate (character(count(report%dependent)*(len(name) + 3)) :: text)
+    length = 0
     do k = 1, size(m%s%constraints)
-      if (report%dependent(k)) text = text//' "'//trim(m%s%constraints(k)%item%name)//'"'
+      if (.not. report%dependent(k)) cycle
+      name = m%s%constraints(k)%item%name
+      text(length + 1:length + len_trim(name) + 3) = ' "'//trim(name)//'"'
+      length = length + len_trim(name) + 3
     end do
+    text = text(:length)
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined
 

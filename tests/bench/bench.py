@@ -241,6 +241,31 @@ def analyses(table, quick):
                 table.add(f"cantilever of {elements} elements, {terms} terms, {name}: {milliseconds(runs)}")
 
 
+def set_ups(table, quick):
+    """Whole processes of one step, in which the set-up is nearly all: how it grows with what a deck asks for."""
+    table.add()
+    run = scenes.transient(1e-9, 1, "generalized_alpha")
+    families = {
+        "elements, 4 modes": (lambda n: scenes.slider_crank(n, run, modes=4), 2500),
+        "elements, 50 modes": (lambda n: scenes.slider_crank(n, run, modes=50), 2500),
+        "columns of a truss": (lambda n: scenes.truss(n, 5, run), 84),
+        "materials": (lambda n: scenes.many_materials(n, run), 500),
+        "bodies of a chain": (lambda n: scenes.chain(n, run), 1024),
+        "loops of a lattice": (lambda n: scenes.lattice(n, run), 200),
+    }
+    for name, (make, first) in families.items():
+        sizes = [first, 2 * first] if quick else [first, 2 * first, 4 * first]
+        costs = []
+        for size in sizes:
+            text = make(size)
+            runs = [run_process("set_up", text) for _ in range(3)]
+            if None in runs:
+                fail(f"biela refused the deck of {size} {name}")
+            costs.append(min(r[2] for r in runs))
+        words = ", ".join(f"{cost:.2f} s with {size}" for size, cost in zip(sizes, costs))
+        table.add(f"set-up by {name}: {words}; exponent {growth(sizes, costs):.2f}")
+
+
 def milliseconds(runs):
     """Processor and clock times of some runs of run_process, in words."""
     processor, clock = ([r[k] * 1e3 for r in runs] for k in (2, 0))
@@ -315,6 +340,7 @@ def main():
     implicit(table)
     whole_processes(table, quick)
     analyses(table, quick)
+    set_ups(table, quick)
     verdicts(table, rod, rigid, flexible, dense)
     (RESULTS / "bench.txt").write_text("\n".join(table.lines) + "\n")
     (WORK / "bench.json").write_text(json.dumps({f"{e} {t}": p for (e, t), p in rod.items()}, indent=1))

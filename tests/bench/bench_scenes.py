@@ -63,6 +63,52 @@ def chain(links, run, elements=0):
     return text + f"&sensor name='tip' quantity='position' body='b{links - 1}' {tip} /\n" + run
 
 
+def truss(columns, height, run):
+    """A grid of points held at its left edge, braced twice in every field: half of its links are redundant."""
+    points = [(i, j) for i in range(columns) for j in range(height)]
+    text = "&scene title='truss' gravity=0.0,-9.81 /\n"
+    for i, j in points:
+        text += f"&body name='p{i}_{j}' kind='rigid' mass=1.0 inertia=0.01 position={i},{j} /\n"
+        if i == 0:
+            text += f"&joint name='g{j}' type='revolute' body_a='p0_{j}' point_b=0.0,{j} /\n"
+    for i, j in points:
+        for a, b in ((i + 1, j), (i, j + 1), (i + 1, j + 1), (i + 1, j - 1)):
+            if a < columns and 0 <= b < height and a + i > 0:
+                text += f"&joint name='d{i}_{j}_{a}_{b}' type='distance' body_a='p{i}_{j}' body_b='p{a}_{b}' "
+                text += f"length={((a - i) ** 2 + (b - j) ** 2) ** 0.5!r} /\n"
+    return text + run
+
+
+def many_materials(elements, run, spread=1.0, omega=20000.0, count=None):
+    """A clamped beam whose elements are in turn of so many GHM materials (None: one each), a little apart."""
+    count = count or elements
+    text = "&scene title='materials' /\n&section name='rod' area=1.6129e-4 inertia=8.6576e-9 /\n"
+    for k in range(count):
+        text += f"&material name='m{k}' density={DENSITY} young={YOUNG} "
+        text += f"ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega={omega + spread * k} /\n"
+    names = ",".join(f"'m{k % count}'" for k in range(elements))
+    return (
+        text + f"&body name='arm' kind='beam' length={LENGTH} elements={elements} element_material={names} section='rod' "
+        "reference='clamped' /\n&joint name='wall' type='weld' body_a='arm' node_a=1 point_b=0.0,0.0 /\n" + run
+    )
+
+
+def lattice(loops, run):
+    """Square loops of rigid links in a row, upper and lower rails joined by rungs."""
+    text = "&scene title='lattice' gravity=0.0,-9.81 /\n"
+    bar = "kind='rigid' mass=1.0 inertia=0.001 com=0.05,0.0"
+    pivot = "type='revolute' point_a={},0.0 point_b={} body_a="
+    for k in range(loops):
+        x = LINK * k
+        text += f"&body name='b{k}' {bar} position={x:.10g},0.0 /\n&body name='t{k}' {bar} position={x:.10g},{LINK} /\n"
+        text += f"&body name='r{k}' {bar} position={x + LINK:.10g},0.0 angle=1.5707963267948966 /\n"
+        for rail, y in (("b", 0.0), ("t", LINK)):
+            other = f" body_b='{rail}{k - 1}'" if k else ""
+            text += f"&joint name='j{rail}{k}' {pivot.format(0.0, f'{LINK},0.0' if k else f'0.0,{y}')}'{rail}{k}'{other} /\n"
+            text += f"&joint name='r{rail}{k}' {pivot.format(y, f'{LINK},0.0')}'r{k}' body_b='{rail}{k}' /\n"
+    return text + run
+
+
 def four_bar(run):
     """A driven rigid crank, a viscoelastic coupler of 4 elements, an elastic rocker of 4."""
     body = "kind='beam' elements=4 material='rod' section='rod' reference='pinned'"

@@ -7,7 +7,7 @@ module counters
   private
   public :: count_malloc, count_calloc, count_realloc, count_dpbtrf, report_counts
 
-  integer(c_long) :: allocations = 0, factorisations = 0   !! since the start of the program
+  integer(c_long) :: allocations = 0, bytes = 0, factorisations = 0   !! since the start of the program
 
   abstract interface
     !> DPBTRF as C sees it.
@@ -62,6 +62,7 @@ contains
     integer(c_size_t), value :: n
     type(c_ptr) :: p
     allocations = allocations + 1
+    bytes = bytes + n
     p = libc_malloc(n)
   end function count_malloc
 
@@ -70,6 +71,7 @@ contains
     integer(c_size_t), value :: n, size
     type(c_ptr) :: p
     allocations = allocations + 1
+    bytes = bytes + n*size
     p = libc_calloc(n, size)
   end function count_calloc
 
@@ -79,6 +81,7 @@ contains
     integer(c_size_t), value :: n
     type(c_ptr) :: p
     allocations = allocations + 1
+    bytes = bytes + n
     p = libc_realloc(old, n)
   end function count_realloc
 
@@ -96,6 +99,7 @@ contains
   !> Called when the program ends.
   subroutine report_counts() bind(c, name='report_counts')
     call say('allocations ', allocations)
+    call say('bytes ', bytes)
     call say('factorisations ', factorisations)
   end subroutine report_counts
 

@@ -1,0 +1,91 @@
+"""What a set-up costs grows with at most the power 1.2 of what a deck asks for, told by bytes that are allocated, not seconds."""
+
+import math
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+import bench_scenes as scenes
+from test_counts import counters  # noqa: F401
+
+RUN = scenes.transient(1e-9, 1, "generalized_alpha")
+FAMILIES = {
+    "elements, 4 modes": (lambda n: scenes.slider_crank(n, RUN, modes=4), 300),
+    "redundant links": (lambda n: scenes.truss(n, 4, RUN), 12),
+    "materials": (lambda n: scenes.many_materials(n, RUN), 100),
+    "bodies": (lambda n: scenes.chain(n, RUN), 100),
+    "loops": (lambda n: scenes.lattice(n, RUN), 40),
+}
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_growth_of_what_a_set_up_allocates(biela, counters, tmp_path, name):  # noqa: F811
+    if biela.name.endswith("-debug"):
+        pytest.skip("the checked build makes temporary arrays")
+    make, n = FAMILIES[name]
+    found = []
+    for size in (n, 4 * n):
+        deck = tmp_path / f"{size}.nml"
+        deck.write_text(make(size))
+        done = subprocess.run(
+            [str(biela), "--quiet", "--output", str(tmp_path / "out"), str(deck)],
+            env={**os.environ, "LD_PRELOAD": str(counters)}, capture_output=True, text=True, check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        found.append(int(re.search(r"^bytes (\d+)$", done.stderr, re.MULTILINE).group(1)))
+    assert math.log(found[1] / found[0]) / math.log(4.0) <= 1.2, found
+
+
+def test_the_joints_of_many_redundant_sets_are_named(run_deck):
+    """Every bay of a ladder is determinate but those with a second diagonal, whose six links alone are redundant."""
+    deck = "&scene title='ladder' /\n"
+    crossed, bays = {3, 4, 11, 20, 21, 22, 37}, 40
+    expected = set()
+    for i in range(bays + 1):
+        for j in (0, 1):
+            deck += f"&body name='p{i}_{j}' kind='rigid' mass=1.0 inertia=0.01 position={i},{j} /\n"
+    links = [((0, 0), (0, 1))]
+    for i in range(bays):
+        bay = [((i, 0), (i + 1, 0)), ((i, 1), (i + 1, 1)), ((i, 0), (i + 1, 1)), ((i + 1, 0), (i + 1, 1))]
+        if i in crossed:
+            bay.append(((i, 1), (i + 1, 0)))
+            expected |= {*bay, ((i, 0), (i, 1))}
+        links += bay
+    names = {}
+    for a, b in links:
+        name = names[a, b] = f"d{a[0]}_{a[1]}_{b[0]}_{b[1]}"
+        deck += f"&joint name='{name}' type='distance' body_a='p{a[0]}_{a[1]}' body_b='p{b[0]}_{b[1]}' "
+        deck += f"length={math.dist(a, b)!r} /\n"
+    summary = run_deck(deck + RUN).summary
+    line = re.search(r"redundant constraints: (\d+) at the start, among (.*?);", summary)
+    assert int(line.group(1)) == len(crossed)
+    assert set(re.findall(r'"(\w+)"', line.group(2))) == {names[link] for link in expected}
+
+
+@pytest.mark.parametrize(("elements", "omega"), [(80, 2.0e4), (6, 3.0e6)], ids=["a mode limits", "a pole limits"])
+def test_many_like_materials_bound_steps_as_one(run_deck, elements, omega):
+    """Each element of a material of its own, all with the same values, against one material for all."""
+    run = "&transient t_end=1e-8 method='generalized_alpha' step=1e-8 /\n"
+    found = []
+    for count in (1, elements):
+        deck = scenes.many_materials(elements, run, 0.0, omega, count)
+        bounds = re.findall(r"(rk4|dopri5): safe bound +(\S+) s .*, current bound +(\S+) s", run_deck(deck).summary)
+        assert len(bounds) == 2
+        found.append(np.array([[float(x) for x in b[1:]] for b in bounds]))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-3)
+
+
+def test_the_modes_of_a_fine_mesh(run_deck):
+    """The lowest frequencies of a cantilever of 1,000 elements to more digits than the largest one leaves them by itself."""
+    beta = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])
+    run = run_deck(scenes.cantilever(1000, 0, "&modal modes=3 /\n"))
+    table = np.loadtxt(run.folder / "modes.txt")
+    exact = (beta / scenes.LENGTH) ** 2 * math.sqrt(scenes.YOUNG * scenes.INERTIA / scenes.DENSITY / scenes.AREA) / (2 * math.pi)
+    np.testing.assert_allclose(table[:3, 3], exact, rtol=1e-10)
+    assert int(re.search(r"factorisations: (\d+)", run.summary).group(1)) <= 40
