@@ -79,6 +79,7 @@ bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, s
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
 	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py
+	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/test_dopri5_scenes.py
 
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests

@@ -11,12 +11,16 @@ HEAD = """&scene title='springs that turn, seed {seed}' gravity=0.0,{gravity:.4g
 """
 
 
-def points(rng: np.random.Generator, body: dict, side: str) -> str:
-    """Return the keys of a random point or node of a body."""
+def point(rng: np.random.Generator, body: dict, side: str) -> tuple[str, np.ndarray]:
+    """Return the keys of a random point or node of a body, and where it is at the start [m]."""
     if body["kind"] == "beam":
-        return f"body_{side}='{body['name']}' node_{side}={rng.integers(1, body['elements'] + 2)}"
-    x, y = rng.uniform(-0.3, 0.3, 2)
-    return f"body_{side}='{body['name']}' point_{side}={x:.4f},{y:.4f}"
+        node = rng.integers(1, body["elements"] + 2)
+        keys, x, y = f"node_{side}={node}", 0.4 * (node - 1) / body["elements"], 0.0
+    else:
+        x, y = rng.uniform(-0.3, 0.3, 2)
+        keys = f"point_{side}={x:.4f},{y:.4f}"
+    c, s = np.cos(body["angle"]), np.sin(body["angle"])
+    return f"body_{side}='{body['name']}' {keys}", body["at"] + [c * x - s * y, s * x + c * y]
 
 
 def beam(rng: np.random.Generator, name: str, where: str) -> tuple[str, dict]:
@@ -44,8 +48,8 @@ def random_springs(seed: int) -> str:
     bodies = []
     chain = rng.random() < 0.5
     for k in range(rng.integers(1, 5)):
-        where = f"position={0.4 * k:.3f},{0.0 if chain else rng.uniform(-0.3, 0.3):.3f}"
-        where += f" angle={0.0 if chain else rng.uniform(-3.0, 3.0):.3f}"
+        height, angle = (0.0, 0.0) if chain else (rng.uniform(-0.3, 0.3), rng.uniform(-3.0, 3.0))
+        where = f"position={0.4 * k:.3f},{height:.3f} angle={angle:.3f}"
         if not chain or k == 0:
             where += f" angular_velocity={rng.uniform(-20.0, 20.0):.3f}"
         if rng.random() < 0.4:
@@ -55,6 +59,7 @@ def random_springs(seed: int) -> str:
             text = f"&body name='b{k}' kind='rigid' mass={mass:.4g} inertia={mass * 10 ** rng.uniform(-3.0, -1.3):.4g} "
             text += f"com={rng.uniform(-0.1, 0.2):.4f},{rng.uniform(-0.1, 0.1):.4f} {where} /\n"
             body = {"name": f"b{k}", "kind": "rigid"}
+        body |= {"at": np.array([0.4 * k, height]), "angle": angle}
         deck += text
         if chain:
             start = "node_a=1" if body["kind"] == "beam" else "point_a=0.0,0.0"
@@ -67,7 +72,10 @@ def random_springs(seed: int) -> str:
     for k in range(rng.integers(1, 5)):
         a, b = rng.choice(len(bodies), 2) if len(bodies) > 1 else (0, 0)
         ground = a == b or rng.random() < 0.3
-        other = f"point_b={rng.uniform(-0.5, 2.0):.3f},{rng.uniform(-0.8, 0.8):.3f}" if ground else points(rng, bodies[b], "b")
+        there = np.array([rng.uniform(-0.5, 2.0), rng.uniform(-0.8, 0.8)])
+        other = f"point_b={there[0]:.3f},{there[1]:.3f}"
+        if not ground:
+            other, there = point(rng, bodies[b], "b")
         more = f" damping={scale * 10 ** rng.uniform(-5.0, -2.5):.4g}" if rng.random() < 0.4 else ""
         if rng.random() < 0.25:
             more += f" ghm_alpha={10 ** rng.uniform(-1.0, 0.5):.3g} ghm_zeta={10 ** rng.uniform(-0.3, 0.6):.3g}"
@@ -76,12 +84,12 @@ def random_springs(seed: int) -> str:
         stiffness = scale * 10 ** rng.uniform(-1.0, 0.0) * (1.0 if kind == "linear" else 0.03)
         end = f"body_a='{bodies[a]['name']}'" + (" node_a=1" if bodies[a]["kind"] == "beam" else "")
         if kind == "linear":
-            end = points(rng, bodies[a], "a")
+            end, here = point(rng, bodies[a], "a")
+            if rng.random() < 0.25:
+                more += f" free_length={np.linalg.norm(here - there) * rng.uniform(0.97, 1.02):.5g}"
         else:
             other = ""
         if kind == "torsional" and not ground:
             other = f"body_b='{bodies[b]['name']}'"
-        if kind == "torsional" and bodies[a]["kind"] == "beam":  # a spring on a section without inertia is no machine
-            deck += f"&lump body='{bodies[a]['name']}' node=1 mass=0.05 inertia=2.0e-4 /\n"
         deck += f"&spring name='s{k}' type='{kind}' {end} {other} stiffness={stiffness:.5g}{more} /\n"
     return deck

@@ -3,6 +3,7 @@
 module step_advice
   use kinds, only: wp
   use assembly, only: assemble
+  use bound_causes, only: bound_cause, mode_cause
   use assembly_reports, only: assembly_report
   use build_scene, only: build
   use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
@@ -13,11 +14,13 @@ module step_advice
   use mechanism_setup, only: set_up_mechanism
   use safe_bound, only: find_safe_bound
   use scene_model, only: scene
-  use spectrum, only: fast_spectrum
+  use spectrum, only: fast_spectrum, fast_mode, only_stiffness
+  use spring_directions, only: bound_directions, turning_stiffness
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
   use summary_text, only: json_number, summary_record
   use text, only: fixed_text
+  use validity, only: bend_to_limit
   implicit none (type, external)
   private
   public :: advise, stability_advice
@@ -38,7 +41,49 @@ contains
     type(stability_advice), intent(out) :: advice
     call both_bounds(d, m, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)
+    call not_covered(m, q, advice)
   end subroutine advise
+
+  !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
+  !> as far as the model holds, and forces of springs against turns that grow beyond those of the start.
+  subroutine not_covered(m, q, advice)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
+    type(stability_advice), intent(inout) :: advice
+    real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
+    type(mechanism_model) :: work
+    type(fast_spectrum) :: fast
+    type(fast_mode) :: f
+    type(bound_cause) :: cause
+    real(wp), allocatable :: bent(:), rest(:), none(:)
+    real(wp) :: straight, curved               ! largest squared frequencies [rad2/s2]
+    integer :: b
+    if (advice%safe%step(1) >= huge(1.0_wp)) return
+    work = m
+    allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
+    call evaluate(work, 0.0_wp, q, rest, none, none)
+    if (any(turning_stiffness(work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
+      'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
+    if (.not. any(m%s%bodies%flexible)) return
+    call fast%set_up(work, q)
+    call bound_directions(work, fast%ends)
+    call fast%largest(work, .false., only_stiffness, 100, straight)
+    bent = q
+    do b = 1, size(m%s%bodies)
+      associate (i => m%s%qo(b) + 3, bo => m%s%bodies(b))
+        if (bo%flexible) call bend_to_limit(bo, bent(i + 1:i + bo%nf))
+      end associate
+    end do
+    call evaluate(work, 0.0_wp, bent, rest, none, none)
+    call bound_directions(work, fast%ends)
+    call fast%largest(work, .false., only_stiffness, 100, curved)
+    if (.not. straight < worth_a_line**2*curved) return
+    call fast%mode(work, 1, f)
+    call mode_cause(work, f, cause)
+    call advice%text%figure('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as '// &
+                            'the model holds they would allow about ', 'bent_bound', advice%safe%step(1)*sqrt(straight/curved), 4)
+    call advice%text%line(' s (rk4), limited by '//cause%what)
+  end subroutine not_covered
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
   !> damps it.

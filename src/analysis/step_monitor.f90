@@ -1,12 +1,13 @@
 !> The current stability bound along a run: estimated again now and then by a few Lanczos steps that start from the fastest
 !> modes of the start; whatever does not depend on the configuration (GHM poles) is kept.
 module step_monitor
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use deck_records, only: deck
   use dynamics, only: evaluate
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, only_stiffness
+  use spring_directions, only: bound_directions
   use stability_region, only: method_names
   use step_bounds, only: step_bound, find_bound, material_poles
   implicit none (type, external)
@@ -26,11 +27,14 @@ module step_monitor
     real(wp) :: fastest = 0.0_wp               !! largest frequency, joints released, 0: nothing vibrates [rad/s]
     real(wp) :: smallest = huge(1.0_wp)        !! smallest current bound so far [s]
     real(wp) :: at = 0.0_wp                    !! when [s]
+    real(wp) :: covered = 0.0_wp               !! largest squared frequency that the safe bound assumes [rad2/s2]
+    real(wp) :: least = huge(1.0_wp)           !! step at that frequency [s]
     type(fast_spectrum) :: fast
     real(wp), allocatable :: a(:), lambda(:)   !! results of the evaluation, kept over an estimate
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
+    procedure :: until_next
     procedure :: exchange => monitor_exchange
   end type stability_monitor
 
@@ -64,7 +68,10 @@ contains
     call self%fast%set_up(work, q)
     call find_bound(d, work, .false., self%fast, bound, self%start_lambda, force)
     self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
-    if (m%s%rows == 0 .or. .not. self%start_lambda > 0.0_wp) return
+    if (.not. self%start_lambda > 0.0_wp) return
+    call bound_directions(work, self%fast%ends)
+    call self%fast%largest(work, .false., only_stiffness, 100, self%covered)
+    self%fast%ends = -1.0_wp
     mu = bound%mu(self%method)
     self%mode_step = bound%step(self%method)
     call material_poles(d, work, .false., self%fast, self%start_lambda, poles)
@@ -79,8 +86,23 @@ contains
     self%lambda = m%lambda
     self%every = ceiling((self%steps + 0.004_wp*self%steps**3)/0.08_wp)
     self%active = self%mode_step < huge(1.0_wp) .and. abs(mu) > 0.0_wp
+    if (self%active) self%least = self%mode_step*sqrt(self%start_lambda/self%covered)
     if (.not. self%active) self%smallest = self%pole_step
   end subroutine monitor_begin
+
+  !> Accepted steps until the next estimate: at first at powers of two, since what bends or turns fast does so early.
+  pure integer function until_next(self, steps) result(n)
+    class(stability_monitor), intent(in) :: self
+    integer(ip), intent(in) :: steps           !! accepted so far
+    integer :: next
+    next = 4
+    do while (next <= steps .and. next < self%every)
+      next = 2*next
+    end do
+    next = min(next, self%every)
+    n = int(next - steps)
+    if (steps >= self%every) n = self%every - int(mod(steps, int(self%every, ip)))
+  end function until_next
 
   !> Estimates the current bound at the state of the last evaluation of m, whose results are left as they are.
   subroutine monitor_look(self, m, t)

@@ -193,14 +193,15 @@ contains
     real(wp), intent(in) :: from, to           !! [s]
     integer, intent(out) :: outcome
     integer(ip) :: before
-    integer :: most
+    integer :: most, next                      ! accepted steps
     associate (monitor => run%monitor, method => march%method)
       most = portion
-      if (monitor%active) most = int(min(int(most, ip), monitor%every - mod(method%steps, int(monitor%every, ip))))
       before = method%steps
+      if (monitor%active) next = monitor%until_next(before)
+      if (monitor%active) most = min(most, next)
       call method%advance(run%sys, from, to, most, run%y, outcome)
-      if (outcome == lost .or. .not. monitor%active .or. method%steps == before) return
-      if (mod(method%steps, int(monitor%every, ip)) == 0) call monitor%look(run%sys%m, run%sys%m%t)
+      if (outcome == lost .or. .not. monitor%active) return
+      if (method%steps - before == next) call monitor%look(run%sys%m, run%sys%m%t)
     end associate
   end subroutine one_portion
 

@@ -10,7 +10,7 @@ module validity
   use text, only: es_text, fixed_text
   implicit none (type, external)
   private
-  public :: validity_watch
+  public :: validity_watch, bend_to_limit
 
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
@@ -138,23 +138,50 @@ contains
     end subroutine say
   end function warnings
 
-  !> Lowest frequency of the body under its reference conditions [rad/s], by inverse iteration.
+  !> Lowest frequency of the body under its reference conditions [rad/s].
   function lowest_frequency(b) result(omega)
     type(body_model), intent(in) :: b
     real(wp) :: omega
+    real(wp), allocatable :: x(:)
+    call lowest_mode(b, omega, x)
+  end function lowest_frequency
+
+  !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.
+  subroutine bend_to_limit(b, q)
+    type(body_model), intent(in) :: b
+    real(wp), intent(inout) :: q(:)                  !! (nf) [m], [rad]
+    real(wp), allocatable :: x(:)
+    real(wp) :: omega, u(3), most
+    integer :: k
+    call lowest_mode(b, omega, x)
+    if (.not. omega < huge(1.0_wp)) return
+    most = 0.0_wp
+    do k = 1, b%nn
+      u = b%displacement(k, x)
+      most = max(most, hypot(u(1), u(2))/(large_deflection*b%length), abs(u(3))/large_rotation)
+    end do
+    if (most > 0.0_wp) q = q + x/most
+  end subroutine bend_to_limit
+
+  !> Lowest mode and frequency under the reference conditions, by inverse iteration; the largest number where there is none.
+  subroutine lowest_mode(b, omega, x)
+    type(body_model), intent(in) :: b
+    real(wp), intent(out) :: omega                   !! [rad/s]
+    real(wp), allocatable, intent(out) :: x(:)       !! (nf)
     type(band_factor) :: factor
     integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:), x(:), mx(:)
+    real(wp), allocatable :: values(:), mx(:)
     integer :: bad, k, pass
     omega = huge(1.0_wp)
+    allocate (x(b%nf))
     if (b%modal) then
       omega = sqrt(max(b%omega2(1), 0.0_wp))
+      x = [(merge(1.0_wp, 0.0_wp, k == 1), k=1, b%nf)]
       return
     end if
     call stiffness_triplets(b, rows, cols, values)
     call factor_symmetric(b%nf, rows, cols, values, factor, bad)
     if (bad > 0) return
-    allocate (x(b%nf))
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30
       mx = mass_product(b, x)
@@ -163,7 +190,7 @@ contains
       omega = sqrt(dot_product(x, mx)/dot_product(x, mass_product(b, x)))
       x = x/sqrt(dot_product(x, mass_product(b, x)))
     end do
-  end function lowest_frequency
+  end subroutine lowest_mode
 
   !> Part by which shear and rotary inertia would lower the lowest frequency: Timoshenko's first correction
   !> k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length;
