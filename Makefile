@@ -10,6 +10,7 @@
 #   PYTHON=python3    the Python (3.9 or newer) from which .venv is made
 #   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
 #   JOBS=auto         processes that share the tests
+#   PREFIX=/usr/local where `make install` puts the program; DESTDIR=... in front of it, for packages
 #   -j N              processes that build; all cores where it is left out
 
 FC      = gfortran
@@ -19,6 +20,7 @@ LDLIBS  = -llapack -lblas
 PYTHON  = python3
 TESTS   = tests
 JOBS    = auto
+PREFIX  = /usr/local
 
 # gfortran 12 takes the descriptors of allocatable variables for uninitialised: those two warnings are off; the checked
 # build (-finit-real=snan with traps) finds the real ones
@@ -53,9 +55,15 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all debug probe demo joints test test-debug bench bench-peer extremes lint setup clean help FORCE
+.PHONY: all install debug probe demo joints test test-debug bench bench-peer extremes lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
+install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
+	@install -d $(addprefix $(DESTDIR)$(PREFIX)/,bin share/man/man1 share/bash-completion/completions share/zsh/site-functions)
+	install -m 755 $(BIELA) $(DESTDIR)$(PREFIX)/bin/biela
+	install -m 644 share/biela.1 $(DESTDIR)$(PREFIX)/share/man/man1/biela.1
+	install -m 644 share/biela.bash $(DESTDIR)$(PREFIX)/share/bash-completion/completions/biela
+	install -m 644 share/_biela $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
 probe: $(PROBE)            ## bin/probe, bin/tangent, bin/terms: the solver's inside, for the tests

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Callable, NoReturn
@@ -14,6 +15,8 @@ from histories import HistoryError
 CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
 ROOT = Path(__file__).resolve().parent.parent
 SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
+if not SOLVER.is_file():  # the installed package
+    SOLVER = Path(shutil.which("biela") or SOLVER)
 
 
 def parser(tool: str, words: str) -> argparse.ArgumentParser:

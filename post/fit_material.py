@@ -53,7 +53,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.png, STEM.pdf and STEM.nml (beside the source, its name)")
     parser.add_argument("--band", nargs=2, type=float, metavar=("LOW", "HIGH"), help="frequencies used [Hz]")
     parser.add_argument("--deck", type=Path, help="a deck: tells its stable steps with the fitted terms in its material NAME")
-    parser.add_argument("--biela", type=Path, default=Path(__file__).resolve().parent.parent / "bin" / "biela", help="the solver")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
     table = parser.add_argument_group("the table")
     for quantity in material_data.USUAL:
         table.add_argument(f"--{quantity}", metavar="COLUMN", help=f"name of the column of {quantity}")

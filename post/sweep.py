@@ -48,7 +48,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
     parser.add_argument("--keep", action="store_true", help="keep all decks and results, with all their sensors")
     parser.add_argument("--no-pictures", action="store_true", help="the table only")
-    parser.add_argument("--biela", type=Path, default=HERE.parent / "bin" / "biela", help="the solver")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
     return parser
 
 

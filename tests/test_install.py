@@ -1,0 +1,100 @@
+"""`make install` and `pip install .`: what they put where, and that it works from there."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+try:
+    import tomllib
+except ImportError:
+    import tomli as tomllib
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+DISTRIBUTION = {"imageio_ffmpeg": "imageio-ffmpeg", "PIL": "matplotlib"}  # Pillow comes with matplotlib
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """Return the folder with the package `biela` as pip builds it."""
+    pytest.importorskip("setuptools")
+    folder = tmp_path_factory.mktemp("package")
+    command = [sys.executable, "setup.py", "-q", "egg_info", "-e", folder, "build_py", "--build-lib", folder]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return folder
+
+
+def python(folder, text, *words, path=""):
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PATH": f"{path}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        [sys.executable, "-c", text, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_modules_of_the_package_import_each_other_by_its_name(package):
+    names = sorted(path.stem for path in (package / "biela").glob("*.py") if path.stem != "__init__")
+    assert {"histories", "sweep", "report", "tools"} <= set(names)
+    text = "import importlib, sys, biela\nfor name in sys.argv[1:]: importlib.import_module('biela.' + name)\n"
+    text += "from biela.histories import HistoryError\nassert HistoryError is biela.HistoryError\n"
+    text += "print(' '.join(set(sys.argv[1:]) & set(sys.modules)))"
+    assert python(package, text, *names).strip() == ""
+
+
+def test_commands_show_the_help_of_their_tools(package):
+    tools = [target.partition(":")[2] for target in PROJECT["scripts"].values()]
+    assert [f"biela-{tool.replace('_', '-')}" for tool in tools] == list(PROJECT["scripts"])
+    text = """import sys
+from biela import tools
+for name in sys.argv[1:]:
+    sys.argv[1:] = ['--help']
+    try:
+        getattr(tools, name)()
+    except SystemExit as end:
+        assert end.code == 0"""
+    assert python(package, text, *tools).count("usage:") == len(tools)
+
+
+def test_the_installed_solver_is_found(package, biela, tmp_path):
+    (tmp_path / "biela").symlink_to(biela)
+    found = python(package, "from biela import command; print(command.SOLVER)", path=tmp_path)
+    assert found.strip() == str(tmp_path / "biela")
+
+
+@pytest.mark.skipif(sys.version_info < (3, 10), reason="no list of the standard library")
+def test_every_library_in_use_is_a_dependency():
+    named = {re.split(r"[>=<;\s]", line)[0] for line in PROJECT["dependencies"]}
+    named |= {re.split(r"[>=<;\s]", line)[0] for extra in PROJECT["optional-dependencies"].values() for line in extra}
+    own = {path.stem for path in (ROOT / "post").glob("*.py")}
+    for path in (ROOT / "post").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for top in {module.partition(".")[0] for module in modules} - own - set(sys.stdlib_module_names) - {"tomllib"}:
+                assert DISTRIBUTION.get(top, top) in named, f"{path.name}: {top}"
+
+
+@pytest.mark.usefixtures("biela")
+def test_make_install(tmp_path):
+    subprocess.run(
+        ["make", "-o", "bin/biela", "install", "PREFIX=/opt/b", f"DESTDIR={tmp_path}"], cwd=ROOT, check=True, capture_output=True
+    )
+    found = {str(path.relative_to(tmp_path / "opt/b")) for path in tmp_path.rglob("*") if path.is_file()}
+    shared = {"man/man1/biela.1", "bash-completion/completions/biela", "zsh/site-functions/_biela"}
+    assert found == {"bin/biela", *(f"share/{name}" for name in shared)}
+    assert os.access(tmp_path / "opt/b/bin/biela", os.X_OK)
+
+
+@pytest.mark.parametrize("name", ["biela.1", "biela.bash", "_biela"])
+def test_manual_and_completions_know_every_option(name, biela):
+    told = subprocess.run([biela, "--help"], capture_output=True, text=True, check=True).stdout
+    text = (ROOT / "share" / name).read_text().replace("\\-", "-")
+    for option in set(re.findall(r"--[a-z]+", told)):
+        assert option in text, option
