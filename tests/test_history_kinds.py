@@ -371,3 +371,16 @@ def test_a_copy_of_a_deck_finds_its_tables(run_deck, tmp_path):
     copy = tmp_path / "b" / "copy.nml"
     copy.write_text(deck_text.read(tmp_path / "a.nml").text.replace("&static /", "&modal /"))
     run_deck(copy, "--check")
+
+
+def test_a_periodic_history_that_began_more_turns_ago_than_a_short_integer_counts(run_deck):
+    """A table and a sequence of one second a turn, which begin 1e10 s before the run, against the same ones near it."""
+    deck = "&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&force name='f' type='force' body='b' fx=1.0 history='h' /\n"
+    deck += "&transient t_end=2.5 method='rk4' step=0.125 output_step=0.125 accept_unstable=.true. /\n"
+    deck += "&sensor name='x' quantity='position' body='b' /\n"
+    deck += "&history name='p' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=0.5 /\n"
+    table = "&history name='h' kind='table' interpolation='linear' time={0},{1},{2} value=0.0,1.0,0.0 periodic=.true. /\n"
+    chain = "&history name='h' kind='sequence' histories='p','p' durations=0.5,0.5 start={0} periodic=.true. /\n"
+    for text in (table, chain):
+        near, far = (run_deck(deck + text.format(t, t + 0.5, t + 1.0)).history for t in (0.0, -1.0e10))
+        np.testing.assert_allclose(far["x.x"], near["x.x"], atol=1e-5)

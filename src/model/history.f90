@@ -1,7 +1,7 @@
 !> Histories: functions of time that scale loads and lead drives (input/README.md, &history). A kind is a file: its value and
 !> two derivatives, an antiderivative in closed form, and the times at which it is not smooth.
 module history
-  use kinds, only: wp
+  use kinds, only: wp, ip
   implicit none (type, external)
   private
   public :: history_model, history_box, corner, drive_corners, evaluate_shifted, rounding_of, reached, merged, corner_order
@@ -66,14 +66,15 @@ contains
     class(history_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
     type(corner), allocatable :: list(:)
-    integer :: first, last, i, k
+    integer(ip) :: first, last, k
+    integer :: i
     allocate (list(0))
     if (.not. allocated(self%breaks)) return
     first = 0
     last = 0
     if (self%period > 0.0_wp) then
-      first = floor(-maxval(self%breaks%time)/self%period)
-      last = ceiling((until - minval(self%breaks%time))/self%period)
+      first = floor(-maxval(self%breaks%time)/self%period, ip)
+      last = ceiling((until - minval(self%breaks%time))/self%period, ip)
     end if
     list = [((corner(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
     list = pack(list, list%time > 0.0_wp .and. list%time < until)

@@ -82,11 +82,12 @@ contains
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp), intent(in) :: shift       !! added where the part is chosen: to see a corner from one side [s]
-    integer, intent(out) :: turn        !! periods before
+    real(wp), intent(out) :: turn       !! periods before, more than an integer holds where they are short [-]
     integer, intent(out) :: k           !! the part
     real(wp), intent(out) :: x          !! time since it began [s]
-    turn = 0
-    if (self%period > 0.0_wp) turn = floor((t + shift - self%begins(1))/self%period)
+    turn = 0.0_wp
+    if (self%period > 0.0_wp) turn = (t + shift - self%begins(1))/self%period
+    turn = aint(turn) - merge(1.0_wp, 0.0_wp, turn < aint(turn))
     x = t - turn*self%period
     k = count(self%begins <= x + shift)
     if (self%period > 0.0_wp) k = min(max(k, 1), size(self%parts))
@@ -99,8 +100,8 @@ contains
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left         !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: x, before(0:2)
-    integer :: turn, k
+    real(wp) :: x, turn, before(0:2)
+    integer :: k
     call self%locate(t, merge(-1, 1, left)*rounding_of(t), turn, k, x)
     if (k < 1) then
       call self%ends_of(1, h, before)
@@ -116,8 +117,8 @@ contains
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]
-    real(wp) :: x, h(0:2), before(0:2)
-    integer :: turn, k
+    real(wp) :: x, turn, h(0:2), before(0:2)
+    integer :: k
     call self%locate(t, 0.0_wp, turn, k, x)
     f = turn*self%area(size(self%area)) + self%area(max(k, 1))
     if (k < 1) then

@@ -60,15 +60,16 @@ contains
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp), intent(in) :: shift       !! added where the piece is chosen: to see a point from one side [s]
-    integer, intent(out) :: turn        !! periods before
+    real(wp), intent(out) :: turn       !! periods before, more than an integer holds where they are short [-]
     integer, intent(out) :: i           !! the piece
     real(wp), intent(out) :: x          !! time since it began [s]
     integer :: j, k
-    turn = 0
+    turn = 0.0_wp
     i = 0
     j = size(self%t) + 1
     if (self%period > 0.0_wp) then
-      turn = floor((t + shift - self%t(1))/self%period)
+      turn = (t + shift - self%t(1))/self%period
+      turn = aint(turn) - merge(1.0_wp, 0.0_wp, turn < aint(turn))
       i = 1                             ! within a period, whatever rounding says
       j = j - 1
     end if
@@ -90,8 +91,8 @@ contains
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left         !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: x
-    integer :: turn, i
+    real(wp) :: x, turn
+    integer :: i
     call self%locate(t, merge(-1, 1, left)*rounding_of(t), turn, i, x)
     h = piece(self%c(:, i), x)
   end subroutine table_value
@@ -101,8 +102,8 @@ contains
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]
-    real(wp) :: x
-    integer :: turn, i
+    real(wp) :: x, turn
+    integer :: i
     call self%locate(t, 0.0_wp, turn, i, x)
     f = turn*self%area(size(self%area)) + self%area(max(1, i)) + piece_area(self%c(:, i), x)
   end function table_area
