@@ -379,8 +379,9 @@ def test_a_periodic_history_that_began_more_turns_ago_than_a_short_integer_count
     deck += "&transient t_end=2.5 method='rk4' step=0.125 output_step=0.125 accept_unstable=.true. /\n"
     deck += "&sensor name='x' quantity='position' body='b' /\n"
     deck += "&history name='p' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=0.5 /\n"
+    deck += "&history name='q' kind='ramp' start_value=1.0 end_value=0.0 start=0.0 finish=0.5 /\n"
     table = "&history name='h' kind='table' interpolation='linear' time={0},{1},{2} value=0.0,1.0,0.0 periodic=.true. /\n"
-    chain = "&history name='h' kind='sequence' histories='p','p' durations=0.5,0.5 start={0} periodic=.true. /\n"
+    chain = "&history name='h' kind='sequence' histories='p','q' durations=0.5,0.5 start={0} periodic=.true. /\n"
     for text in (table, chain):
         near, far = (run_deck(deck + text.format(t, t + 0.5, t + 1.0)).history for t in (0.0, -1.0e10))
         np.testing.assert_allclose(far["x.x"], near["x.x"], atol=1e-5)
