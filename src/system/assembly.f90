@@ -47,13 +47,14 @@ contains
   !> Free lengths and angles that the deck leaves as assembled.
   subroutine settle_springs(self)
     type(mechanism_model), intent(inout) :: self
-    real(wp) :: d, dd, e(2)
+    real(wp) :: d, dd, e(2), gap
     integer :: k
+    gap = closed_gap(self)
     do k = 1, size(self%s%springs)
       if (.not. self%s%springs(k)%pending) cycle
       self%s%springs(k)%free = 0.0_wp
       call self%s%springs(k)%deformation(self%p, d, dd, e)
-      self%s%springs(k)%free = merge(0.0_wp, d, abs(d) <= closed_gap(self) .and. .not. self%s%springs(k)%torsional)
+      self%s%springs(k)%free = merge(0.0_wp, d, abs(d) <= gap .and. .not. self%s%springs(k)%torsional)
       self%s%springs(k)%pending = .false.
     end do
   end subroutine settle_springs

@@ -109,15 +109,16 @@ contains
     type(mechanism_model), intent(in) :: self
     real(wp), intent(in) :: q(:)   !! (nq) [m, rad]
     type(assembly_report), intent(inout) :: report
-    real(wp) :: dx, da
+    real(wp) :: dx, da, least
     character(:), allocatable :: by
     integer :: b, i
+    least = max(far*self%s%size, closed_gap(self))
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       dx = norm2(q(i + 1:i + 2) - self%s%q0(i + 1:i + 2))
       da = abs(q(i + 3) - self%s%q0(i + 3))
       by = ''
-      if (dx > max(far*self%s%size, closed_gap(self))) by = by//' and '//trim(adjustl(es_text(dx, 2)))//' m'
+      if (dx > least) by = by//' and '//trim(adjustl(es_text(dx, 2)))//' m'
       if (da > far) by = by//' and '//trim(adjustl(es_text(da, 2)))//' rad'
       if (len(by) > 0) call add_warning(report, 'assembly moved body "'//trim(self%s%bodies(b)%name)//'" by '//by(6:)// &
                                         ': are its deck position and angle right?')
