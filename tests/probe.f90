@@ -66,7 +66,7 @@ contains
       do b = 1, size(s%bodies)
         associate (bo => s%bodies(b))
           do r = 1, size(bo%runs)
-            do k = 1, size(bo%runs(r)%alpha)
+            do k = 1, bo%runs(r)%law%second
               if (bo%modal) then
                 do i = 1, bo%nf
                   write (*, '(3a, 3(1x, i0))') 'z mode ', trim(bo%name), ' ', i, r, k
@@ -83,7 +83,7 @@ contains
         end associate
       end do
       do i = 1, size(s%springs)
-        do k = 1, size(s%springs(i)%alpha)
+        do k = 1, s%springs(i)%law%second
           write (*, '(2a, 1x, i0)') 'z spring ', trim(s%springs(i)%name), k
         end do
       end do
@@ -101,12 +101,13 @@ contains
   subroutine evaluate_all()
     real(wp), allocatable :: y(:), dy(:), rate(:), strain(:)
     real(wp) :: t, kinetic, potential
-    integer :: status, nq, nz
+    integer :: status, nq, nz, nzd
     nq = run%sys%m%s%nq
     nz = run%sys%m%s%nz
+    nzd = run%sys%m%s%nzd
     allocate (y(run%sys%n), dy(run%sys%n), rate(run%sys%m%s%rows), strain(size(run%sys%m%s%bodies)), source=0.0_wp)
     do
-      read (input_unit, *, iostat=status) t, y(1:2*nq + 2*nz)
+      read (input_unit, *, iostat=status) t, y(1:2*nq + nz + nzd)
       if (status /= 0) exit
       call run%sys%derivative(t, y, .false., dy)
       associate (m => run%sys%m)
@@ -118,7 +119,8 @@ contains
         call show('phidot', rate)
         call gamma(m%s%rows)
         call jacobian()
-        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), kinetic, potential, strain)
+        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), kinetic, &
+                      potential, strain)
         call show('energy', [kinetic, potential])
         call show('power', [m%dissipated_power, m%input_power])
       end associate
@@ -142,7 +144,9 @@ contains
     call matrix('stiffness', lin%stiffness, nq)
     call matrix('rows', lin%jacobian, lin%rows)
     do r = 1, size(lin%runs)
-      call show('run', [lin%runs(r)%alpha, lin%runs(r)%zeta, lin%runs(r)%omega])
+      associate (law => lin%runs(r)%law)
+        call show('run', [law%alpha, 0.5_wp*law%viscosity/sqrt(law%inertia), 1/sqrt(law%inertia)])   ! alpha, zeta, omega
+      end associate
       call matrix('run_stiffness', lin%runs(r)%stiffness, nq)
     end do
   end subroutine matrices

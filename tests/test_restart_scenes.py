@@ -17,7 +17,8 @@ from conftest import TIMEOUT, untimed
 
 ROWS = 100
 CUTS = 2  # of each scene
-MATERIALS = ["", "ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0", "rayleigh_stiffness=1e-4"]
+TERMS = "ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0 prony_alpha=0.4 prony_tau=2e-4"
+MATERIALS = ["", TERMS, "rayleigh_stiffness=1e-4"]
 METHODS = {
     "fixed generalized_alpha": "method='generalized_alpha' step={step:.17g}",
     "controlled generalized_alpha": "method='generalized_alpha' tolerance=1e-3",
@@ -50,7 +51,7 @@ def scene(dice: random.Random) -> str:
         lines.append(f"&joint name='j{k}' type='revolute' body_a='b{k}' {near} {on} {at} /")
         if dice.random() < 0.7:
             spring = f"stiffness={10 ** dice.uniform(1.0, 3.0):.17g} free_angle={dice.uniform(-0.6, 0.6):.17g}"
-            spring += dice.choice(["", " ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0"])
+            spring += dice.choice(["", " ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 prony_alpha=0.7 prony_tau=0.01"])
             lines.append(f"&spring name='k{k}' type='torsional' body_a='b{k}' {near} {on} {at if 'node' in at else ''} {spring} /")
         for quantity in ("position", "velocity", "acceleration"):
             lines.append(f"&sensor name='{quantity}{k}' quantity='{quantity}' body='b{k}' {end} /")

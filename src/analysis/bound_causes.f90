@@ -1,4 +1,4 @@
-!> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a GHM pole.
+!> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a viscoelastic pole.
 module bound_causes
   use kinds, only: wp
   use body, only: body_model
@@ -102,16 +102,19 @@ contains
     type(linear_run), intent(in) :: runs(:)
     integer, intent(in) :: r                 !! run
     type(bound_cause) :: cause
+    character(:), allocatable :: name         ! of the term
     integer :: term
     associate (t => runs(r))
       cause%body = t%body
       cause%run = r
       cause%material = t%material
-      term = maxloc(t%omega*(t%zeta + sqrt(max(t%zeta**2 - 1, 0.0_wp))), dim=1)
+      term = maxloc(abs(t%law%rates()), dim=1)
+      name = trim(t%law%words(term))
+      if (term > t%law%second) term = term - t%law%second
       if (t%spring > 0) then
-        cause%what = 'GHM pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//to_text(term)
+        cause%what = name//' pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//to_text(term)
       else
-        cause%what = 'GHM pole of material "'//trim(d%materials(t%material)%name)//'", term '//to_text(term)
+        cause%what = name//' pole of material "'//trim(d%materials(t%material)%name)//'", term '//to_text(term)
       end if
     end associate
   end function pole_cause

@@ -55,10 +55,11 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: first
-    associate (nq => m%s%nq, nz => m%s%nz, x => self%row)
-      call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), x(1), x(2), self%strain)
+    associate (nq => m%s%nq, nz => m%s%nz, nzd => m%s%nzd, x => self%row)
+      call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), x(1), x(2), &
+                    self%strain)
       call violations(m, t, y(1:nq), y(nq + 1:2*nq), x(6), x(7))
-      x(3:4) = y(2*nq + 2*nz + 1:2*nq + 2*nz + 2)
+      x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
       if (first) then
         self%start = x(1:2)
         self%low = x(1:4)

@@ -35,11 +35,12 @@ contains
     do k = 1, size(s%springs)
       n = 2*(kinds_of_group*size(s%bodies) + k) - 1
       if (s%springs(k)%torsional) norm%floor(n:n + 1) = least
-      call assign(s, norm, n, 0, s%springs(k)%offset + 1, s%springs(k)%offset + size(s%springs(k)%alpha))
+      call assign(s, norm, n, 0, s%springs(k)%offset + 1, s%springs(k)%offset + s%springs(k)%law%second)
+      call assign(s, norm, n, 0, s%springs(k)%first_order + 1, s%springs(k)%first_order + s%springs(k)%law%first)
     end do
   end subroutine group_unknowns
 
-  !> Puts coordinates first..last and their rates into a group and the next one; dissipative ones where offset = 0.
+  !> Puts coordinates first..last and their rates into a group and the next one; internal variables where offset = 0.
   subroutine assign(s, norm, group, offset, first, last)
     type(scene), intent(in) :: s
     type(error_norm), intent(inout) :: norm
@@ -49,7 +50,7 @@ contains
     o = merge(0, 2*s%nq, offset == 1)
     n = merge(s%nq, s%nz, offset == 1)
     norm%group(o + first:o + last) = group
-    norm%group(o + n + first:o + n + last) = group + 1
+    if (offset == 1 .or. first <= s%nzd) norm%group(o + n + first:o + n + last) = group + 1
   end subroutine assign
 
   !> The groups of one body.
@@ -70,7 +71,12 @@ contains
         call floors(number(b, deflection), least*s%size*sqrt(bo%mass))
         call floors(number(b, bending), least*s%size*sqrt(bo%mass))
         call assign(s, norm, number(b, deflection), 1, i + 4, i + 3 + bo%nf)
-        call assign(s, norm, number(b, bending), 0, s%zo(b) + 1, s%zo(b) + bo%nz)
+        do r = 1, size(bo%runs)
+          associate (run => bo%runs(r))
+            call assign(s, norm, number(b, bending), 0, run%offset + 1, run%offset + run%law%second*run%width)
+            call assign(s, norm, number(b, bending), 0, run%first_order + 1, run%first_order + run%law%first*run%width)
+          end associate
+        end do
         return
       end if
       do k = 1, bo%nn
@@ -81,8 +87,9 @@ contains
         end do
       end do
       do r = 1, size(bo%runs)
-        o = s%zo(b) + bo%runs(r)%offset
-        do e = 1, size(bo%runs(r)%alpha)*bo%runs(r)%width/bo%nd
+        o = bo%runs(r)%offset
+        do e = 1, size(bo%runs(r)%law%alpha)*bo%runs(r)%width/bo%nd
+          if (e == bo%runs(r)%law%second*bo%runs(r)%width/bo%nd + 1) o = bo%runs(r)%first_order
           do c = 4 - bo%nd, 3
             o = o + 1
             call assign(s, norm, number(b, merge(extension, bending, c == 1)), 0, o, o)

@@ -1,5 +1,5 @@
 !> The mechanism as integrators see it: first-order equations for explicit methods, second-order ones for implicit methods. State:
-!> q, v, z, z', dissipated energy, work (layout in `scene_model`).
+!> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp, ip
   use border_rows, only: hold_weak_rows, light_shift, strong_shift
@@ -7,7 +7,8 @@ module mechanism_ode
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
-  use newton_results, only: term_increments, find_powers, mass_product, resolved_part, position_groups, scene_reach
+  use newton_results, only: term_increments, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, &
+                            scene_reach
   use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
   use newton_system, only: newton_matrix, set_up_newton
   use ode_system, only: largest_value, sane
@@ -67,24 +68,25 @@ contains
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
     self%m%left = left
     self%m%broken = .false.
-    call state_rates(self%m, self%m%s%nq, self%m%s%nz, t, y, dy)
+    call state_rates(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
   end subroutine mechanism_derivative
 
   !> The same, with the parts of the state apart.
-  subroutine state_rates(m, nq, nz, t, y, dy)
+  subroutine state_rates(m, nq, nz, nzd, t, y, dy)
     type(mechanism_model), intent(inout) :: m
-    integer, intent(in) :: nq, nz
+    integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(out) :: dy(2*nq + 2*nz + 2) !! [the same per second]
-    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    real(wp), intent(in) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(out) :: dy(2*nq + nz + nzd + 2) !! [the same per second]
+    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = m%a
     if (m%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
-    dy(2*nq + 1:2*nq + nz) = y(2*nq + nz + 1:2*nq + 2*nz)
-    dy(2*nq + nz + 1:2*nq + 2*nz) = m%zdd
-    dy(2*nq + 2*nz + 1) = m%dissipated_power
-    dy(2*nq + 2*nz + 2) = m%input_power
+    dy(2*nq + 1:2*nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
+    dy(2*nq + nzd + 1:2*nq + nz) = m%zdd(nzd + 1:)
+    dy(2*nq + nz + 1:2*nq + nz + nzd) = m%zdd(1:nzd)
+    dy(2*nq + nz + nzd + 1) = m%dissipated_power
+    dy(2*nq + nz + nzd + 2) = m%input_power
   end subroutine state_rates
 
   !> Projects an accepted state; refuses states that are not finite.
@@ -95,17 +97,17 @@ contains
     logical, intent(out) :: ok
     ok = sane(y) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
-    call project_state(self%m, self%m%s%nq, self%m%s%nz, t, y, ok)
+    call project_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
   end subroutine mechanism_accept
 
   !> The same, with the parts of the state apart.
-  subroutine project_state(m, nq, nz, t, y, ok)
+  subroutine project_state(m, nq, nz, nzd, t, y, ok)
     type(mechanism_model), intent(inout) :: m
-    integer, intent(in) :: nq, nz
+    integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
+    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
     if (ok) ok = sane(y(1:2*nq))
   end subroutine project_state
 
@@ -114,6 +116,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     self%nq = self%m%s%nq
     self%nz = self%m%s%nz
+    self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%closed)) deallocate (self%closed, self%rates)
@@ -210,7 +213,8 @@ contains
   subroutine mechanism_accelerations(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) [m, rad] and per second
+    real(wp), intent(in), contiguous :: q(:), v(:), z(:)          !! (nq), (nz) [m, rad] and per second
+    real(wp), intent(inout), contiguous :: zd(:)                  !! (nz) [m/s, rad/s]; set where of first order
     logical, intent(in) :: end_of_step
     real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
     real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
@@ -230,6 +234,7 @@ contains
     end if
     a(1:self%nq) = self%m%a
     a(self%nq + 1:) = self%m%zdd
+    call relaxation_rates(self%t, self%m, q, self%rates, zd, a(self%nq + 1:))
     lambda = self%m%lambda
     powers = [self%m%dissipated_power, self%m%input_power]
   end subroutine mechanism_accelerations
@@ -242,22 +247,22 @@ contains
     logical, intent(out) :: ok
     self%m%left = .false.
     self%m%broken = .false.
-    call report_state(self%m, self%m%s%nq, self%m%s%nz, t, y, ok)
+    call report_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
     ok = ok .and. .not. self%m%broken
   end subroutine mechanism_report
 
   !> The same, with the parts of the state apart.
-  subroutine report_state(m, nq, nz, t, y, ok)
+  subroutine report_state(m, nq, nz, nzd, t, y, ok)
     type(mechanism_model), intent(inout) :: m
-    integer, intent(in) :: nq, nz
+    integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout) :: y(2*nq + 2*nz + 2)   !! [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = .true.
-    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     if (m%s%rows == 0) return
-    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), ok)
-    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz))
+    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
   end subroutine report_state
 
   !> Accelerations that a step resolves.

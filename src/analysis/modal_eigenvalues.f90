@@ -1,14 +1,13 @@
-!> Eigenvalues of one mode with GHM terms: roots of s2 + c s + k + sum of a_r g_r(s), and which of them are the mode's own.
+!> Eigenvalues of one mode with viscoelastic terms: roots of s2 + c s + k + sum of a_r g_r(s), and which of them are the mode's own.
 module modal_eigenvalues
   use kinds, only: wp
-  use complex_modulus, only: modulus_ratio, modulus_slope
   use lapack, only: dgeev
   use linear_matrices, only: linear_run
   implicit none (type, external)
   private
-  public :: modal_roots, mark_mode, run_poles, term_roots
+  public :: modal_roots, mark_mode, run_poles
 
-  integer, parameter :: most_terms = 60          !! GHM terms of a mode up to which all its eigenvalues are computed
+  integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
 contains
 
@@ -20,13 +19,13 @@ contains
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
     real(wp), intent(in) :: small              !! runs below are left out [1/s2]
-    complex(wp), allocatable, intent(out) :: roots(:)
+    complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     integer, allocatable :: kept(:)
     integer :: r
     logical :: ok
     kept = pack([(r, r=1, size(runs))], parts > small)
     ok = .false.
-    if (sum([(size(runs(kept(r))%alpha), r=1, size(kept))]) > most_terms) then
+    if (sum([(size(runs(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
       call mode_pair(runs(kept), k, c, parts(kept), roots, ok)
     end if
     if (.not. ok) call all_roots(runs(kept), k, c, parts(kept), roots)
@@ -38,14 +37,14 @@ contains
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
-    complex(wp), allocatable, intent(out) :: roots(:)
+    complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     logical, intent(out) :: ok
     complex(wp) :: f, df, s, step
     integer :: i, r, pass
     allocate (roots(2))
     s = k
     do r = 1, size(runs)
-      s = s + parts(r)*sum(runs(r)%alpha)
+      s = s + parts(r)*sum(runs(r)%law%alpha)
     end do
     s = sqrt(c**2/4 - s)
     roots = [-c/2 + s, -c/2 - s]
@@ -55,8 +54,8 @@ contains
         f = s**2 + c*s + k
         df = 2*s + c
         do r = 1, size(runs)
-          f = f + parts(r)*modulus_ratio(runs(r)%alpha, runs(r)%zeta, runs(r)%omega, s)
-          df = df + parts(r)*modulus_slope(runs(r)%alpha, runs(r)%zeta, runs(r)%omega, s)
+          f = f + parts(r)*runs(r)%law%ratio(s)
+          df = df + parts(r)*runs(r)%law%slope(s)
         end do
         step = f/df
         roots(i) = s - step
@@ -68,18 +67,17 @@ contains
     ok = abs(roots(1) - roots(2)) > 1.0e-6_wp*abs(roots(1))
   end subroutine mode_pair
 
-  !> Roots of (s2 + c s + k) prod d_i + sum_i a_i (s2 + 2 zeta w s) prod over the others d_j, by the eigenvalues of the
-  !> equivalent first-order system (each term: z and its rate).
+  !> All of them, by the eigenvalues of the equivalent first-order system (each term: z and, of second order, its rate).
   subroutine all_roots(runs, k, c, parts, roots)
     type(linear_run), intent(in) :: runs(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
-    complex(wp), allocatable, intent(out) :: roots(:)
+    complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     real(wp), allocatable :: a(:, :)
-    real(wp) :: scale
+    real(wp) :: scale, omega                             ! [1/s]
     integer :: n, r, j, i
-    n = 2 + 2*sum([(size(runs(r)%alpha), r=1, size(runs))])
+    n = 2 + sum([(runs(r)%law%order(), r=1, size(runs))])
     allocate (a(n, n), source=0.0_wp)
     scale = sqrt(max(k + sum(parts), tiny(1.0_wp)))      ! of time, so that positions and rates are alike
     a(1, 2) = scale
@@ -87,15 +85,22 @@ contains
     a(2, 2) = -c
     i = 2
     do r = 1, size(runs)
-      associate (t => runs(r))
+      associate (t => runs(r)%law)
         do j = 1, size(t%alpha)
           a(2, 1) = a(2, 1) - t%alpha(j)*parts(r)/scale
           a(2, i + 1) = t%alpha(j)*parts(r)/scale
-          a(i + 1, i + 2) = t%omega(j)
-          a(i + 2, 1) = t%omega(j)
-          a(i + 2, i + 1) = -t%omega(j)
-          a(i + 2, i + 2) = -2*t%zeta(j)*t%omega(j)
-          i = i + 2
+          if (j <= t%second) then
+            omega = 1/sqrt(t%inertia(j))
+            a(i + 1, i + 2) = omega
+            a(i + 2, 1) = omega
+            a(i + 2, i + 1) = -omega
+            a(i + 2, i + 2) = -t%viscosity(j)*omega**2
+            i = i + 2
+          else
+            a(i + 1, 1) = 1/t%viscosity(j)
+            a(i + 1, i + 1) = -1/t%viscosity(j)
+            i = i + 1
+          end if
         end do
       end associate
     end do
@@ -122,24 +127,14 @@ contains
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
     call all_roots([run], lambda, 0.0_wp, [lambda], roots)
-    call mark_mode(roots, sqrt(lambda*(1 + sum(run%alpha))), is_mode)
+    call mark_mode(roots, sqrt(lambda*(1 + sum(run%law%alpha))), is_mode)
     poles = pack(roots, .not. is_mode)
   end subroutine run_poles
 
-  !> The terms' own poles, roots of s2 + 2 zeta omega s + omega2: those of z where x is held.
-  pure subroutine term_roots(zeta, omega, roots)
-    real(wp), intent(in) :: zeta(:)            !! [-]
-    real(wp), intent(in) :: omega(:)           !! [rad/s]
-    complex(wp), allocatable, intent(out) :: roots(:)
-    complex(wp) :: w(size(zeta))
-    w = sqrt(cmplx(zeta**2 - 1, 0.0_wp, wp))
-    roots = [omega*(w - zeta), omega*(-w - zeta)]
-  end subroutine term_roots
-
   !> Eigenvalues of a small dense matrix.
   subroutine eigenvalues(a, roots)
-    real(wp), intent(inout) :: a(:, :)         !! destroyed
-    complex(wp), allocatable, intent(out) :: roots(:)
+    real(wp), intent(inout) :: a(:, :)         !! [1/s], destroyed
+    complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     real(wp) :: left(1, 1), right(1, 1)
     real(wp), allocatable :: wr(:), wi(:), work(:)
     integer :: n, info

@@ -56,7 +56,7 @@ contains
     fast%turning = turning_stiffness(m)
     call bound_directions(m, fast%ends)
     call bound_of_directions(d, m, fast, bound)
-    damped = [(size(m%s%springs(k)%alpha) > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
+    damped = [(size(m%s%springs(k)%law%alpha) > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
     if (any(damped)) then
       do k = 1, size(damped)
         if (damped(k)) fast%ends(:, k) = 0.0_wp
@@ -153,7 +153,7 @@ contains
       call mode_cause(m, l%mode, l%cause)
       l%at = [l%mode%damping, l%mode%stiffness]
       do r = 1, size(l%mode%runs)
-        l%at(2) = l%at(2) + l%mode%runs(r)*sum(fast%lin%runs(r)%alpha)
+        l%at(2) = l%at(2) + l%mode%runs(r)*sum(fast%lin%runs(r)%law%alpha)
       end do
       l%at = l%at/[e%c0, e%k0]
       l%exists = .true.

@@ -73,14 +73,14 @@ contains
     call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
   end subroutine warn
 
-  !> Relaxed dissipative coordinates: equal to the deformation they follow, at rest (theory.md, section 5).
+  !> Relaxed internal variables: equal to the deformation they follow, at rest (theory.md, section 5).
   subroutine relax(sys, y)
     type(mechanism_system), intent(inout) :: sys
     real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     real(wp) :: d, dd, e(2)
-    integer :: b, r, k, j, o, i, n
+    integer :: b, r, k, o, i, n
     associate (s => sys%m%s)
-      y(2*s%nq + 1:2*s%nq + 2*s%nz) = 0.0_wp
+      y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
       do b = 1, size(s%bodies)
         associate (bo => s%bodies(b))
           if (bo%nz == 0) cycle
@@ -89,8 +89,9 @@ contains
           if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
           do r = 1, size(bo%runs)
             n = bo%runs(r)%width
-            do k = 1, size(bo%runs(r)%alpha)
-              o = 2*s%nq + s%zo(b) + bo%runs(r)%offset + (k - 1)*n
+            do k = 1, size(bo%runs(r)%law%alpha)
+              o = 2*s%nq + bo%runs(r)%offset + (k - 1)*n
+              if (k > bo%runs(r)%law%second) o = 2*s%nq + bo%runs(r)%first_order + (k - 1 - bo%runs(r)%law%second)*n
               if (bo%modal) then
                 y(o + 1:o + n) = bo%qx(1:n)
               else
@@ -102,9 +103,10 @@ contains
       end do
       do k = 1, size(s%springs)
         call s%springs(k)%deformation(sys%m%p, d, dd, e)
-        do j = 1, size(s%springs(k)%alpha)
-          y(2*s%nq + s%springs(k)%offset + j) = d
-        end do
+        associate (o => 2*s%nq + s%springs(k)%offset, f => 2*s%nq + s%springs(k)%first_order, law => s%springs(k)%law)
+          y(o + 1:o + law%second) = d
+          y(f + 1:f + law%first) = d
+        end associate
       end do
     end associate
   end subroutine relax

@@ -5,7 +5,7 @@ module step_bounds
   use linear_matrices, only: linear_run
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use deck_records, only: deck
-  use modal_eigenvalues, only: modal_roots, mark_mode, run_poles, term_roots
+  use modal_eigenvalues, only: modal_roots, mark_mode, run_poles
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use stability_region, only: largest_step, method_names
@@ -115,7 +115,7 @@ contains
           0.99_wp*minval([(largest_step(1, without(k)), k=1, size(without))])
   end function damping_limits
 
-  !> What GHM adds to a mode's stiffness at once [1/s2].
+  !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
   pure function extra(fast, runs) result(k)
     type(fast_spectrum), intent(in) :: fast
     real(wp), intent(in) :: runs(:)            !! [1/s2]
@@ -123,7 +123,7 @@ contains
     integer :: r
     k = 0.0_wp
     do r = 1, size(runs)
-      k = k + runs(r)*sum(fast%lin%runs(r)%alpha)
+      k = k + runs(r)*sum(fast%lin%runs(r)%law%alpha)
     end do
   end function extra
 
@@ -165,9 +165,8 @@ contains
     allocate (least(size(method_names), size(firsts)))
     do i = 1, size(firsts)
       associate (t => fast%lin%runs(firsts(i)))
-        call term_roots(t%zeta, t%omega, roots)
-        call take(roots, pole_cause(d, m, fast%lin%runs, firsts(i)), bound)
-        call run_poles(t, 2*fastest/(1 + sum(t%alpha)), roots)
+        call take(t%law%rates(), pole_cause(d, m, fast%lin%runs, firsts(i)), bound)
+        call run_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
         least(:, i) = [(minval([huge(1.0_wp), (largest_step(k, roots(j)), j=1, size(roots))]), k=1, size(method_names))]
       end associate
     end do

@@ -1,7 +1,7 @@
 !> Deck records of bodies, materials, sections and lumps into bodies of the model.
 module build_bodies
   use kinds, only: wp, pi
-  use complex_modulus, only: modulus_ratio
+  use viscoelastic_law, only: law_of, viscoelastic_terms
   use errors, only: fault_list
   use deck_records, only: deck, body_record, lump_record
   use beam_element, only: beam_geometry
@@ -71,7 +71,7 @@ contains
     do e = 1, b%ne
       associate (g => b%elements(e), m => d%materials(b%material(e)))
         raised = 1.0_wp
-        if (r%viscoelastic) raised = 1.0_wp + sum(m%ghm_alpha)
+        if (r%viscoelastic) raised = 1.0_wp + sum(m%ghm_alpha) + sum(m%prony_alpha)
         call check_range('mass of an element', g%mass, 'kg')
         call check_range('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
         call check_range('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
@@ -122,6 +122,7 @@ contains
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
+    type(viscoelastic_terms) :: law
     real(wp) :: dx(2), young
     integer :: e
     allocate (b%elements(b%ne), b%fibre(b%ne), b%area(b%ne), b%second(b%ne), b%material(b%ne))
@@ -135,8 +136,10 @@ contains
         if (abs(g%s) > 0.0_wp .or. g%c < 0.0_wp) b%straight = .false.
         g%mass = m%density*s%area*g%length
         young = m%young
-        if (.not. r%viscoelastic) young = young*(1 + real(modulus_ratio(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, &
-                                                                       cmplx(0.0_wp, 2*pi*r%modulus_at, wp)), wp))
+        if (.not. r%viscoelastic) then
+          law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
+          young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*r%modulus_at, wp)), wp))
+        end if
         g%ea_l = young*s%area/g%length
         g%ei_l = young*s%inertia/g%length
         g%ray_m = m%rayleigh_mass
@@ -183,7 +186,9 @@ contains
     b%stiffening = r%stiffening
     allocate (viscoelastic(b%ne))
     do e = 1, b%ne
-      viscoelastic(e) = r%viscoelastic .and. size(d%materials(b%material(e))%ghm_alpha) > 0
+      associate (m => d%materials(b%material(e)))
+        viscoelastic(e) = r%viscoelastic .and. size(m%ghm_alpha) + size(m%prony_alpha) > 0
+      end associate
     end do
     call remove_coordinates(r, b, removed, faults)
     call number_coordinates(b, removed)
@@ -213,14 +218,12 @@ contains
     call allocate_work(b)
   end subroutine make_flexible
 
-  !> GHM terms of a run's material.
+  !> Viscoelastic terms of a run's material.
   subroutine copy_terms(d, run)
     type(deck), intent(in) :: d
     type(ghm_run), intent(inout) :: run
     associate (m => d%materials(run%material))
-      run%alpha = m%ghm_alpha
-      run%zeta = m%ghm_zeta
-      run%omega = m%ghm_omega
+      run%law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
     end associate
   end subroutine copy_terms
 

@@ -6,6 +6,7 @@ module build_loads
   use load, only: load_model, axes_global, axes_body, axes_section, stage_all, stage_static, stage_transient, &
                   load_force, load_torque, load_about
   use scene_model, only: scene
+  use viscoelastic_law, only: law_of
   implicit none (type, external)
   private
   public :: build_springs, build_forces
@@ -27,9 +28,7 @@ contains
         sp%damping = r%damping
         sp%free = r%free
         sp%pending = .not. r%has_free
-        sp%alpha = r%ghm_alpha
-        sp%zeta = r%ghm_zeta
-        sp%omega = r%ghm_omega
+        sp%law = law_of(r%ghm_alpha, r%ghm_zeta, r%ghm_omega, r%prony_alpha, r%prony_tau)
         sp%ia = find_place(s, places, r%a)
         sp%ib = find_place(s, places, r%b)
       end associate

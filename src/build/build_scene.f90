@@ -56,18 +56,13 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
     integer :: k, i
-    allocate (s%qo(size(s%bodies)), s%zo(size(s%bodies)))
+    allocate (s%qo(size(s%bodies)))
     do k = 1, size(s%bodies)
       s%qo(k) = s%nq
-      s%zo(k) = s%nz
       s%nq = s%nq + 3 + s%bodies(k)%nf
-      s%nz = s%nz + s%bodies(k)%nz
     end do
-    do k = 1, size(s%springs)
-      s%springs(k)%offset = s%nz
-      s%nz = s%nz + size(s%springs(k)%alpha)
-    end do
-    s%ny = 2*s%nq + 2*s%nz + 2
+    call number_internal(s)
+    s%ny = 2*s%nq + s%nz + s%nzd + 2
     allocate (s%q0(s%nq), s%v0(s%nq), source=0.0_wp)
     allocate (s%stated(s%nq), source=.false.)
     do k = 1, size(s%bodies)
@@ -80,4 +75,36 @@ contains
       end associate
     end do
   end subroutine number_unknowns
+
+  !> Numbers internal variables: those of second order, bodies then springs, and those of first order in the same way.
+  pure subroutine number_internal(s)
+    type(scene), intent(inout) :: s
+    integer :: k, r
+    s%nz = 0
+    do k = 1, size(s%bodies)
+      do r = 1, size(s%bodies(k)%runs)
+        associate (run => s%bodies(k)%runs(r))
+          run%offset = s%nz
+          s%nz = s%nz + run%law%second*run%width
+        end associate
+      end do
+    end do
+    do k = 1, size(s%springs)
+      s%springs(k)%offset = s%nz
+      s%nz = s%nz + s%springs(k)%law%second
+    end do
+    s%nzd = s%nz
+    do k = 1, size(s%bodies)
+      do r = 1, size(s%bodies(k)%runs)
+        associate (run => s%bodies(k)%runs(r))
+          run%first_order = s%nz
+          s%nz = s%nz + run%law%first*run%width
+        end associate
+      end do
+    end do
+    do k = 1, size(s%springs)
+      s%springs(k)%first_order = s%nz
+      s%nz = s%nz + s%springs(k)%law%first
+    end do
+  end subroutine number_internal
 end module build_scene

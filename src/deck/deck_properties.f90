@@ -9,7 +9,7 @@ module deck_properties
   use deck_records, only: scene_record, material_record, section_record
   implicit none (type, external)
   private
-  public :: read_scene, read_material, read_section, read_ghm
+  public :: read_scene, read_material, read_section, read_ghm, read_prony
 
 contains
 
@@ -26,18 +26,20 @@ contains
   subroutine read_material(deck, m)
     class(deck_source), intent(inout) :: deck
     type(material_record), intent(inout) :: m
-    real(wp) :: scale      !! temperature shift of every omega [-]
+    real(wp) :: scale      !! temperature shift: multiplies every omega and 1/tau [-]
     m%at = deck%at()
     call get_name(deck, m%name)
     call get(deck, 'density', m%density, required, above=0.0_wp)
     call get(deck, 'young', m%young, required, above=0.0_wp)
     call read_ghm(deck, m%ghm_alpha, m%ghm_zeta, m%ghm_omega)
+    call read_prony(deck, m%prony_alpha, m%prony_tau)
     scale = 1.0_wp
     call get(deck, 'ghm_frequency_scale', scale, above=0.0_wp)
-    if (deck%is_given('ghm_frequency_scale') .and. .not. deck%is_given('ghm_omega')) call deck%complain( &
-      'ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic material, expected ghm_alpha, ghm_zeta '// &
-      'and ghm_omega')
+    if (deck%is_given('ghm_frequency_scale') .and. .not. (deck%is_given('ghm_omega') .or. &
+      deck%is_given('prony_tau'))) call deck%complain('ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic '// &
+      'material, expected ghm_alpha, ghm_zeta and ghm_omega, or prony_alpha and prony_tau')
     m%ghm_omega = scale*m%ghm_omega
+    m%prony_tau = m%prony_tau/scale
     call get(deck, 'rayleigh_mass', m%rayleigh_mass, least=0.0_wp)
     call get(deck, 'rayleigh_stiffness', m%rayleigh_stiffness, least=0.0_wp)
   end subroutine read_material
@@ -58,6 +60,19 @@ contains
       'ghm_alpha, ghm_zeta and ghm_omega have '//to_text(size(alpha))//', '//to_text(size(zeta))//' and '// &
       to_text(size(omega))//' values, expected equal numbers')
   end subroutine read_ghm
+
+  !> Maxwell terms of a material or a spring: two lists of equal length, size 0 where there are none.
+  subroutine read_prony(deck, alpha, tau)
+    class(deck_source), intent(inout) :: deck
+    real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
+    real(wp), allocatable, intent(out) :: tau(:)     !! [s]
+    call get_list(deck, 'prony_alpha', alpha, above=0.0_wp)
+    call get_list(deck, 'prony_tau', tau, above=0.0_wp)
+    call check_complete(deck, [character(11) :: 'prony_alpha', 'prony_tau'])
+    if (.not. (deck%is_set('prony_alpha') .and. deck%is_set('prony_tau'))) return
+    if (size(tau) /= size(alpha)) call deck%complain('prony_alpha', 'prony_alpha and prony_tau have '// &
+      to_text(size(alpha))//' and '//to_text(size(tau))//' values, expected equal numbers')
+  end subroutine read_prony
 
   !> Variables that belong together are given all or none.
   subroutine check_complete(deck, names)

@@ -26,9 +26,11 @@ module deck_records
     character(name_length) :: name = ''
     real(wp) :: density = 0.0_wp             !! [kg/m3]
     real(wp) :: young = 0.0_wp               !! static modulus E_R [Pa]
-    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: elastic
+    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: no such terms
     real(wp), allocatable :: ghm_zeta(:)     !! [-]
     real(wp), allocatable :: ghm_omega(:)    !! [rad/s], ghm_frequency_scale already applied
+    real(wp), allocatable :: prony_alpha(:)  !! [-], size 0: no Maxwell terms
+    real(wp), allocatable :: prony_tau(:)    !! [s], ghm_frequency_scale already applied
     real(wp) :: rayleigh_mass = 0.0_wp       !! [1/s]
     real(wp) :: rayleigh_stiffness = 0.0_wp  !! [s]
   end type material_record
@@ -164,9 +166,11 @@ module deck_records
     real(wp) :: damping = 0.0_wp             !! [N s/m] or [N m s/rad]
     logical :: has_free = .false.            !! false: free length or angle as assembled
     real(wp) :: free = 0.0_wp                !! free_length [m] or free_angle [rad]
-    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: elastic
+    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: no such terms
     real(wp), allocatable :: ghm_zeta(:)     !! [-]
     real(wp), allocatable :: ghm_omega(:)    !! [rad/s]
+    real(wp), allocatable :: prony_alpha(:)  !! [-], size 0: no Maxwell terms
+    real(wp), allocatable :: prony_tau(:)    !! [s]
   end type spring_record
 
   !> &sensor

@@ -114,9 +114,9 @@ contains
       do i = nq + 1, nq + nz
         d = a1(i) - a(i)
         e(nq + i) = fq*d
-        e(nq + nz + i) = fv*(d - ratio*before(i))
+        if (i <= nq + self%nzd) e(nq + nz + i) = fv*(d - ratio*before(i))
       end do
-      e(2*(nq + nz) + 1:) = 0.0_wp
+      e(2*nq + nz + self%nzd + 1:) = 0.0_wp
     end associate
   end subroutine differences
 
@@ -125,16 +125,17 @@ contains
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(inout) :: e(:)           !! (n) [m, rad] and per second
-    associate (nq => self%nq, nz => self%nz, x => self%pairs(:, 1), y => self%pairs(:, 2))
+    associate (nq => self%nq, nz => self%nz, nzd => self%nzd, x => self%pairs(:, 1), y => self%pairs(:, 2))
       x(1:nq) = e(1:nq)
       x(nq + 1:) = e(2*nq + 1:2*nq + nz)
       y(1:nq) = e(nq + 1:2*nq)
-      y(nq + 1:) = e(2*nq + nz + 1:2*nq + 2*nz)
+      y(nq + 1:nq + nzd) = e(2*nq + nz + 1:2*nq + nz + nzd)
+      y(nq + nzd + 1:) = 0.0_wp
       call system%resolve(x, y)
       e(1:nq) = x(1:nq)
       e(2*nq + 1:2*nq + nz) = x(nq + 1:)
       e(nq + 1:2*nq) = y(1:nq)
-      e(2*nq + nz + 1:2*nq + 2*nz) = y(nq + 1:)
+      e(2*nq + nz + 1:2*nq + nz + nzd) = y(nq + 1:nq + nzd)
     end associate
   end subroutine filter
 

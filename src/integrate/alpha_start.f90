@@ -21,13 +21,14 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in), contiguous :: y(:)  !! (n) the state
     logical :: ok
-    associate (nq => self%nq, nz => self%nz)
+    associate (nq => self%nq, nz => self%nz, nzd => self%nzd)
       self%x = [y(1:nq), y(2*nq + 1:2*nq + nz)]
-      self%v = [y(nq + 1:2*nq), y(2*nq + nz + 1:2*nq + 2*nz)]
-      self%dissipated = y(2*nq + 2*nz + 1)
-      self%work = y(2*nq + 2*nz + 2)
-      call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + 2*nz), .false., &
-                                self%vd, self%lambda, self%powers)
+      self%v(1:nq) = y(nq + 1:2*nq)
+      self%v(nq + 1:nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
+      self%dissipated = y(2*nq + nz + nzd + 1)
+      self%work = y(2*nq + nz + nzd + 2)
+      call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), self%v(nq + 1:), .false., self%vd, &
+                                self%lambda, self%powers)
     end associate
     self%error%now = self%vd
     self%error%h = 0.0_wp

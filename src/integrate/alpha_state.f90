@@ -43,7 +43,7 @@ module alpha_state
   type, public :: alpha_solver
     type(alpha_method) :: method
     type(alpha_step) :: now                  !! coefficients of the step that the factors stand for
-    integer :: nq = 0, nz = 0
+    integer :: nq = 0, nz = 0, nzd = 0       !! coordinates, internal variables, those of second order
     real(wp), allocatable :: x(:), v(:), vd(:), a(:)   !! (nq + nz) v is off the manifold by the method's own O(h2)
     real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! the trial step
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
@@ -72,6 +72,7 @@ contains
     self%method = method
     self%nq = system%nq
     self%nz = system%nz
+    self%nzd = system%nzd
     n = self%nq + self%nz
     allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), self%pairs(n, 4), &
               source=0.0_wp)
@@ -133,13 +134,13 @@ contains
     real(wp), intent(in) :: dissipated       !! [J] or [W]
     real(wp), intent(in) :: work             !! [J] or [W]
     real(wp), intent(inout) :: y(:)          !! (n)
-    associate (nq => self%nq, nz => self%nz)
+    associate (nq => self%nq, nz => self%nz, nzd => self%nzd)
       y(1:nq) = x(1:nq)
       y(nq + 1:2*nq) = v(1:nq)
       y(2*nq + 1:2*nq + nz) = x(nq + 1:)
-      y(2*nq + nz + 1:2*nq + 2*nz) = v(nq + 1:)
-      y(2*nq + 2*nz + 1) = dissipated
-      y(2*nq + 2*nz + 2) = work
+      y(2*nq + nz + 1:2*nq + nz + nzd) = v(nq + 1:nq + nzd)
+      y(2*nq + nz + nzd + 1) = dissipated
+      y(2*nq + nz + nzd + 2) = work
     end associate
   end subroutine pack
 

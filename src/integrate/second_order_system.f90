@@ -18,6 +18,7 @@ module second_order_system
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables
+    integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
     integer :: rows = 0                       !! constraint rows
   contains
     procedure(make_ready), deferred :: start_implicit
@@ -45,7 +46,7 @@ module second_order_system
   end type second_order_ode
 
   abstract interface
-    !> Makes ready: sets nq, nz, rows.
+    !> Makes ready: sets nq, nz, nzd, rows.
     subroutine make_ready(self)
       import :: second_order_ode
       class(second_order_ode), intent(inout) :: self
@@ -109,7 +110,8 @@ module second_order_system
       real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
       real(wp), intent(out) :: power(2)       !! dissipated, put in [W]
     end subroutine find_powers
-    !> x1^T M x2 + x3^T M x4 of q and z with the masses at the positions q, where the last powers were asked for.
+    !> x1^T M x2 + x3^T M x4 of q and z, and x1^T C x4 of z of first order, with the masses at the positions q, where the last
+    !> powers were asked for.
     function find_product(self, q, x) result(product)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -124,7 +126,8 @@ module second_order_system
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) [m, rad] and per second
+      real(wp), intent(in), contiguous :: q(:), v(:), z(:)   !! (nq), (nz) [m, rad] and per second
+      real(wp), intent(inout), contiguous :: zd(:)   !! (nz) [m/s, rad/s]; of first order: set
       logical, intent(in) :: end_of_step
       real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
       real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]

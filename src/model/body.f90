@@ -4,19 +4,19 @@ module body
   use kinds, only: wp
   use banded, only: band_factor
   use beam_element, only: beam_geometry
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
 
   !> A run of neighbouring elements that share one viscoelastic material, or (modal bodies) one distinct material.
-  !> Dissipative coordinates of a run: z(component, element, term), contiguous.
+  !> Internal variables of a run: z(component, element, term), those of second order contiguous, and those of first order.
   type, public :: ghm_run
     integer :: first = 0, last = 0            !! elements
-    integer :: offset = 0                     !! of its first coordinate among the body's dissipative ones, from 0
+    integer :: offset = 0                     !! of its internal variables of second order among the scene's, from 0
+    integer :: first_order = 0                !! of those of first order
     integer :: width = 0                      !! coordinates of one term
     integer :: material = 0                   !! index of the material, for messages
-    real(wp), allocatable :: alpha(:)         !! [-]
-    real(wp), allocatable :: zeta(:)          !! [-]
-    real(wp), allocatable :: omega(:)         !! [rad/s]
+    type(viscoelastic_terms) :: law
     real(wp), allocatable :: stiffness(:, :)  !! modal bodies: the material's modal stiffness (k x k) [N/m scaled]
   end type ghm_run
 
@@ -42,7 +42,7 @@ module body
     integer :: ne = 0                         !! elements
     integer :: nf = 0                         !! elastic coordinates
     integer :: nd = 3                         !! deformations kept per element
-    integer :: nz = 0                         !! dissipative coordinates
+    integer :: nz = 0                         !! internal variables
     integer :: extra_references = 0           !! reference conditions beyond the three that are needed
     real(wp) :: mass = 0.0_wp                 !! m [kg]
     real(wp) :: i1(2) = 0.0_wp                !! integral of u0 [kg m]
@@ -80,7 +80,7 @@ module body
     real(wp), allocatable :: qx(:), vx(:)     !! (0:nf) coordinates and rates, entry 0 is zero
     real(wp), allocatable :: fx(:), tx(:)     !! (0:nf) Q_f and m_theta_f, entry 0 is thrown away
     real(wp), allocatable :: d(:, :)          !! nodal: (nd, ne) deformations; modal: (nf, 1) work
-    real(wp), allocatable :: ds(:, :)         !! the same with the GHM differences added
+    real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added
   contains
     procedure :: displacement => node_displacement
   end type body_model

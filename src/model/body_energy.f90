@@ -90,93 +90,65 @@ contains
     end do
   end subroutine modal_products
 
-  !> Strain energy with what GHM stores [J].
+  !> Strain energy with what viscoelastic terms store [J].
   function strain_energy(b, qf, z, zd) result(energy)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: qf(:)             !! (nf)
-    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (b%nz)
-    real(wp) :: energy
-    integer :: e, r
+    real(wp), intent(in) :: qf(:)             !! (nf) [m, rad]
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz), (nzd) internal variables of the scene [m, rad] and per second
+    real(wp) :: energy                        !! [J]
+    integer :: e, r, k, n
     energy = 0.0_wp
     if (.not. b%flexible) return
-    if (b%modal) then
-      energy = modal_strain(b, qf, z, zd)
-      return
-    end if
     b%qx(1:b%nf) = qf
-    call deformations(b, b%qx, b%d)
-    do e = 1, b%ne
-      if (b%nd == 3) energy = energy + 0.5_wp*b%elements(e)%ea_l*b%d(1, e)**2
-      associate (p1 => b%d(b%nd - 1, e), p2 => b%d(b%nd, e))
-        energy = energy + 2*b%elements(e)%ei_l*(p1**2 + p1*p2 + p2**2)
-      end associate
-    end do
+    if (b%modal) then
+      energy = 0.5_wp*sum(b%omega2*qf**2)
+    else
+      call deformations(b, b%qx, b%d)
+      do e = 1, b%ne
+        if (b%nd == 3) energy = energy + 0.5_wp*b%elements(e)%ea_l*b%d(1, e)**2
+        associate (p1 => b%d(b%nd - 1, e), p2 => b%d(b%nd, e))
+          energy = energy + 2*b%elements(e)%ei_l*(p1**2 + p1*p2 + p2**2)
+        end associate
+      end do
+    end if
     do r = 1, size(b%runs)
-      energy = energy + run_energy(b, b%runs(r), z(b%runs(r)%offset + 1:), zd(b%runs(r)%offset + 1:))
+      associate (run => b%runs(r), law => b%runs(r)%law)
+        n = run%width
+        do k = 1, law%second
+          energy = energy + 0.5_wp*law%alpha(k)*(difference_product(b, run, z(run%offset + (k - 1)*n + 1:run%offset + k*n)) &
+                   + law%inertia(k)*twice_energy(b, run, zd(run%offset + (k - 1)*n + 1:run%offset + k*n)))
+        end do
+        do k = 1, law%first
+          energy = energy + 0.5_wp*law%alpha(law%second + k) &
+                   *difference_product(b, run, z(run%first_order + (k - 1)*n + 1:run%first_order + k*n))
+        end do
+      end associate
     end do
   end function strain_energy
 
-  !> Stored by the dissipative coordinates of one run; b%d holds the deformations, b%ds serves as work space.
-  function run_energy(b, run, z, zd) result(energy)
-    type(body_model), intent(inout) :: b
-    type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: z(b%nd, run%first:run%last, *), zd(b%nd, run%first:run%last, *)
-    real(wp) :: energy, part
-    integer :: k, e, i, n
-    energy = 0.0_wp
-    n = run%last - run%first + 1
-    do k = 1, size(run%alpha)
-      do e = run%first, run%last
-        do i = 1, b%nd
-          b%ds(i, e) = b%d(i, e) - z(i, e, k)
-        end do
-      end do
-      associate (factors => b%factors(:, run%first:run%last))
-        part = run_product(b%nd, n, factors, b%ds(:, run%first:run%last), b%ds(:, run%first:run%last)) &
-               + run_product(b%nd, n, factors, zd(:, run%first:run%last, k), zd(:, run%first:run%last, k))/run%omega(k)**2
-      end associate
-      energy = energy + 0.5_wp*run%alpha(k)*part
-    end do
-  end function run_energy
-
-  !> Strain energy of a modal body.
-  pure function modal_strain(b, qf, z, zd) result(energy)
+  !> (d - z)^T D (d - z) over a run, whose deformations the body holds [J].
+  function difference_product(b, run, z) result(product)
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: qf(:), z(:), zd(:)
-    real(wp) :: energy
-    integer :: r, k, o
-    energy = 0.0_wp
-    do k = 1, b%nf
-      energy = energy + 0.5_wp*b%omega2(k)*qf(k)**2
-    end do
-    do r = 1, size(b%runs)
-      associate (run => b%runs(r), n => b%nf)
-        do k = 1, size(run%alpha)
-          o = run%offset + (k - 1)*n
-          energy = energy + 0.5_wp*run%alpha(k)*modal_storage(n, run%stiffness, qf, z(o + 1:o + n), zd(o + 1:o + n), &
-                                                         run%omega(k))
-        end do
-      end associate
-    end do
-  end function modal_strain
+    type(ghm_run), intent(in) :: run
+    real(wp), intent(in) :: z(:)              !! (width) [m, rad]
+    real(wp) :: product                       !! [J]
+    if (b%modal) then
+      product = twice_energy(b, run, b%qx(1:b%nf) - z)
+    else
+      product = twice_energy(b, run, reshape(b%d(:, run%first:run%last), [run%width]) - z)
+    end if
+  end function difference_product
 
-  !> (q - z)^T K (q - z) + z'^T K z'/omega^2.
-  pure function modal_storage(n, stiffness, q, z, zd, omega) result(energy)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: stiffness(n, n)
-    real(wp), intent(in) :: q(n), z(n), zd(n)
-    real(wp), intent(in) :: omega             !! [rad/s]
-    real(wp) :: energy, a, b
-    integer :: i, j
-    energy = 0.0_wp
-    do j = 1, n
-      a = 0.0_wp
-      b = 0.0_wp
-      do i = 1, n
-        a = a + stiffness(i, j)*(q(i) - z(i))
-        b = b + stiffness(i, j)*zd(i)
-      end do
-      energy = energy + a*(q(j) - z(j)) + b*zd(j)/omega**2
-    end do
-  end function modal_storage
+  !> x^T D x over a run, or x^T K x of a material's modal stiffness [J for deformations].
+  function twice_energy(b, run, x) result(product)
+    type(body_model), intent(in) :: b
+    type(ghm_run), intent(in) :: run
+    real(wp), intent(in) :: x(:)              !! (width) [m, rad] or per second
+    real(wp) :: product                       !! [J]
+    if (b%modal) then
+      product = dot_product(x, matmul(run%stiffness, x))
+    else
+      product = run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), x, x)
+    end if
+  end function twice_energy
 end module body_energy

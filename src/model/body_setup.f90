@@ -178,15 +178,14 @@ contains
     end do
   end subroutine finish_elastic
 
-  !> Numbers the dissipative coordinates and allocates the work space of one evaluation.
+  !> Counts the internal variables and allocates the work space of one evaluation.
   pure subroutine allocate_work(b)
     type(body_model), intent(inout) :: b
     integer :: k
     b%nz = 0
     do k = 1, size(b%runs)
-      b%runs(k)%offset = b%nz
       b%runs(k)%width = merge(b%nf, b%nd*(b%runs(k)%last - b%runs(k)%first + 1), b%modal)
-      b%nz = b%nz + b%runs(k)%width*size(b%runs(k)%alpha)
+      b%nz = b%nz + b%runs(k)%width*size(b%runs(k)%law%alpha)
     end do
     b%chain = b%straight .and. .not. b%stiffening
     allocate (b%factors(10, b%ne))

@@ -1,27 +1,28 @@
-!> The GHM loops over neighbouring elements of one material (theory.md, section 5), on plain arrays. They stand apart from
-!> the elements' own loops so that the compiler knows that their arguments do not overlap, and vectorises them.
+!> The loops of viscoelastic terms over neighbouring elements of one material (theory.md, section 5), on plain arrays. They stand
+!> apart from the elements' own loops so that the compiler knows that their arguments do not overlap, and vectorises them.
 module ghm_kernel
   use kinds, only: wp
   use body, only: body_model, ghm_run
   implicit none (type, external)
   private
-  public :: advance_run, run_dissipation, run_product, copy_values
+  public :: advance_run, relax_run, run_dissipation, run_product, copy_values
 
 contains
 
-  !> Dissipative accelerations of one run and its differences alpha (d - z), added to ds (theory.md, section 5).
+  !> Accelerations of one run's internal variables of second order and its differences alpha (d - z), added to ds.
   pure subroutine advance_run(run, n, d, z, zd, zdd, ds)
     type(ghm_run), intent(in) :: run
     integer, intent(in) :: n                !! coordinates of one term
-    real(wp), intent(in) :: d(n)            !! deformations followed
-    real(wp), intent(in) :: z(n, *), zd(n, *)
-    real(wp), intent(inout) :: zdd(n, *), ds(n)
+    real(wp), intent(in) :: d(n)            !! deformations followed [m, rad]
+    real(wp), intent(in) :: z(n, *), zd(n, *)   !! [m, rad] and per second
+    real(wp), intent(inout) :: zdd(n, *)    !! [m/s2, rad/s2]
+    real(wp), intent(inout) :: ds(n)        !! [m, rad]
     real(wp) :: two_zw, w2, alpha
     integer :: k, i
-    do k = 1, size(run%alpha)
-      two_zw = 2*run%zeta(k)*run%omega(k)
-      w2 = run%omega(k)**2
-      alpha = run%alpha(k)
+    do k = 1, run%law%second
+      w2 = 1/run%law%inertia(k)
+      two_zw = run%law%viscosity(k)*w2
+      alpha = run%law%alpha(k)
       do i = 1, n
         zdd(i, k) = w2*(d(i) - z(i, k)) - two_zw*zd(i, k)
         ds(i) = ds(i) + alpha*(d(i) - z(i, k))
@@ -29,26 +30,47 @@ contains
     end do
   end subroutine advance_run
 
+  !> The same of those of first order, whose rates follow from the state.
+  pure subroutine relax_run(run, n, d, z, zd, ds)
+    type(ghm_run), intent(in) :: run
+    integer, intent(in) :: n                !! coordinates of one term
+    real(wp), intent(in) :: d(n)            !! deformations followed [m, rad]
+    real(wp), intent(in) :: z(n, *)         !! [m, rad]
+    real(wp), intent(inout) :: zd(n, *)     !! their rates [m/s, rad/s]
+    real(wp), intent(inout) :: ds(n)        !! [m, rad]
+    real(wp) :: rate, alpha
+    integer :: k, i
+    do k = 1, run%law%first
+      rate = 1/run%law%viscosity(run%law%second + k)
+      alpha = run%law%alpha(run%law%second + k)
+      do i = 1, n
+        zd(i, k) = rate*(d(i) - z(i, k))
+        ds(i) = ds(i) + alpha*(d(i) - z(i, k))
+      end do
+    end do
+  end subroutine relax_run
+
   !> y = x, as one run of memory.
   pure subroutine copy_values(n, x, y)
     integer, intent(in) :: n
-    real(wp), intent(in) :: x(n)
-    real(wp), intent(out) :: y(n)
+    real(wp), intent(in) :: x(n)            !! [any]
+    real(wp), intent(out) :: y(n)           !! [any]
     y = x
   end subroutine copy_values
 
-  !> Power dissipated by one run, sum of (2 alpha zeta/omega) z'^T D z' [W].
-  pure function run_dissipation(b, run, zd) result(power)
+  !> Power dissipated by some of a run's terms, sum of alpha viscosity z'^T D z' [W].
+  pure function run_dissipation(b, run, from, to, zd) result(power)
     type(body_model), intent(in) :: b
     type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: zd(*)           !! rates of the run's dissipative coordinates
-    real(wp) :: power
-    integer :: k
+    integer, intent(in) :: from, to         !! terms
+    real(wp), intent(in) :: zd(*)           !! rates of their internal variables [m/s, rad/s]
+    real(wp) :: power                       !! [W]
+    integer :: k, o
     power = 0.0_wp
-    do k = 1, size(run%alpha)
-      power = power + 2*run%alpha(k)*run%zeta(k)/run%omega(k) &
-              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(1 + (k - 1)*run%width), &
-                           zd(1 + (k - 1)*run%width))
+    do k = from, to
+      o = 1 + (k - from)*run%width
+      power = power + run%law%alpha(k)*run%law%viscosity(k) &
+              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(o), zd(o))
     end do
   end function run_dissipation
 

@@ -1,32 +1,31 @@
-!> The law of one GHM term where a method condenses it (theory.md, sections 5 and 7): with rates and accelerations at the end of a
+!> One viscoelastic term where a method condenses it (theory.md, sections 5 and 7): with rates and accelerations at the end of a
 !> step tied to values by z1 = z + x, z1' = z' + c2 x, z1'' = z'' + c1 x, (z, z', z'') what the past predicts,
 !>
-!>   z1'' + 2 zeta omega z1' + omega^2 (z1 - delta) = 0
+!>   inertia z1'' + viscosity z1' + z1 = delta
 !>
-!> gives x for the deformation delta there. So z1 = g delta + offset with g = omega^2/(c1 + 2 zeta omega c2 + omega^2), and the
+!> gives x for the deformation delta there. So z1 = g delta + offset with g = 1/(1 + viscosity c2 + inertia c1), and the
 !> stiffness that the term multiplies acts with alpha (1 - g). The same g, at c1 = -omega^2 and c2 = i omega, is a frequency's.
 module ghm_law
   use kinds, only: wp
-  use body, only: body_model
   use ghm_kernel, only: run_product
   use scene_model, only: scene
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: ghm_term, list_terms, term_product
 
   !> One term of one run of elements, of one material of a modal body, or of one spring.
   type :: ghm_term
-    integer :: first = 0                     !! its first coordinate among all dissipative ones
+    integer :: first = 0                     !! its first coordinate among all internal variables
     integer :: last = 0                      !! and the last
     integer :: body = 0, run = 0             !! whose, or
     integer :: spring = 0
     real(wp) :: alpha = 0.0_wp               !! weight [-]
-    real(wp) :: two_zw = 0.0_wp              !! 2 zeta omega [1/s]
-    real(wp) :: w2 = 0.0_wp                  !! omega^2 [1/s2]
-    real(wp) :: compliance = 0.0_wp          !! 1/(c1 + 2 zeta omega c2 + omega^2) [s2]
+    real(wp) :: viscosity = 0.0_wp           !! [s]
+    real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
+    real(wp) :: g = 1.0_wp                   !! dz/d(deformation) in the present step [-]
   contains
     procedure :: set
-    procedure :: g
     procedure :: offsets
     procedure :: increments
     procedure :: filtered
@@ -34,50 +33,59 @@ module ghm_law
 
 contains
 
-  !> All terms of a scene, in the order of the dissipative coordinates: bodies, then springs.
+  !> All terms of a scene, those of second order before those of first order, each bodies', then springs'.
   subroutine list_terms(s, terms)
     type(scene), intent(in) :: s
     type(ghm_term), allocatable, intent(out) :: terms(:)
-    integer :: b, r, k, n, o
+    integer :: b, r, n, kind
     allocate (terms(s%nz))
     n = 0
-    do b = 1, size(s%bodies)
-      do r = 1, size(s%bodies(b)%runs)
-        associate (run => s%bodies(b)%runs(r))
-          do k = 1, size(run%alpha)
-            n = n + 1
-            o = s%zo(b) + run%offset + (k - 1)*run%width
-            terms(n) = ghm_term(first=o + 1, last=o + run%width, body=b, run=r, alpha=run%alpha(k), &
-                                two_zw=2*run%zeta(k)*run%omega(k), w2=run%omega(k)**2)
-          end do
+    do kind = 2, 1, -1
+      do b = 1, size(s%bodies)
+        do r = 1, size(s%bodies(b)%runs)
+          associate (run => s%bodies(b)%runs(r))
+            call add_terms(run%law, kind == 2, merge(run%offset, run%first_order, kind == 2), run%width, &
+                           ghm_term(body=b, run=r), terms, n)
+          end associate
+        end do
+      end do
+      do b = 1, size(s%springs)
+        associate (sp => s%springs(b))
+          call add_terms(sp%law, kind == 2, merge(sp%offset, sp%first_order, kind == 2), 1, ghm_term(spring=b), terms, n)
         end associate
       end do
     end do
-    do b = 1, size(s%springs)
-      associate (sp => s%springs(b))
-        do k = 1, size(sp%alpha)
-          n = n + 1
-          terms(n) = ghm_term(first=sp%offset + k, last=sp%offset + k, spring=b, alpha=sp%alpha(k), &
-                              two_zw=2*sp%zeta(k)*sp%omega(k), w2=sp%omega(k)**2)
-        end do
-      end associate
-    end do
     terms = terms(1:n)
   end subroutine list_terms
+
+  !> Adds the terms of one order of a law to the list.
+  pure subroutine add_terms(law, second, offset, width, owner, terms, n)
+    type(viscoelastic_terms), intent(in) :: law
+    logical, intent(in) :: second            !! those of second order
+    integer, intent(in) :: offset, width     !! of the first one's coordinates
+    type(ghm_term), intent(in) :: owner      !! names the body's run or the spring
+    type(ghm_term), intent(inout) :: terms(:)
+    integer, intent(inout) :: n              !! terms in the list
+    integer :: j, k
+    do j = 1, merge(law%second, law%first, second)
+      k = merge(j, law%second + j, second)
+      n = n + 1
+      terms(n) = owner
+      terms(n)%first = offset + (j - 1)*width + 1
+      terms(n)%last = offset + j*width
+      terms(n)%alpha = law%alpha(k)
+      terms(n)%viscosity = law%viscosity(k)
+      terms(n)%inertia = law%inertia(k)
+    end do
+  end subroutine add_terms
 
   !> Takes the constants of a method's step.
   elemental subroutine set(self, c1, c2)
     class(ghm_term), intent(inout) :: self
     real(wp), intent(in) :: c1               !! dz''/dz [1/s2]
     real(wp), intent(in) :: c2               !! dz'/dz [1/s]
-    self%compliance = 1.0_wp/(c1 + self%two_zw*c2 + self%w2)
+    self%g = 1.0_wp/(1.0_wp + self%viscosity*c2 + self%inertia*c1)
   end subroutine set
-
-  !> dz/d(deformation) [-].
-  elemental real(wp) function g(self)
-    class(ghm_term), intent(in) :: self
-    g = self%w2*self%compliance
-  end function g
 
   !> What a term's coordinates become at zero deformation, from their predictions.
   pure subroutine offsets(self, n, z, zd, zdd, x)
@@ -89,7 +97,7 @@ contains
     real(wp), intent(inout) :: x(n)          !! [m, rad]
     integer :: i
     do i = 1, n
-      x(i) = z(i) - self%compliance*(self%w2*z(i) + self%two_zw*zd(i) + zdd(i))
+      x(i) = z(i) - self%g*(z(i) + self%viscosity*zd(i) + self%inertia*zdd(i))
     end do
   end subroutine offsets
 
@@ -104,7 +112,7 @@ contains
     real(wp), intent(inout) :: x(n)          !! [m, rad]
     integer :: i
     do i = 1, n
-      x(i) = self%compliance*(self%w2*(d(i) - z(i)) - self%two_zw*zd(i) - zdd(i))
+      x(i) = self%g*(d(i) - z(i) - self%viscosity*zd(i) - self%inertia*zdd(i))
     end do
   end subroutine increments
 
@@ -112,7 +120,7 @@ contains
   elemental real(wp) function filtered(self, c1)
     class(ghm_term), intent(in) :: self
     real(wp), intent(in) :: c1               !! [1/s2]
-    filtered = c1*self%compliance
+    filtered = merge(self%inertia*c1*self%g, 1.0_wp - self%g, self%inertia > 0.0_wp)
   end function filtered
 
   !> x^T D y with the stiffness D at E_R that the term multiplies, over its coordinates alone [J for x, y in m, rad].

@@ -1,5 +1,5 @@
 !> Generalised elastic forces of a flexible body in a truncated modal basis: mass-normalised modes, so m_ff = 1;
-!> GHM kept per mode and per distinct viscoelastic material (theory.md, section 5).
+!> viscoelastic terms kept per mode and per distinct viscoelastic material (theory.md, section 5).
 module modal_kernel
   use kinds, only: wp
   use body, only: body_model
@@ -12,9 +12,9 @@ contains
   !> The modal twin of nodal_forces: adds to b%fx, sets b%tx = -Z q. On entry b%qx, b%vx hold coordinates and rates.
   subroutine modal_forces(b, z, zd, thetad, zdd, qmq, qmv, power)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: z(*), zd(*)     !! (b%nz) dissipative coordinates and rates
+    real(wp), intent(in) :: z(*), zd(*)     !! (nz), (nzd) internal variables and rates [m kg^1/2] and per second
     real(wp), intent(in) :: thetad          !! frame rate [rad/s]
-    real(wp), intent(inout) :: zdd(*)       !! (b%nz) dissipative accelerations
+    real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m kg^1/2/s2], [m kg^1/2/s]
     real(wp), intent(out) :: qmq, qmv       !! translational part [kg m2], [kg m2/s]
     real(wp), intent(out) :: power          !! dissipated [W]
     integer :: r
@@ -22,9 +22,8 @@ contains
     call inertia_forces(b, thetad, qmq, qmv)
     if (b%rayleigh) call rayleigh_forces(b, power)
     do r = 1, size(b%runs)
-      call ghm_forces(b, r, z, zd, zdd)
+      call term_forces(b, r, z, zd, zdd, power)
     end do
-    power = power + modal_dissipation(b, zd)
   end subroutine modal_forces
 
   !> (theta'^2 m - Omega2) q + 2 theta' Z q' with the translational part m = 1 - J; q^T m q and q^T m q'.
@@ -72,26 +71,35 @@ contains
     end do
   end subroutine rayleigh_forces
 
-  !> Dissipative accelerations of one material's terms and the force -K sum of alpha_k (q - z_k).
-  pure subroutine ghm_forces(b, r, z, zd, zdd)
+  !> Highest derivatives of one material's internal variables, the force -K sum of alpha_k (q - z_k), and the power of the terms.
+  pure subroutine term_forces(b, r, z, zd, zdd, power)
     type(body_model), intent(inout) :: b
     integer, intent(in) :: r                !! run
-    real(wp), intent(in) :: z(*), zd(*)     !! (b%nz)
-    real(wp), intent(inout) :: zdd(*)       !! (b%nz)
-    real(wp) :: w2, two_zw, s
+    real(wp), intent(in) :: z(*), zd(*)     !! (nz), (nzd) internal variables and rates [m kg^1/2] and per second
+    real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m kg^1/2/s2], [m kg^1/2/s]
+    real(wp), intent(inout) :: power        !! dissipated [W]
+    real(wp) :: s
     integer :: n, k, i, j
     n = b%nf
     b%ds(:, 1) = 0.0_wp
-    associate (run => b%runs(r))
-      do k = 1, size(run%alpha)
-        w2 = run%omega(k)**2
-        two_zw = 2*run%zeta(k)*run%omega(k)
+    associate (run => b%runs(r), law => b%runs(r)%law)
+      do k = 1, law%second
         i = run%offset + (k - 1)*n
         do j = 1, n
           s = b%qx(j) - z(i + j)
-          zdd(i + j) = w2*s - two_zw*zd(i + j)
-          b%ds(j, 1) = b%ds(j, 1) + run%alpha(k)*s
+          zdd(i + j) = (s - law%viscosity(k)*zd(i + j))/law%inertia(k)
+          b%ds(j, 1) = b%ds(j, 1) + law%alpha(k)*s
         end do
+        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, run%stiffness, zd(i + 1:i + n))
+      end do
+      do k = law%second + 1, law%second + law%first
+        i = run%first_order + (k - law%second - 1)*n
+        do j = 1, n
+          s = b%qx(j) - z(i + j)
+          zdd(i + j) = s/law%viscosity(k)
+          b%ds(j, 1) = b%ds(j, 1) + law%alpha(k)*s
+        end do
+        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, run%stiffness, zdd(i + 1:i + n))
       end do
       do j = 1, n
         do i = 1, n
@@ -99,28 +107,19 @@ contains
         end do
       end do
     end associate
-  end subroutine ghm_forces
+  end subroutine term_forces
 
-  !> Power dissipated by GHM [W].
-  pure function modal_dissipation(b, zd) result(power)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: zd(*)           !! (b%nz)
-    real(wp) :: power, part
-    integer :: r, k, i, j, o
-    power = 0.0_wp
-    do r = 1, size(b%runs)
-      associate (run => b%runs(r))
-        do k = 1, size(run%alpha)
-          o = run%offset + (k - 1)*b%nf
-          part = 0.0_wp
-          do j = 1, b%nf
-            do i = 1, b%nf
-              part = part + zd(o + i)*run%stiffness(i, j)*zd(o + j)
-            end do
-          end do
-          power = power + 2*run%alpha(k)*run%zeta(k)/run%omega(k)*part
-        end do
-      end associate
+  !> x^T K x.
+  pure real(wp) function modal_product(n, stiffness, x) result(total)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: stiffness(n, n) !! [1/s2]
+    real(wp), intent(in) :: x(n)            !! [any]
+    integer :: i, j
+    total = 0.0_wp
+    do j = 1, n
+      do i = 1, n
+        total = total + x(i)*stiffness(i, j)*x(j)
+      end do
     end do
-  end function modal_dissipation
+  end function modal_product
 end module modal_kernel

@@ -5,7 +5,7 @@ module nodal_kernel
   use kinds, only: wp
   use body, only: body_model
   use chain_kernel, only: chain_deformations, chain_forces
-  use ghm_kernel, only: advance_run, run_dissipation, copy_values
+  use ghm_kernel, only: advance_run, relax_run, run_dissipation, copy_values
   implicit none (type, external)
   private
   public :: nodal_forces, deformations, element_stress, stress_forces
@@ -19,11 +19,11 @@ contains
     type(body_model), intent(inout) :: b
     integer, intent(in), contiguous :: edof(:, :)       !! of the body or of one like it: constants read for many bodies
     real(wp), intent(in), contiguous :: factors(:, :)   !! the same
-    real(wp), intent(in) :: z(*), zd(*)     !! (b%nz) dissipative coordinates and rates [m, rad] and per second
+    real(wp), intent(in) :: z(*), zd(*)     !! (nz) internal variables, (nzd) rates of those of second order [m, rad] and per s
     real(wp), intent(in) :: thetad          !! frame rate [rad/s]
-    real(wp), intent(inout) :: zdd(*)       !! (b%nz) dissipative accelerations
+    real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
-    real(wp), intent(out) :: power          !! dissipated by GHM and Rayleigh damping [W]
+    real(wp), intent(out) :: power          !! dissipated by viscoelastic terms and Rayleigh damping [W]
     integer :: r
     power = 0.0_wp
     if (b%chain) then
@@ -37,7 +37,10 @@ contains
         associate (run => b%runs(r))
           call advance_run(run, run%width, b%d(1, run%first), z(run%offset + 1), zd(run%offset + 1), &
                            zdd(run%offset + 1), b%ds(1, run%first))
-          power = power + run_dissipation(b, run, zd(run%offset + 1))
+          power = power + run_dissipation(b, run, 1, run%law%second, zd(run%offset + 1))
+          if (run%law%first == 0) cycle
+          call relax_run(run, run%width, b%d(1, run%first), z(run%first_order + 1), zdd(run%first_order + 1), b%ds(1, run%first))
+          power = power + run_dissipation(b, run, run%law%second + 1, run%law%second + run%law%first, zdd(run%first_order + 1))
         end associate
       end do
       call element_forces(b, edof, factors, b%ds, thetad, qmq, qmv)

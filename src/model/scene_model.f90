@@ -1,6 +1,7 @@
 !> A whole scene as the solver sees it: bodies, places, constraints, springs, loads, and where each one's unknowns stand
-!> in the state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z and z' (dissipative
-!> coordinates, bodies then springs), then dissipated energy and work.
+!> in the state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal
+!> variables: those of second order, bodies then springs, and those of first order), z' of those of second order, then dissipated
+!> energy and work.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
@@ -18,7 +19,6 @@ module scene_model
     real(wp) :: size = 1.0_wp                   !! S: largest distance between two places of one body or of the ground [m]
     type(body_model), allocatable :: bodies(:)
     integer, allocatable :: qo(:)               !! (nb) offset of each body's x in q, from 0
-    integer, allocatable :: zo(:)               !! (nb) offset of its dissipative coordinates, from 0
     type(place_model), allocatable :: places(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, then drives
     integer :: joints = 0                       !! how many of them are joints
@@ -27,9 +27,10 @@ module scene_model
     integer, allocatable :: loaded(:)           !! places on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates
-    integer :: nz = 0                           !! dissipative coordinates
+    integer :: nz = 0                           !! internal variables
+    integer :: nzd = 0                          !! those of second order, which come first and have rates in the state
     integer :: rows = 0                         !! constraint rows
-    integer :: ny = 0                           !! length of the state: 2 nq + 2 nz + 2
+    integer :: ny = 0                           !! length of the state: 2 nq + nz + nzd + 2
     real(wp), allocatable :: q0(:)              !! (nq) the deck's positions [m, rad]
     real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities
     logical, allocatable :: stated(:)           !! (nq) whether the deck states the velocity

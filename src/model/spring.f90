@@ -1,10 +1,11 @@
-!> Springs and dampers between two places, with GHM terms on their one deformation (a viscoelastic joint).
+!> Springs and dampers between two places, with viscoelastic terms on their one deformation (a viscoelastic joint).
 !> Deformation: length minus free length, or angle of a minus angle of b minus free angle. theory.md, section 5.
 module spring
   use kinds, only: wp
   use small_matrices, only: outer
   use place, only: place_states
   use constraint, only: place_stiffness
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
 
@@ -17,10 +18,9 @@ module spring
     real(wp) :: damping = 0.0_wp           !! [N s/m] or [N m s/rad]
     real(wp) :: free = 0.0_wp              !! free length [m] or angle [rad]
     logical :: pending = .false.           !! free value still to be taken from the assembled positions
-    integer :: offset = 0                  !! of its dissipative coordinates in the state, from 0
-    real(wp), allocatable :: alpha(:)      !! [-]
-    real(wp), allocatable :: zeta(:)       !! [-]
-    real(wp), allocatable :: omega(:)      !! [rad/s]
+    integer :: offset = 0                  !! of its internal variables of second order among the scene's, from 0
+    integer :: first_order = 0             !! of those of first order
+    type(viscoelastic_terms) :: law
   contains
     procedure :: deformation => spring_deformation
     procedure :: force => spring_force
@@ -55,19 +55,27 @@ contains
   pure subroutine spring_force(self, d, dd, z, zd, zdd, f, power)
     class(spring_model), intent(in) :: self
     real(wp), intent(in) :: d, dd          !! deformation and rate
-    real(wp), intent(in) :: z(*), zd(*)    !! (nz) all dissipative coordinates and rates
-    real(wp), intent(inout) :: zdd(*)      !! (nz) dissipative accelerations
+    real(wp), intent(in) :: z(*), zd(*)    !! (nz) all internal variables, (nzd) rates of those of second order [m, rad] and per s
+    real(wp), intent(inout) :: zdd(*)      !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(out) :: f             !! [N] or [N m]
     real(wp), intent(out) :: power         !! dissipated [W]
     integer :: k, i
     f = self%stiffness*d + self%damping*dd
     power = self%damping*dd**2
-    do k = 1, size(self%alpha)
-      i = self%offset + k
-      f = f + self%stiffness*self%alpha(k)*(d - z(i))
-      zdd(i) = self%omega(k)**2*(d - z(i)) - 2*self%zeta(k)*self%omega(k)*zd(i)
-      power = power + self%stiffness*2*self%alpha(k)*self%zeta(k)/self%omega(k)*zd(i)**2
-    end do
+    associate (law => self%law)
+      do k = 1, law%second
+        i = self%offset + k
+        f = f + self%stiffness*law%alpha(k)*(d - z(i))
+        zdd(i) = (d - z(i) - law%viscosity(k)*zd(i))/law%inertia(k)
+        power = power + self%stiffness*law%alpha(k)*law%viscosity(k)*zd(i)**2
+      end do
+      do k = law%second + 1, law%second + law%first
+        i = self%first_order + k - law%second
+        f = f + self%stiffness*law%alpha(k)*(d - z(i))
+        zdd(i) = (d - z(i))/law%viscosity(k)
+        power = power + self%stiffness*law%alpha(k)*law%viscosity(k)*zdd(i)**2
+      end do
+    end associate
   end subroutine spring_force
 
   !> Whether the spring pulls its places together whatever direction they part in: a bush.

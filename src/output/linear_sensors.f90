@@ -6,7 +6,6 @@ module linear_sensors
   use beam_element, only: deformation_matrix
   use body, only: body_model
   use constraint, only: place_stiffness
-  use complex_modulus, only: modulus_ratio
   use mechanism, only: mechanism_model
   use place, only: place_model
   use sensors, only: sensor_list
@@ -175,7 +174,7 @@ contains
       call sp%deformation(m%p, length, rate, e)
       d = e(1)*gap(1) + e(2)*gap(2)
       if (sp%torsional) d = gap(3)
-      y(1) = (sp%stiffness*(1 + modulus_ratio(sp%alpha, sp%zeta, sp%omega, s)) + s*sp%damping)*d
+      y(1) = (sp%stiffness*(1 + sp%law%ratio(s)) + s*sp%damping)*d
       y(2) = d
     end associate
   end subroutine spring_values
@@ -245,7 +244,7 @@ contains
       else
         if (e < bo%runs(r)%first .or. e > bo%runs(r)%last) cycle
       end if
-      g = g + modulus_ratio(bo%runs(r)%alpha, bo%runs(r)%zeta, bo%runs(r)%omega, s)
+      g = g + bo%runs(r)%law%ratio(s)
     end do
   end function element_ratio
 end module linear_sensors

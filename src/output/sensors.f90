@@ -157,7 +157,7 @@ contains
         x(1:3) = reaction(m, merge(r%joint, m%s%joints + r%drive, r%joint > 0))
       case ('internal')
         call section_forces(m%s%bodies(b), r%element, q(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf), &
-                            v(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf), z(m%s%zo(b) + 1:), x)
+                            v(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf), z, x)
       case default
         x(1) = m%spring_force(r%spring)
         x(2) = spring_deformation(m, r%spring)
@@ -223,7 +223,7 @@ contains
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
     real(wp), intent(in) :: qf(:), vf(:)      !! (nf) elastic coordinates [m, rad] and rates [m/s, rad/s]
-    real(wp), intent(in) :: z(:)              !! from the body's first dissipative coordinate on [m, rad]
+    real(wp), intent(in) :: z(:)              !! (nz) internal variables [m, rad]
     real(wp), intent(inout) :: x(:)           !! n, q, m1, m2 [N, N m]; for sections with a shape, s [Pa]
     real(wp) :: d(3), rate(3), n, m1, m2
     associate (g => b%elements(e))
@@ -259,7 +259,7 @@ contains
     a(4:6) = b%displacement(b%en(2, e), qf)
   end function element_coordinates
 
-  !> Deformations of an element of a modal body with the GHM differences of its material.
+  !> Deformations of an element of a modal body with the differences of its material's terms.
   pure function modal_strain(b, e, qf, z) result(d)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
@@ -270,9 +270,10 @@ contains
     x = qf
     do r = 1, size(b%runs)
       if (b%runs(r)%material /= b%material(e)) cycle
-      do k = 1, size(b%runs(r)%alpha)
+      do k = 1, size(b%runs(r)%law%alpha)
         o = b%runs(r)%offset + (k - 1)*b%nf
-        x = x + b%runs(r)%alpha(k)*(qf - z(o + 1:o + b%nf))
+        if (k > b%runs(r)%law%second) o = b%runs(r)%first_order + (k - 1 - b%runs(r)%law%second)*b%nf
+        x = x + b%runs(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
       end do
     end do
     d = matmul(deformation_matrix(b%elements(e)), element_coordinates(b, e, x))

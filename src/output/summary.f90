@@ -79,6 +79,7 @@ contains
     call text%figure(' elastic = ', 'coordinates', m%s%nq)
     call text%line('')
     call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', m%s%nz)
+    if (m%s%nzd < m%s%nz) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', m%s%nz - m%s%nzd)
     call text%line('')
     call text%figure('  constraints (multipliers): ', 'constraints', m%s%rows)
     call text%figure(', independent at the start: ', 'independent_constraints', report%rank)
@@ -141,20 +142,25 @@ contains
     type(body_model), intent(in) :: b
     integer, intent(in) :: k
     character(:), allocatable :: text
-    integer :: r, terms, elements
-    terms = 0
+    character(14) :: kind                      ! of the terms
+    integer :: r, ghm, maxwell, elements
+    ghm = 0
+    maxwell = 0
     elements = 0
     do r = 1, size(b%runs)
-      terms = max(terms, size(b%runs(r)%alpha))
+      ghm = max(ghm, b%runs(r)%law%second)
+      maxwell = max(maxwell, b%runs(r)%law%first)
       elements = elements + b%runs(r)%last - b%runs(r)%first + 1
     end do
+    kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
+    if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
     if (b%nz > 0 .and. b%modal) then
-      text = number(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and GHM term)'
+      text = number(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
     else if (b%nz > 0) then
       text = number(b%nz)//' dissipative coordinates ('//number(elements)//' viscoelastic elements, '//number(b%nd)// &
-             ' deformations each, '//number(terms)//merge(' GHM term) ', ' GHM terms)', terms == 1)
+             ' deformations each, '//number(ghm + maxwell)//' '//trim(kind)//trim(merge(' term) ', ' terms)', ghm + maxwell == 1))
     else if (d%bodies(k)%viscoelastic) then
-      text = 'no dissipative coordinates (no GHM in its materials)'
+      text = 'no dissipative coordinates (no viscoelastic terms in its materials)'
     else
       text = 'no dissipative coordinates (viscoelastic=.false., '
       if (d%bodies(k)%modulus_at > 0.0_wp) text = text//'modulus at '//to_text(d%bodies(k)%modulus_at)//' Hz)'

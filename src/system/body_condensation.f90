@@ -54,9 +54,8 @@ contains
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sv(2), i1q, i1v, tt
     real(wp) :: sx(2), sy(2), tx, ty
-    integer :: i, o, n
+    integer :: i, n
     i = self%s%qo(b) + 3
-    o = self%s%zo(b)
     thetad = v(i)
     associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
       n = like%nf
@@ -66,10 +65,9 @@ contains
                           bo%tx, p, sv, i1q, i1v)
       p = p + bo%i1
       if (bo%modal) then
-        call modal_forces(bo, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
+        call modal_forces(bo, z, zd, thetad, self%zdd, qmq, qmv, power)
       else
-        call nodal_forces(bo, like%edof, like%factors, z(o + 1:o + bo%nz), zd(o + 1:o + bo%nz), thetad, &
-                          self%zdd(o + 1:o + bo%nz), qmq, qmv, power)
+        call nodal_forces(bo, like%edof, like%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
       end if
       self%dissipated_power = self%dissipated_power + power
       self%pin(:, b) = p

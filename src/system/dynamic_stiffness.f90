@@ -1,17 +1,16 @@
 !> The dynamic stiffness of the linearised mechanism, T(s) = s^2 M + s C + K + sum_r g_r(s) K_r, bordered by the joints:
 !>
-!>   [T  J^T] [x     ]   [f]        g_r(s) = sum_k alpha_k (s^2 + 2 zeta_k omega_k s)/(s^2 + 2 zeta_k omega_k s + omega_k^2)
+!>   [T  J^T] [x     ]   [f]        g_r(s) = E(s)/E_R - 1 of the law of r (`viscoelastic_law`)
 !>   [J   0 ] [lambda] = [d]
 !>
-!> so that GHM acts exactly, without dissipative unknowns (theory.md, section 5). The matrices are kept once on one sparse
-!> pattern; each s costs one structured factorisation (`bordered`).
+!> so that viscoelastic terms act exactly, without internal variables (theory.md, section 5). The matrices are kept once on one
+!> sparse pattern; each s costs one structured factorisation (`bordered`).
 module dynamic_stiffness
   use kinds, only: wp
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
-  use complex_modulus, only: ghm_group, modulus_ratio, modulus_slope
   use linear_matrices, only: linear_mechanism
-  use linear_pattern, only: union_of_patterns, gather, make_groups
+  use linear_pattern, only: ghm_group, union_of_patterns, gather, make_groups
   use mechanism, only: mechanism_model
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
@@ -35,7 +34,7 @@ module dynamic_stiffness
     type(bordered_system) :: solver
     logical :: symmetric = .false.             !! no gyroscopic terms, K symmetric
     logical :: conservative = .false.          !! K symmetric
-    logical :: damped = .false.                !! C has a symmetric part, or there are GHM terms
+    logical :: damped = .false.                !! C has a symmetric part, or there are viscoelastic terms
     integer :: factorisations = 0
     complex(wp), private :: s = (0.0_wp, 0.0_wp)        !! present s [1/s]
     real(wp), private :: damping = 0.0_wp      !! present fraction of damping [-]
@@ -105,7 +104,7 @@ contains
                                                  any(abs(self%c - self%gyro) > rounding*maxval(abs(self%c)))
   end subroutine classify
 
-  !> Sets the matrix at s, with the given fraction of damping and GHM terms, and its derivative.
+  !> Sets the matrix at s, with the given fraction of damping and viscoelastic terms, and its derivative.
   subroutine set(self, s, damping)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(in) :: s               !! [1/s]
@@ -122,8 +121,8 @@ contains
     if (damping <= 0.0_wp) return
     do r = 1, size(self%groups)
       associate (p => self%groups(r))
-        g = damping*modulus_ratio(p%alpha, p%zeta, p%omega, s)
-        dg = damping*modulus_slope(p%alpha, p%zeta, p%omega, s)
+        g = damping*p%law%ratio(s)
+        dg = damping*p%law%slope(s)
         do k = 1, size(p%entry)
           self%values(p%entry(k)) = self%values(p%entry(k)) + g*p%value(k)
           self%slope(p%entry(k)) = self%slope(p%entry(k)) + dg*p%value(k)
@@ -197,7 +196,7 @@ contains
     if (self%damping <= 0.0_wp) return
     do r = 1, size(self%groups)
       associate (p => self%groups(r))
-        g = self%damping*modulus_ratio(p%alpha, p%zeta, p%omega, self%s)
+        g = self%damping*p%law%ratio(self%s)
         call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%low, g, x, y)
       end associate
     end do

@@ -3,18 +3,17 @@ module linear_matrices
   use kinds, only: wp
   use mechanism, only: mechanism_model
   use triplets, only: triplet_matrix
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: linear_mechanism, linear_run, count_runs
 
-  !> Stiffness that one set of GHM terms multiplies.
+  !> Stiffness that one set of viscoelastic terms multiplies.
   type :: linear_run
     integer :: body = 0                      !! body, or
     integer :: spring = 0                    !! spring
     integer :: material = 0                  !! material (bodies)
-    real(wp), allocatable :: alpha(:)        !! [-]
-    real(wp), allocatable :: zeta(:)         !! [-]
-    real(wp), allocatable :: omega(:)        !! [rad/s]
+    type(viscoelastic_terms) :: law
     type(triplet_matrix) :: stiffness        !! K_r at E_R
   end type linear_run
 
@@ -39,7 +38,7 @@ contains
       n = n + size(m%s%bodies(b)%runs)
     end do
     do k = 1, size(m%s%springs)
-      if (size(m%s%springs(k)%alpha) > 0) n = n + 1
+      if (size(m%s%springs(k)%law%alpha) > 0) n = n + 1
     end do
     allocate (lin%runs(n))
     n = 0
@@ -49,19 +48,15 @@ contains
         associate (run => m%s%bodies(b)%runs(r))
           lin%runs(n)%body = b
           lin%runs(n)%material = run%material
-          lin%runs(n)%alpha = run%alpha
-          lin%runs(n)%zeta = run%zeta
-          lin%runs(n)%omega = run%omega
+          lin%runs(n)%law = run%law
         end associate
       end do
     end do
     do k = 1, size(m%s%springs)
-      if (size(m%s%springs(k)%alpha) == 0) cycle
+      if (size(m%s%springs(k)%law%alpha) == 0) cycle
       n = n + 1
       lin%runs(n)%spring = k
-      lin%runs(n)%alpha = m%s%springs(k)%alpha
-      lin%runs(n)%zeta = m%s%springs(k)%zeta
-      lin%runs(n)%omega = m%s%springs(k)%omega
+      lin%runs(n)%law = m%s%springs(k)%law
     end do
   end subroutine count_runs
 end module linear_matrices

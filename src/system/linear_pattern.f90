@@ -1,14 +1,22 @@
 !> The matrices of the linearised mechanism on one sparse pattern: the union of their patterns with the joints' rows, entries
-!> summed on it, and the stiffness of GHM runs with the same terms summed to one group.
+!> summed on it, and the stiffness of viscoelastic runs with the same terms summed to one group.
 module linear_pattern
   use kinds, only: wp
-  use complex_modulus, only: ghm_group
   use linear_matrices, only: linear_mechanism
   use sparse_pattern, only: symmetric_pattern
   use triplets, only: triplet_matrix
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: union_of_patterns, gather, make_groups
+  public :: ghm_group, union_of_patterns, gather, make_groups
+
+  !> Entries that one law multiplies.
+  type :: ghm_group
+    type(viscoelastic_terms) :: law
+    integer, allocatable :: entry(:)           !! entries of the pattern
+    real(wp), allocatable :: value(:)          !! K_r there [N/m ...]
+    real(wp), allocatable :: low(:)            !! what rounding took from it [N/m ...]
+  end type ghm_group
 
 contains
 
@@ -79,13 +87,11 @@ contains
     do k = 1, size(lin%runs)
       if (done(k)) cycle
       n = n + 1
-      groups(n)%alpha = lin%runs(k)%alpha
-      groups(n)%zeta = lin%runs(k)%zeta
-      groups(n)%omega = lin%runs(k)%omega
+      groups(n)%law = lin%runs(k)%law
       values = 0.0_wp
       low = 0.0_wp
       do j = k, size(lin%runs)
-        if (done(j) .or. .not. same_terms(lin, k, j)) cycle
+        if (done(j) .or. .not. lin%runs(j)%law%equals(lin%runs(k)%law)) cycle
         done(j) = .true.
         call gather(self, lin%runs(j)%stiffness, values, low)
       end do
@@ -95,16 +101,4 @@ contains
     end do
     kept = groups(1:n)
   end subroutine make_groups
-
-  !> Whether two runs have the same terms.
-  pure logical function same_terms(lin, i, j) result(same)
-    type(linear_mechanism), intent(in) :: lin
-    integer, intent(in) :: i, j
-    associate (a => lin%runs(i), b => lin%runs(j))
-      same = size(a%alpha) == size(b%alpha)
-      if (.not. same) return
-      same = all(abs(a%alpha - b%alpha) <= 0.0_wp) .and. all(abs(a%zeta - b%zeta) <= 0.0_wp) &
-             .and. all(abs(a%omega - b%omega) <= 0.0_wp)
-    end associate
-  end function same_terms
 end module linear_pattern

@@ -140,7 +140,7 @@ contains
         end do
       end associate
     end do
-    run = size(lin%runs) - count([(size(m%s%springs(k)%alpha) > 0, k=1, size(m%s%springs))])
+    run = size(lin%runs) - count([(size(m%s%springs(k)%law%alpha) > 0, k=1, size(m%s%springs))])
     do k = 1, size(m%s%springs)
       associate (sp => m%s%springs(k))
         f = m%spring_force(k)
@@ -154,7 +154,7 @@ contains
           call push(m, sp%ia, f*e, 0.0_wp, wrench)
           call push(m, sp%ib, -f*e, 0.0_wp, wrench)
         end if
-        if (size(sp%alpha) == 0) cycle
+        if (size(sp%law%alpha) == 0) cycle
         run = run + 1
         call sp%tangent(m%p, sp%stiffness, 0.0_wp, 0.0_wp, t)
         call add_pair(m, t, v, lin%runs(run)%stiffness, lin%damping, lin%runs(run)%stiffness)

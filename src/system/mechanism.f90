@@ -70,7 +70,7 @@ module mechanism
     real(wp), allocatable :: lambda_change(:)   !! (rows) correction of the multipliers [N]
     real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins
-    real(wp), allocatable :: zdd(:)             !! (nz) dissipative accelerations
+    real(wp), allocatable :: zdd(:)             !! (nz) accelerations of internal variables, rates of those of first order
     real(wp), allocatable :: spring_force(:)    !! (springs) force or moment
     real(wp) :: dissipated_power = 0.0_wp       !! [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]

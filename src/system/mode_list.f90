@@ -1,7 +1,6 @@
 !> The modes and poles found so far, with their shapes and residuals.
 module mode_list
   use kinds, only: wp
-  use complex_modulus, only: modulus_ratio
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
@@ -113,7 +112,7 @@ contains
     sizes = abs(lambda)**2*abs(ds%m) + abs(lambda)*abs(ds%gyro + damping*(ds%c - ds%gyro)) + abs(ds%k) + abs(ds%joint)
     do k = 1, size(ds%groups)
       associate (g => ds%groups(k))
-        if (damping > 0.0_wp) sizes(g%entry) = sizes(g%entry) + abs(modulus_ratio(g%alpha, g%zeta, g%omega, lambda)*g%value)
+        if (damping > 0.0_wp) sizes(g%entry) = sizes(g%entry) + abs(g%law%ratio(lambda)*g%value)
       end associate
     end do
     parts = norm2(abs(ds%times(cmplx(sizes, 0.0_wp, wp), cmplx(abs(y), 0.0_wp, wp))))

@@ -31,9 +31,11 @@ contains
     do b = 1, size(self%b)
       if (self%b(b)%eq%n > 0) self%b(b)%eq%factor = 1.0_wp
     end do
+    self%spring_factor = 1.0_wp
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        if (t%body > 0) self%b(t%body)%eq%factor(t%run) = self%b(t%body)%eq%factor(t%run) + t%alpha*(1 - t%g())
+        if (t%body > 0) self%b(t%body)%eq%factor(t%run) = self%b(t%body)%eq%factor(t%run) + t%alpha*(1 - t%g)
+        if (t%spring > 0) self%spring_factor(t%spring) = self%spring_factor(t%spring) + t%alpha*(1 - t%g)
       end associate
     end do
     bad = .false.
@@ -127,11 +129,11 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp) :: d, dd, e(2)
     integer :: k
-    do k = size(self%terms), 1, -1
+    do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        if (t%spring == 0) exit              ! springs' terms are the last ones
+        if (t%spring == 0) cycle
         call m%s%springs(t%spring)%deformation(m%p, d, dd, e)
-        self%spring_z(t%first) = t%g()*d + self%offset(t%first)
+        self%spring_z(t%first) = t%g*d + self%offset(t%first)
       end associate
     end do
   end subroutine spring_state
@@ -249,7 +251,7 @@ contains
     real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     type(place_stiffness) :: p
-    real(wp) :: k3(3, 3)
+    real(wp) :: k3(3, 3), stiffness          ! the latter of a spring with its terms condensed [N/m] or [N m/rad]
     integer :: k
     do k = 1, size(self%rows%laws)
       associate (law => self%rows%laws(k))
@@ -258,7 +260,8 @@ contains
           call m%s%constraints(law%item)%item%geometric(m%p, lambda, p)
           law%k = p%k
         case (from_spring)
-          call m%s%springs(law%item)%tangent(m%p, spring_stiffness(self, m, law%item), m%s%springs(law%item)%damping, &
+          stiffness = m%s%springs(law%item)%stiffness*self%spring_factor(law%item)
+          call m%s%springs(law%item)%tangent(m%p, stiffness, m%s%springs(law%item)%damping, &
                                              m%spring_force(law%item), p)
           law%k = p%k + self%c2*p%c
           law%g = p%c
@@ -273,21 +276,6 @@ contains
       end associate
     end do
   end subroutine fill_laws
-
-  !> Stiffness of a spring with its terms condensed [N/m] or [N m/rad].
-  pure function spring_stiffness(self, m, k) result(stiffness)
-    type(newton_matrix), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k                 !! spring
-    real(wp) :: stiffness                    !! [N/m] or [N m/rad]
-    integer :: i
-    stiffness = 1.0_wp
-    do i = size(self%terms), 1, -1
-      if (self%terms(i)%spring == 0) exit
-      if (self%terms(i)%spring == k) stiffness = stiffness + self%terms(i)%alpha*(1 - self%terms(i)%g())
-    end do
-    stiffness = m%s%springs(k)%stiffness*stiffness
-  end function spring_stiffness
 
   !> Solves the elastic residuals with the factors that stand, unless the tangent was made for them.
   subroutine solve_elastic(self)

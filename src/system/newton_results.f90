@@ -12,7 +12,7 @@ module newton_results
   use nodal_kernel, only: deformations
   implicit none (type, external)
   private
-  public :: term_increments, find_powers, mass_product, resolved_part, position_groups, scene_reach
+  public :: term_increments, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, scene_reach
 
 contains
 
@@ -24,18 +24,11 @@ contains
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
     real(wp) :: d(1), dd, e(2)
-    integer :: k, b, i
+    integer :: k, b
     if (size(self%terms) == 0) return
     call set_frames(m, q)
     call place_kinematics(m, q, v)
-    do b = 1, size(self%b)
-      associate (bo => m%s%bodies(b))
-        if (bo%nz == 0) cycle
-        i = m%s%qo(b) + 3
-        bo%qx(1:bo%nf) = q(i + 1:i + bo%nf)
-        if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
-      end associate
-    end do
+    call deform(m, q)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
@@ -51,6 +44,59 @@ contains
       end associate
     end do
   end subroutine term_increments
+
+  !> Deformations of the viscoelastic bodies, kept in them.
+  subroutine deform(m, q)
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
+    integer :: b, i
+    do b = 1, size(m%s%bodies)
+      associate (bo => m%s%bodies(b))
+        if (bo%nz == 0) cycle
+        i = m%s%qo(b) + 3
+        bo%qx(1:bo%nf) = q(i + 1:i + bo%nf)
+        if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
+      end associate
+    end do
+  end subroutine deform
+
+  !> Rates of the internal variables of first order at the state of the last evaluation, and the rates' own derivatives,
+  !> (delta' - z')/tau. Deformations are at most quadratic in q: delta' = (delta(q + v) - delta(q - v))/2, exactly.
+  subroutine relaxation_rates(self, m, q, v, zd, a)
+    type(newton_matrix), intent(in) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
+    real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
+    real(wp), intent(inout), contiguous :: a(:)               !! (nz) [m/s2, rad/s2], of second order: untouched
+    real(wp) :: d, dd, e(2)
+    integer :: k, side
+    if (m%s%nz == m%s%nzd) return
+    zd(m%s%nzd + 1:) = m%zdd(m%s%nzd + 1:)
+    a(m%s%nzd + 1:) = -zd(m%s%nzd + 1:)
+    do side = -1, 1, 2
+      call deform(m, q + side*v)
+      do k = 1, size(self%terms)
+        associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
+          if (i <= m%s%nzd) cycle
+          if (t%body == 0) then
+            call m%s%springs(t%spring)%deformation(m%p, d, dd, e)
+            a(i) = a(i) + 0.5_wp*dd
+          else if (m%s%bodies(t%body)%modal) then
+            a(i:j) = a(i:j) + 0.5_wp*side*m%s%bodies(t%body)%qx(1:)
+          else
+            associate (bo => m%s%bodies(t%body), run => m%s%bodies(t%body)%runs(t%run))
+              a(i:j) = a(i:j) + 0.5_wp*side*reshape(bo%d(:, run%first:run%last), [j - i + 1])
+            end associate
+          end if
+        end associate
+      end do
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        if (t%first > m%s%nzd) a(t%first:t%last) = a(t%first:t%last)/t%viscosity
+      end associate
+    end do
+  end subroutine relaxation_rates
 
   !> Power dissipated in bodies and springs, and put in by loads and drives.
   subroutine find_powers(self, m, t, q, v, lambda, z, zd, power)
@@ -69,7 +115,7 @@ contains
     call applied_forces(m, t, q, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
-        if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%two_zw/s%w2 &
+        if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%viscosity &
                                              *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
       end associate
     end do
@@ -90,8 +136,8 @@ contains
     power = [m%dissipated_power, m%input_power]
   end subroutine find_powers
 
-  !> x1^T M x2 + x3^T M x4 of coordinates (frames' origins in global axes) and dissipative coordinates, whose mass is
-  !> (alpha/omega^2) D, at the positions q of the last find_powers [J for rates].
+  !> x1^T M x2 + x3^T M x4 of coordinates (frames' origins in global axes) and internal variables, whose mass is alpha inertia D,
+  !> and x1^T C x4 of those of first order with C = alpha viscosity D, at the positions q of the last find_powers [J for rates].
   real(wp) function mass_product(self, m, q, x) result(total)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -108,7 +154,12 @@ contains
       associate (t => self%terms(k))
         i = m%s%nq + t%first
         j = m%s%nq + t%last
-        total = total + t%alpha/t%w2*(term_product(t, m%s, x(i:j, 1), x(i:j, 2)) + term_product(t, m%s, x(i:j, 3), x(i:j, 4)))
+        if (t%inertia > 0.0_wp) then
+          total = total + t%alpha*t%inertia*(term_product(t, m%s, x(i:j, 1), x(i:j, 2)) &
+                                             + term_product(t, m%s, x(i:j, 3), x(i:j, 4)))
+        else
+          total = total + t%alpha*t%viscosity*term_product(t, m%s, x(i:j, 1), x(i:j, 4))
+        end if
       end associate
     end do
   end function mass_product

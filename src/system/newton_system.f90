@@ -52,6 +52,7 @@ module newton_system
     type(row_system) :: rows
     type(ghm_term), allocatable :: terms(:)
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
+    real(wp), allocatable :: spring_factor(:)   !! (springs) stiffness with the terms condensed over the static one [-]
     real(wp), allocatable :: spring_z(:), spring_zd(:)   !! (nz) of springs at the trial state [m, rad], unused rates
     real(wp), allocatable :: wrench(:, :)    !! (3, places) residual force (body axes) and moment [N, N m]
     integer(ip) :: base_factors = 0          !! of T0 blocks so far
@@ -68,6 +69,7 @@ contains
     nz = m%s%nz
     allocate (self%offset(nz), self%spring_z(nz), self%spring_zd(nz), source=0.0_wp)
     allocate (self%wrench(3, size(m%s%places)), source=0.0_wp)
+    allocate (self%spring_factor(size(m%s%springs)), source=1.0_wp)
     call list_terms(m%s, self%terms)
     call list_rows(self%rows, m)
     call order_rows(self%rows)

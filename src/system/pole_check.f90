@@ -6,6 +6,7 @@ module pole_check
   use mode_list, only: mode_set, undamped_mode
   use pole_count, only: pole_region, unnamed_poles
   use text, only: to_text
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: check_undamped, check_damped
@@ -52,7 +53,7 @@ contains
     integer, intent(in) :: left_out                    !! motions that the reduced system leaves out
     integer, intent(in) :: zeros                       !! poles at zero
     complex(wp), intent(in) :: others(:)               !! poles of modes that are not asked for, nearly [1/s]
-    integer, intent(in) :: ranks(:)                    !! (groups) orders of the GHM terms' own poles
+    integer, intent(in) :: ranks(:)                    !! (groups) orders of the viscoelastic terms' own poles
     type(mode_set), intent(inout) :: modes, unlisted
     complex(wp), allocatable :: listed(:), named(:), laws(:), ends(:)
     integer, allocatable :: orders(:), beyond(:)
@@ -87,13 +88,13 @@ contains
   end subroutine check_damped
 
   !> A region that holds the listed poles and whose boundary is far from all: it ends in the widest gap beyond the list, where
-  !> each set of GHM terms has as many poles of its own inside as ends of the chains of poles that start there.
+  !> each set of viscoelastic terms has as many poles of its own inside as ends of the chains of poles that start there.
   subroutine region_of(named, top, angle, region, laws, ends)
     complex(wp), intent(in) :: named(:)                !! known poles [1/s]
     real(wp), intent(in) :: top                        !! modulus of the highest listed one [1/s]
     real(wp), intent(in) :: angle                      !! smallest angle [rad]
     type(pole_region), intent(out) :: region
-    complex(wp), intent(in) :: laws(:), ends(:)        !! of the GHM terms, in the same order [1/s]
+    complex(wp), intent(in) :: laws(:), ends(:)        !! of the viscoelastic terms, in the same order [1/s]
     real(wp) :: from, to, best, lowest
     integer :: k
     logical :: near(size(named))
@@ -145,7 +146,7 @@ contains
     end do
   end function widest
 
-  !> Poles of the GHM terms themselves with their orders in the determinant, and where the chains of poles end that start
+  !> Poles of the viscoelastic terms themselves with their orders in the determinant, and where the chains of poles end that start
   !> there: with growing stiffness they tend to the zeros of the modulus, 1 + g(s) = 0.
   subroutine law_poles(ds, ranks, laws, orders, ends)
     type(stiffness_system), intent(in) :: ds
@@ -156,9 +157,9 @@ contains
     integer :: r, j
     allocate (laws(0), ends(0), orders(0))
     do r = 1, size(ds%groups)
-      associate (g => ds%groups(r))
-        own = eigenvalues(chain(g%zeta, g%omega, 0*g%alpha))
-        tips = eigenvalues(chain(g%zeta, g%omega, g%alpha/(1 + sum(g%alpha))))
+      associate (law => ds%groups(r)%law)
+        own = eigenvalues(chain(law, 0*law%alpha))
+        tips = eigenvalues(chain(law, law%alpha/(1 + sum(law%alpha))))
         laws = [laws, own]
         ends = [ends, tips]
         orders = [orders, [(ranks(r), j=1, size(own))]]
@@ -176,24 +177,30 @@ contains
     allocate (orders(0))
     entries = max(1, sum([(size(ds%groups(r)%entry), r=1, size(ds%groups))]))
     do r = 1, size(ds%groups)
-      orders = [orders, [(nint(left_out*real(size(ds%groups(r)%entry), wp)/entries), j=1, 2*size(ds%groups(r)%alpha))]]
+      orders = [orders, [(nint(left_out*real(size(ds%groups(r)%entry), wp)/entries), j=1, ds%groups(r)%law%order())]]
     end do
   end function chain_orders
 
-  !> z_k' = omega_k y_k, y_k' = -2 zeta_k omega_k y_k - omega_k (z_k - sum_j share_j z_j).
-  pure function chain(zeta, omega, share) result(a)
-    real(wp), intent(in) :: zeta(:)                    !! [-]
-    real(wp), intent(in) :: omega(:)                   !! [rad/s]
+  !> The terms, of which each follows delta = sum_j share_j z_j, as equations of first order for z and, of second order, z'/omega.
+  pure function chain(law, share) result(a)
+    type(viscoelastic_terms), intent(in) :: law
     real(wp), intent(in) :: share(:)                   !! [-]
-    real(wp) :: a(2*size(omega), 2*size(omega))
-    integer :: k, n
-    n = size(omega)
+    real(wp) :: a(law%order(), law%order())            !! [1/s]
+    real(wp) :: omega                                  ! [rad/s]
+    integer :: k, n, i
+    n = size(share)
     a = 0.0_wp
     do k = 1, n
-      a(k, n + k) = omega(k)
-      a(n + k, n + k) = -2*zeta(k)*omega(k)
-      a(n + k, 1:n) = omega(k)*share
-      a(n + k, k) = a(n + k, k) - omega(k)
+      i = k                                            ! row in which z_k is drawn to delta
+      omega = 1/law%viscosity(k)
+      if (k <= law%second) then
+        i = n + k
+        omega = 1/sqrt(law%inertia(k))
+        a(k, i) = omega
+        a(i, i) = -law%viscosity(k)*omega**2
+      end if
+      a(i, 1:n) = a(i, 1:n) + omega*share
+      a(i, k) = a(i, k) - omega
     end do
   end function chain
 

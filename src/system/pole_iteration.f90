@@ -4,7 +4,6 @@
 !> singular T does not reach lambda. A T that is singular to the last bit is what the iteration looks for.
 module pole_iteration
   use kinds, only: wp
-  use complex_modulus, only: modulus_ratio, modulus_slope
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
@@ -109,8 +108,8 @@ contains
       df = 2*m*lambda + c
       do r = 1, size(part)
         associate (p => ds%groups(r))
-          f = f + part(r)*modulus_ratio(p%alpha, p%zeta, p%omega, lambda)
-          df = df + part(r)*modulus_slope(p%alpha, p%zeta, p%omega, lambda)
+          f = f + part(r)*p%law%ratio(lambda)
+          df = df + part(r)*p%law%slope(lambda)
         end associate
       end do
       step = 0.0_wp

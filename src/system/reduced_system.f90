@@ -1,6 +1,6 @@
-!> The linearised mechanism on a subspace of undamped motions, GHM terms as coordinates of their own in the space that each
+!> The linearised mechanism on a subspace of undamped motions, viscoelastic terms as coordinates of their own in the space that each
 !> set of terms deforms (theory.md, section 5), K_r = F F^T:
-!>   x'' = -K x - C x' - sum_r F sum_k alpha_k (F^T x - z_rk),   z_rk'' = -2 zeta_k omega_k z_rk' - omega_k^2 (z_rk - F^T x)
+!>   x'' = -K x - C x' - sum_r F sum_k alpha_k (F^T x - z_rk),   inertia_k z_rk'' + viscosity_k z_rk' + z_rk = F^T x
 !> Motions that hardly couple are taken apart: each mode of a homogeneous body is a system of its own. The poles start the
 !> search for those of the whole, and their number bounds it.
 module reduced_system
@@ -83,7 +83,7 @@ contains
     do j = 1, self%p
       self%scale(j) = abs(self%k(j, j))
       do r = 1, size(ds%groups)
-        self%scale(j) = self%scale(j) + sum(ds%groups(r)%alpha)*self%part(j, j, r)
+        self%scale(j) = self%scale(j) + sum(ds%groups(r)%law%alpha)*self%part(j, j, r)
       end do
       self%scale(j) = max(sqrt(self%scale(j)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
       if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
@@ -108,7 +108,7 @@ contains
         associate (d => self%scale(i)*self%scale(j))
           coupling(i, j) = max(abs(self%k(i, j))/d, (abs(self%g(i, j)) + abs(self%c(i, j)))/sqrt(d))
           do r = 1, size(ds%groups)
-            coupling(i, j) = max(coupling(i, j), sum(ds%groups(r)%alpha)*abs(self%part(i, j, r))/d)
+            coupling(i, j) = max(coupling(i, j), sum(ds%groups(r)%law%alpha)*abs(self%part(i, j, r))/d)
           end do
         end associate
       end do
@@ -162,7 +162,7 @@ contains
     order = 2*size(members)
     do r = 1, size(ds%groups)
       call deformation(self, members, r, f)
-      order = order + 2*size(f, 2)*size(ds%groups(r)%alpha)
+      order = order + size(f, 2)*ds%groups(r)%law%order()
     end do
   end function order_of
 
@@ -232,7 +232,7 @@ contains
     end do
   end subroutine find
 
-  !> The matrix of first order for (scale x, x', then F^T-sized z and z'/omega of each term of each group).
+  !> The matrix of first order for (scale x, x', then F^T-sized z and, of second order, z'/omega of each term of each group).
   subroutine first_order(self, model, ds, members, damped, a)
     class(reduced_poles), intent(inout) :: self
     type(reduced_model), intent(in) :: model
@@ -241,6 +241,7 @@ contains
     logical, intent(in) :: damped
     real(wp), allocatable, intent(out) :: a(:, :)      !! [1/s]
     real(wp), allocatable :: f(:, :), whole(:, :)
+    real(wp) :: omega                                  ! of a term of second order [rad/s]
     integer :: c, r, k, i, j, m, n, groups
     groups = merge(size(ds%groups), 0, damped)
     c = size(members)
@@ -249,7 +250,7 @@ contains
     do r = 1, groups
       call deformation(model, members, r, f)
       self%rank(r) = size(f, 2)
-      n = n + 2*size(f, 2)*size(ds%groups(r)%alpha)
+      n = n + size(f, 2)*ds%groups(r)%law%order()
     end do
     allocate (a(n, n), source=0.0_wp)
     do j = 1, c
@@ -266,17 +267,26 @@ contains
       do j = 1, m
         whole(:, j) = f(:, j)*model%scale(members)
       end do
-      associate (g => ds%groups(r))
-        do k = 1, size(g%alpha)
-          a(c + 1:2*c, 1:c) = a(c + 1:2*c, 1:c) - g%alpha(k)*matmul(whole, transpose(f))
-          a(c + 1:2*c, i + 1:i + m) = g%alpha(k)*whole
-          a(i + m + 1:i + 2*m, 1:c) = g%omega(k)*transpose(f)
-          do j = 1, m
-            a(i + j, i + m + j) = g%omega(k)
-            a(i + m + j, i + j) = -g%omega(k)
-            a(i + m + j, i + m + j) = -2*g%zeta(k)*g%omega(k)
-          end do
-          i = i + 2*m
+      associate (law => ds%groups(r)%law)
+        do k = 1, size(law%alpha)
+          a(c + 1:2*c, 1:c) = a(c + 1:2*c, 1:c) - law%alpha(k)*matmul(whole, transpose(f))
+          a(c + 1:2*c, i + 1:i + m) = law%alpha(k)*whole
+          if (k <= law%second) then
+            omega = 1/sqrt(law%inertia(k))
+            a(i + m + 1:i + 2*m, 1:c) = omega*transpose(f)
+            do j = 1, m
+              a(i + j, i + m + j) = omega
+              a(i + m + j, i + j) = -omega
+              a(i + m + j, i + m + j) = -law%viscosity(k)*omega**2
+            end do
+            i = i + 2*m
+          else
+            a(i + 1:i + m, 1:c) = transpose(f)/law%viscosity(k)
+            do j = 1, m
+              a(i + j, i + j) = -1/law%viscosity(k)
+            end do
+            i = i + m
+          end if
         end do
       end associate
     end do
@@ -301,15 +311,15 @@ contains
     zeros = zeros - count(w > (undamped*maxval(model%scale))**2)
   end function zero_poles
 
-  !> Whether a pole is one of a GHM term alone, in which the mechanism stands still.
+  !> Whether a pole is one of a viscoelastic term alone, in which the mechanism stands still.
   pure logical function unseen(ds, lambda) result(yes)
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
     integer :: r
     yes = .false.
     do r = 1, size(ds%groups)
-      associate (g => ds%groups(r))
-        yes = yes .or. any(abs(lambda**2 + 2*g%zeta*g%omega*lambda + g%omega**2) <= 1.0e-9_wp*g%omega**2)
+      associate (law => ds%groups(r)%law)
+        yes = yes .or. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
       end associate
     end do
   end function unseen

@@ -63,7 +63,7 @@ contains
     self%spring_static = m%s%springs%stiffness
     self%spring_fast = self%spring_static
     do k = 1, size(m%s%springs)
-      self%spring_fast(k) = self%spring_static(k)*(1 + sum(m%s%springs(k)%alpha))
+      self%spring_fast(k) = self%spring_static(k)*(1 + sum(m%s%springs(k)%law%alpha))
     end do
     allocate (self%ends(2, size(m%s%springs)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
@@ -94,7 +94,7 @@ contains
     fill = self%first(1:n)
     call put_rows(self%lin%stiffness, 1.0_wp, fill, self%col, self%value)
     do r = 1, size(self%lin%runs)
-      call put_rows(self%lin%runs(r)%stiffness, sum(self%lin%runs(r)%alpha), fill, self%col, self%value)
+      call put_rows(self%lin%runs(r)%stiffness, sum(self%lin%runs(r)%law%alpha), fill, self%col, self%value)
     end do
   end subroutine gather_rows
 

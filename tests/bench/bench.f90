@@ -134,7 +134,7 @@ contains
     q0 = run%y(1:nq)
     v0 = run%y(nq + 1:2*nq)
     z = run%y(2*nq + 1:2*nq + nz)
-    zd = run%y(2*nq + nz + 1:2*nq + 2*nz)
+    zd = run%y(2*nq + nz + 1:2*nq + nz + run%sys%m%s%nzd)
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
@@ -294,7 +294,7 @@ contains
   pure integer function terms(bo)
     type(body_model), intent(in) :: bo
     terms = 0
-    if (size(bo%runs) > 0) terms = size(bo%runs(1)%alpha)
+    if (size(bo%runs) > 0) terms = bo%runs(1)%law%second
   end function terms
 
   !> m_ff and K_ff as full matrices.
@@ -346,9 +346,9 @@ contains
     k(4:3 + f, 4:3 + f) = stiff
     do j = 1, terms(bo)
       o = 3 + j*f
-      associate (run => bo%runs(1))
-        m(o + 1:o + f, o + 1:o + f) = run%alpha(j)/run%omega(j)**2*stiff
-        c(o + 1:o + f, o + 1:o + f) = 2*run%alpha(j)*run%zeta(j)/run%omega(j)*stiff
+      associate (run => bo%runs(1)%law)
+        m(o + 1:o + f, o + 1:o + f) = run%alpha(j)*run%inertia(j)*stiff
+        c(o + 1:o + f, o + 1:o + f) = run%alpha(j)*run%viscosity(j)*stiff
         k(o + 1:o + f, o + 1:o + f) = run%alpha(j)*stiff
         k(4:3 + f, o + 1:o + f) = -run%alpha(j)*stiff
         k(o + 1:o + f, 4:3 + f) = -run%alpha(j)*stiff

@@ -1,0 +1,113 @@
+!> The law of a viscoelastic material or spring: its terms, each an internal variable z that follows the deformation delta,
+!>
+!>   inertia z'' + viscosity z' + z = delta        force alpha K_R (delta - z) beside K_R delta        (theory.md, section 5)
+!>
+!> A GHM term has inertia 1/omega^2 and viscosity 2 zeta/omega; a Maxwell term has no inertia, its viscosity is the relaxation
+!> time tau, and z is of first order. So both give E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)).
+module viscoelastic_law
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+  public :: viscoelastic_terms, law_of
+
+  !> The terms of one law; those of second order come first.
+  type :: viscoelastic_terms
+    integer :: second = 0                      !! terms of second order (GHM)
+    integer :: first = 0                       !! terms of first order (Maxwell)
+    real(wp), allocatable :: alpha(:)          !! weights [-]
+    real(wp), allocatable :: viscosity(:)      !! [s]
+    real(wp), allocatable :: inertia(:)        !! [s2]
+  contains
+    procedure :: ratio
+    procedure :: slope
+    procedure :: rates
+    procedure :: order
+    procedure :: equals
+    procedure :: words
+  end type viscoelastic_terms
+
+contains
+
+  !> The law of lists of GHM and of Maxwell terms.
+  pure function law_of(alpha, zeta, omega, prony_alpha, prony_tau) result(law)
+    real(wp), intent(in) :: alpha(:)           !! of GHM terms [-]
+    real(wp), intent(in) :: zeta(:)            !! [-]
+    real(wp), intent(in) :: omega(:)           !! [rad/s]
+    real(wp), intent(in) :: prony_alpha(:)     !! of Maxwell terms [-]
+    real(wp), intent(in) :: prony_tau(:)       !! [s]
+    type(viscoelastic_terms) :: law
+    law%second = size(alpha)
+    law%first = size(prony_alpha)
+    law%alpha = [alpha, prony_alpha]
+    law%viscosity = [2*zeta/omega, prony_tau]
+    law%inertia = [1/omega**2, 0*prony_tau]
+  end function law_of
+
+  !> E(s)/E_R - 1 [-].
+  pure function ratio(self, s) result(g)
+    class(viscoelastic_terms), intent(in) :: self
+    complex(wp), intent(in) :: s               !! [1/s]
+    complex(wp) :: g, a
+    integer :: k
+    g = 0.0_wp
+    do k = 1, size(self%alpha)
+      a = s*(self%viscosity(k) + self%inertia(k)*s)
+      g = g + self%alpha(k)*a/(1 + a)
+    end do
+  end function ratio
+
+  !> Its derivative [s].
+  pure function slope(self, s) result(g)
+    class(viscoelastic_terms), intent(in) :: self
+    complex(wp), intent(in) :: s               !! [1/s]
+    complex(wp) :: g, a
+    integer :: k
+    g = 0.0_wp
+    do k = 1, size(self%alpha)
+      a = s*(self%viscosity(k) + self%inertia(k)*s)
+      g = g + self%alpha(k)*(self%viscosity(k) + 2*self%inertia(k)*s)/(1 + a)**2
+    end do
+  end function slope
+
+  !> Poles of the terms themselves, those of z where the deformation is held: of each term the fast one, then of terms of
+  !> second order the other one [1/s].
+  pure function rates(self) result(poles)
+    class(viscoelastic_terms), intent(in) :: self
+    complex(wp) :: poles(2*self%second + self%first)
+    complex(wp) :: root
+    integer :: k
+    do k = 1, size(self%alpha)
+      if (k > self%second) then
+        poles(k) = -1/self%viscosity(k)
+      else
+        root = sqrt(cmplx(self%viscosity(k)**2 - 4*self%inertia(k), 0.0_wp, wp))
+        poles(k) = -(self%viscosity(k) + root)/(2*self%inertia(k))
+        poles(size(self%alpha) + k) = -2/(self%viscosity(k) + root)
+      end if
+    end do
+  end function rates
+
+  !> Unknowns of first order that one deformation asks for.
+  pure integer function order(self)
+    class(viscoelastic_terms), intent(in) :: self
+    order = 2*self%second + self%first
+  end function order
+
+  !> Whether two laws have the same terms.
+  pure logical function equals(self, other)
+    class(viscoelastic_terms), intent(in) :: self
+    type(viscoelastic_terms), intent(in) :: other
+    equals = self%second == other%second .and. self%first == other%first
+    if (equals) equals = all(abs(self%alpha - other%alpha) <= 0.0_wp) .and. &
+                         all(abs(self%viscosity - other%viscosity) <= 0.0_wp) .and. &
+                         all(abs(self%inertia - other%inertia) <= 0.0_wp)
+  end function equals
+
+  !> A term by name: its kind and its number in the deck's list.
+  pure function words(self, k) result(text)
+    class(viscoelastic_terms), intent(in) :: self
+    integer, intent(in) :: k                   !! term
+    character(7) :: text
+    text = merge('GHM    ', 'Maxwell', k <= self%second)
+  end function words
+end module viscoelastic_law
