@@ -194,7 +194,7 @@ def write(
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="animate.py", description=__doc__.split("\n")[0])
+    parser = command.parser("animate", __doc__)
     parser.add_argument("run", type=Path, help="results folder or motion.txt")
     parser.add_argument("--deck", type=Path, help="the deck of the run: draws links, pins, sliders and rigid bodies too")
     parser.add_argument("--exaggerate", type=command.finite, default=1.0, metavar="FACTOR", help="multiply the deflections (1)")

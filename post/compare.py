@@ -12,6 +12,8 @@ The rule, for the tests too:
 - A column passes when its error is at most its tolerance.
 
 Exit status: 0 every column within its tolerance, 1 some are not, 2 the files cannot be compared.
+
+Example: post/compare.py results/slider_crank_elastic expected.csv --tolerance 1e-5
 """
 
 from __future__ import annotations
@@ -157,9 +159,7 @@ def _tolerance(text: str) -> float:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(
-        prog="compare.py", description=__doc__.split("\n")[0], epilog="the rule: see the head of post/compare.py"
-    )
+    parser = command.parser("compare", __doc__)
     parser.add_argument("run", type=Path, help="results folder, history file or .csv")
     parser.add_argument("reference", type=Path, help="results folder, history file or .csv")
     parser.add_argument("--tolerance", type=_tolerance, default=1.0e-6, help="largest error of a column (%(default)g)")

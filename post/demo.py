@@ -2,11 +2,12 @@
 """The slider-crank of Vaz, Rade & Lima, undamped against viscoelastic: runs the decks, draws, prints the attenuation.
 
 `make demo` calls it from the project's root. Results go to results/<deck name>/, pictures to results/demo/.
+
+Example: post/demo.py
 """
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -150,7 +151,7 @@ def demonstrate(biela: Path) -> int:
 
 def main(words: list[str] | None = None) -> int:
     """Run the demonstration; status 0, or 1 with one line on standard error."""
-    parser = argparse.ArgumentParser(prog="demo.py", description=__doc__.split("\n")[0])
+    parser = command.parser("demo", __doc__)
     parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
     args = parser.parse_args(words)
     return command.attempt("demo", lambda: demonstrate(args.biela), failed=1)

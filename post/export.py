@@ -90,7 +90,7 @@ def write_vtk(scene: Mechanism, folder: Path) -> Path:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="export.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command.parser("export", __doc__)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder or results file")
     parser.add_argument("--to", choices=[*ENDINGS, "vtk"], required=True, help="format")
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")

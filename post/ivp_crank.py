@@ -3,11 +3,12 @@
 
 Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against evaluations. The
 converged history (linear elasticity, by an independent program) is tests/reference/published/crank_conv_lin_ini2.csv.
+
+Example: post/ivp_crank.py
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,7 +131,7 @@ def draw(found: list[Row], path: Path) -> None:
 
 def main(words: list[str] | None = None) -> int:
     """Make the table and the picture; status 0, or 1 with one line on standard error."""
-    parser = argparse.ArgumentParser(prog="ivp_crank.py", description=__doc__.split("\n")[0])
+    parser = command.parser("ivp_crank", __doc__)
     parser.add_argument("--methods", nargs="+", choices=list(FAMILIES), default=list(FAMILIES), help="curves (all)")
     parser.add_argument("--output", type=Path, default=Path("results") / "ivp_crank", help="folder (%(default)s)")
     parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")

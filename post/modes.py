@@ -3,6 +3,8 @@
 
 STEM_modes: the shapes over the mechanism at the place about which they were computed (with --deck joints, links and springs
 too). STEM_poles: the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
+
+Example: post/modes.py results/modal_four_bar --deck input/modal_four_bar.nml
 """
 
 from __future__ import annotations
@@ -242,7 +244,7 @@ def input_of(path: Path) -> str:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="modes.py", description=__doc__.split("\n")[0])
+    parser = command.parser("modes", __doc__)
     parser.add_argument("run", type=Path, metavar="RUN", help="results folder with modes.txt, frequency_response.txt or both")
     parser.add_argument("--deck", type=Path, help="its deck: joints, links, springs and rigid outlines are drawn too")
     parser.add_argument("--modes", nargs="+", type=int, metavar="N", help="modes whose shapes are drawn (the first six)")

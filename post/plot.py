@@ -4,6 +4,8 @@
 Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are
 zero throughout are left out, unless they are named. Several runs lie over each other in one picture: the first blue, the second
 red (elastic, viscoelastic). Lengths against lengths (a path) are drawn to scale.
+
+Example: post/plot.py results/slider_crank_elastic results/slider_crank_viscoelastic --columns 'qf4.*'
 """
 
 from __future__ import annotations
@@ -209,7 +211,7 @@ def names_of(sources: list[Path]) -> list[str]:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="plot.py", description=__doc__.split("\n")[0])
+    parser = command.parser("plot", __doc__)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder, results file or .csv")
     parser.add_argument("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
     parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (the first: time, load, frequency)")

@@ -176,7 +176,7 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="spectrum.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command.parser("spectrum", __doc__)
     parser.add_argument("run", type=Path, metavar="RUN", help="results folder, results file or .csv")
     parser.add_argument("--columns", nargs="+", required=True, metavar="NAME", help="columns, wildcards allowed")
     parser.add_argument("--start", type=float, default=-np.inf, metavar="S", help="rows before this time do not count")

@@ -39,7 +39,7 @@ CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = argparse.ArgumentParser(prog="sweep.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command.parser("sweep", __doc__)
     parser.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
     parser.add_argument("--output", type=Path, metavar="DIR", help="folder of the table (results/sweep/<study name>)")
     parser.add_argument("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
@@ -176,7 +176,7 @@ def table(study: Study, journal: Journal, found: list[str]) -> tuple[list[str], 
     """Return the header and the rows of the table, in the order of the design."""
     entries = [journal.done[key] for key in found]
     units = next((entry["units"] for entry in entries if entry["units"]), [""] * len(study.scalars))
-    header = [parameter.name for parameter in study.parameters]
+    header = [parameter.label for parameter in study.parameters]
     header += [scalar.name + (f"[{unit}]" if unit else "") for scalar, unit in zip(study.scalars, units)] + ["failure"]
     rows = []
     for point, entry in zip(study.points, entries):

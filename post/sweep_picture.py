@@ -36,7 +36,7 @@ def draw(study: Study, header: list[str], rows: list[list], folder: Path) -> lis
                 axis.plot(*zip(*points), f"{style}o", markersize=4, color=COLOURS[0])
                 if study.parameters[k].log:
                     axis.set_xscale("log")
-                axis.set_xlabel(study.parameters[k].name)
+                axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
             line[0].set_ylabel(pretty_unit(header[result].replace("[", " [")))
     return [save(figure, folder / "curves")[0]]
 
@@ -66,7 +66,7 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
             axis.legend(loc="upper right")
         figure.colorbar(shades, label=pretty_unit(header[result].replace("[", " [")))
         for k, scale, label in ((free[0], axis.set_xscale, axis.set_xlabel), (free[1], axis.set_yscale, axis.set_ylabel)):
-            label(study.parameters[k].name)
+            label(pretty_unit(header[k].replace("[", " [")))
             if study.parameters[k].log:
                 scale("log")
     return save(figure, folder / f"map_{study.scalars[result - len(study.parameters)].name}")[0]

@@ -5,6 +5,7 @@
     [[parameter]]
     name = "height"                      # how the table calls it
     set = ["section/rod/height"]         # group/name/variable, group/variable, or .../variable(2) of a list
+    unit = "m"                           # as the table and the pictures show it; optional
     values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"; or: expression = "2*width"
     [[result]]
     name = "peak"                        # how the table calls it
@@ -78,6 +79,7 @@ class Parameter:
         values: what it takes; empty where it follows from an expression
         expression: of other parameters
         log: a Latin hypercube samples it by its logarithm
+        unit: as the table and the pictures show it
     """
 
     name: str
@@ -85,6 +87,12 @@ class Parameter:
     values: tuple
     expression: str
     log: bool
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Its name with its unit, as the table has it."""
+        return f"{self.name}[{self.unit}]" if self.unit else self.name
 
 
 @dataclass(frozen=True)
@@ -186,7 +194,7 @@ def _target(text: object) -> Target:
 
 def _parameter(entry: dict) -> Parameter:
     """Return one [[parameter]]."""
-    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "expression"), "[[parameter]]")
+    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "expression", "unit"), "[[parameter]]")
     name = entry.get("name", "")
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
@@ -203,7 +211,7 @@ def _parameter(entry: dict) -> Parameter:
             raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
     elif "from" in entry:
         values = _range(name, entry, log)
-    return Parameter(name, targets, values, str(entry.get("expression", "")), log)
+    return Parameter(name, targets, values, str(entry.get("expression", "")), log, str(entry.get("unit", "")))
 
 
 def _range(name: str, entry: dict, log: bool) -> tuple:

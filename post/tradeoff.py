@@ -13,6 +13,8 @@ deformation, a finer mesh); materials, loads and bodies that the deck calls rigi
 
 Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the budget), 2 the deck or the command line is wrong,
 130 interrupted: the same command continues.
+
+Example: post/tradeoff.py input/four_bar.nml --sensor rocker motor --tolerance 1e-2
 """
 
 from __future__ import annotations
@@ -200,8 +202,7 @@ def run(args: argparse.Namespace) -> int:
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    about = {"description": __doc__.split("\n")[0], "epilog": "see the head of post/tradeoff.py"}
-    parser = argparse.ArgumentParser(prog="tradeoff.py", **about)
+    parser = command.parser("tradeoff", __doc__)
     parser.add_argument("deck", type=Path, help="the deck, with a &transient and sensors")
     seconds = {"type": command.positive, "metavar": "SECONDS"}
     parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")

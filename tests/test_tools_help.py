@@ -1,0 +1,52 @@
+"""Every program of post/ has a help with an example, from any folder, and a place in post/README.md with its pictures."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+POST = ROOT / "post"
+TOOLS = sorted(path.stem for path in POST.glob("*.py") if "__main__" in path.read_text(encoding="utf-8"))
+README = (POST / "README.md").read_text(encoding="utf-8")
+
+
+def help_of(name, capsys):
+    """Return what a program prints for --help."""
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module(name).main(["--help"])
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_help_has_an_example(name, capsys):
+    words = help_of(name, capsys)
+    assert re.search(rf"(post/)?{name}\.py( |$)", words.partition("\n\n")[2], re.MULTILINE), words
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_readme_describes_it(name):
+    assert re.search(rf"^## .*\b{name}\.py", README, re.MULTILINE)
+
+
+def test_options_that_readme_names_exist(capsys):
+    for name, rest in re.findall(r"post/(\w+)\.py (.*)", README):
+        words = help_of(name, capsys)
+        for option in re.findall(r"--[a-z]+", rest):
+            assert option in words, f"{name} {option}"
+
+
+def test_pictures_are_there():
+    for path in re.findall(r"\]\((pictures/[^)]+)\)", README):
+        assert (POST / path).is_file(), path
+
+
+def test_from_another_folder(tmp_path):
+    done = subprocess.run([sys.executable, POST / "draw.py", "--help"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "usage: draw.py" in done.stdout
