@@ -82,9 +82,9 @@ contains
           end do
         end associate
       end do
-      do i = 1, size(s%springs)
-        do k = 1, s%springs(i)%law%second
-          write (*, '(2a, 1x, i0)') 'z spring ', trim(s%springs(i)%name), k
+      do i = 1, s%springs
+        do k = 1, s%forces(i)%item%law%second
+          write (*, '(2a, 1x, i0)') 'z spring ', trim(s%forces(i)%item%name), k
         end do
       end do
       do i = 1, size(s%constraints)

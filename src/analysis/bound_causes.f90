@@ -111,8 +111,10 @@ contains
       term = maxloc(abs(t%law%rates()), dim=1)
       name = trim(t%law%words(term))
       if (term > t%law%second) term = term - t%law%second
-      if (t%spring > 0) then
-        cause%what = name//' pole of spring "'//trim(m%s%springs(t%spring)%name)//'", term '//to_text(term)
+      if (t%element > 0) then
+        associate (f => m%s%forces(t%element)%item)
+          cause%what = name//' pole of '//trim(f%group)//' "'//trim(f%name)//'", term '//to_text(term)
+        end associate
       else
         cause%what = name//' pole of material "'//trim(d%materials(t%material)%name)//'", term '//to_text(term)
       end if

@@ -3,7 +3,6 @@
 module corner_list
   use kinds, only: wp
   use history, only: corner, merged
-  use load, only: stage_transient
   use scene_model, only: scene
   use text, only: es_text, to_text
   use step_counts, only: actual_step
@@ -21,9 +20,8 @@ contains
     type(corner), allocatable, intent(out) :: list(:)
     integer :: k
     allocate (list(0))
-    do k = 1, size(s%loads)
-      if (.not. allocated(s%loads(k)%factor) .or. .not. s%loads(k)%acts(stage_transient)) cycle
-      list = merged(list, s%loads(k)%factor%corners(t_end))
+    do k = 1, size(s%forces)
+      list = merged(list, s%forces(k)%item%corners(t_end))
     end do
     do k = 1, size(s%constraints)
       list = merged(list, s%constraints(k)%item%corners(t_end))

@@ -20,7 +20,7 @@ contains
     type(scene), intent(in) :: s
     type(error_norm), intent(out) :: norm
     integer :: b, k, n
-    n = 2*kinds_of_group*size(s%bodies) + 2*size(s%springs)
+    n = 2*kinds_of_group*size(s%bodies) + 2*size(s%forces)
     allocate (norm%group(s%ny), source=0)
     allocate (norm%floor(n), source=least*s%size)
     allocate (norm%rate(n), norm%slope(n), source=.false.)
@@ -32,11 +32,13 @@ contains
     do b = 1, size(s%bodies)
       call group_body(s, b, norm)
     end do
-    do k = 1, size(s%springs)
+    do k = 1, size(s%forces)
       n = 2*(kinds_of_group*size(s%bodies) + k) - 1
-      if (s%springs(k)%torsional) norm%floor(n:n + 1) = least
-      call assign(s, norm, n, 0, s%springs(k)%offset + 1, s%springs(k)%offset + s%springs(k)%law%second)
-      call assign(s, norm, n, 0, s%springs(k)%first_order + 1, s%springs(k)%first_order + s%springs(k)%law%first)
+      associate (f => s%forces(k)%item)
+        if (f%angular) norm%floor(n:n + 1) = least
+        call assign(s, norm, n, 0, f%offset + 1, f%offset + f%law%second)
+        call assign(s, norm, n, 0, f%first_order + 1, f%first_order + f%law%first)
+      end associate
     end do
   end subroutine group_unknowns
 

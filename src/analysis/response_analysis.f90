@@ -10,6 +10,7 @@ module response_analysis
   use linear_sensors, only: read_linear_sensors
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: place_jacobian
+  use mechanism, only: conditions_of
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
   use sensors, only: read_sensors
@@ -147,15 +148,18 @@ contains
     complex(wp), intent(inout) :: x(:)   !! (nq) right-hand side of the linearisation [N, N m]
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
-    real(wp) :: force(2), moment, w(3)
-    integer :: b
-    associate (m => run%sys%m, l => run%sys%m%s%loads(run%d%response%force))
-      b = m%s%places(l%place)%body
-      if (b == 0) return
-      call l%wrench(m%p, run%y(m%s%qo(b) + 3), 1.0_wp, force, moment)
-      w = [m%c(b)*force(1) + m%sn(b)*force(2), m%c(b)*force(2) - m%sn(b)*force(1), moment]
-      call place_jacobian(m, l%place, cols, jac)
-      x(cols) = matmul(w, jac)
+    real(wp) :: w(3)
+    integer :: k, b
+    associate (m => run%sys%m)
+      k = m%s%springs + run%d%response%force
+      associate (f => m%s%forces(k)%item)
+        b = m%place_body(f%ia)
+        if (b == 0) return
+        w = f%unit_wrench(m%p, conditions_of(m, k, m%t))
+        w(1:2) = [m%c(b)*w(1) + m%sn(b)*w(2), m%c(b)*w(2) - m%sn(b)*w(1)]
+        call place_jacobian(m, f%ia, cols, jac)
+        x(cols) = matmul(w, jac)
+      end associate
     end associate
   end subroutine force_input
 

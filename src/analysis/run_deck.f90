@@ -11,7 +11,7 @@ module run_deck
   use rigid_mobility, only: mobility_lines
   use scene_figures, only: add_scene
   use lapack, only: refused_routine
-  use load, only: stage_transient
+  use force_element, only: stage_transient
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use stability_region, only: method_names

@@ -51,12 +51,12 @@ contains
     type(fast_spectrum), intent(inout) :: fast     !! set up
     type(step_bound), intent(out) :: bound
     type(step_bound) :: other
-    logical :: damped(size(m%s%springs))
+    logical :: damped(size(m%s%forces))
     integer :: k
     fast%turning = turning_stiffness(m)
     call bound_directions(m, fast%ends)
     call bound_of_directions(d, m, fast, bound)
-    damped = [(size(m%s%springs(k)%law%alpha) > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
+    damped = [(m%s%forces(k)%item%law%order() > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
     if (any(damped)) then
       do k = 1, size(damped)
         if (damped(k)) fast%ends(:, k) = 0.0_wp
@@ -76,7 +76,7 @@ contains
     type(step_bound), intent(out) :: bound
     type(enclosure), allocatable :: e
     integer :: i
-    if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
       allocate (e)
       call fast%largest(m, .false., only_damping, 100, e%c0)
       call fast%largest(m, .false., only_stiffness, 100, e%k0)

@@ -77,7 +77,6 @@ contains
   subroutine relax(sys, y)
     type(mechanism_system), intent(inout) :: sys
     real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    real(wp) :: d, dd, e(2)
     integer :: b, r, k, o, i, n
     associate (s => sys%m%s)
       y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
@@ -101,12 +100,8 @@ contains
           end do
         end associate
       end do
-      do k = 1, size(s%springs)
-        call s%springs(k)%deformation(sys%m%p, d, dd, e)
-        associate (o => 2*s%nq + s%springs(k)%offset, f => 2*s%nq + s%springs(k)%first_order, law => s%springs(k)%law)
-          y(o + 1:o + law%second) = d
-          y(f + 1:f + law%first) = d
-        end associate
+      do k = 1, size(s%forces)
+        call s%forces(k)%item%relax(sys%m%p, y(2*s%nq + 1:))
       end do
     end associate
   end subroutine relax

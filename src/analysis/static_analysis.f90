@@ -9,8 +9,8 @@ module static_analysis
   use errors, only: failure, status_failed, status_bad_input, status_no_output
   use linear_state, only: linear_system, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
+  use force_element, only: element_action, stage_static
   use interruption, only: stop_if_signalled
-  use load, only: stage_static
   use natural_modes, only: natural_subspace, rounding_level
   use results, only: motion_row
   use scene_run, only: run_state
@@ -29,8 +29,6 @@ module static_analysis
   !> What acts in the end.
   type :: full_loads
     real(wp) :: gravity(2) = 0.0_wp                  !! [m/s2]
-    real(wp), allocatable :: free(:)                 !! (springs) free lengths [m] or angles [rad]
-    real(wp), allocatable :: stretch(:)              !! (springs) deformations of the assembled state [m] or [rad]
   contains
     procedure :: apply => apply_part
   end type full_loads
@@ -55,7 +53,9 @@ contains
     call evaluate_state(run)
     run%sys%m%a = 0.0_wp                             ! stiffness of materials and springs alone
     run%sys%m%lambda = 0.0_wp
-    where ([(.not. run%sys%m%s%springs(j)%every_way(), j=1, size(run%sys%m%s%springs))]) run%sys%m%spring_force = 0.0_wp
+    do j = 1, size(run%sys%m%s%forces)
+      if (.not. run%sys%m%s%forces(j)%item%every_way()) run%sys%m%action(j) = element_action()
+    end do
     call linear_system(run, ds, evaluated=.true.)
     call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)
@@ -117,7 +117,7 @@ contains
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
     run%sys%m%stage = stage_static
-    call remember_loads(run, full)
+    full%gravity = run%sys%m%s%gravity
     call watch%begin(run%sys%m)
     where ([(elastic(run, k), k=1, nq)]) run%y(nq + 1:2*nq) = 0.0_wp
     call file%open(run%folder//'/static.txt')
@@ -172,29 +172,17 @@ contains
       ' 1/s'//new_line('a'))
   end subroutine tell_growth
 
-  !> The loads of the whole analysis, from the assembled state on.
-  subroutine remember_loads(run, full)
-    type(run_state), intent(inout) :: run
-    type(full_loads), intent(out) :: full
-    real(wp) :: rate, e(2)
-    integer :: k
-    full%gravity = run%sys%m%s%gravity
-    full%free = run%sys%m%s%springs%free
-    allocate (full%stretch(size(full%free)))
-    call evaluate_state(run)
-    do k = 1, size(full%free)
-      call run%sys%m%s%springs(k)%deformation(run%sys%m%p, full%stretch(k), rate, e)
-    end do
-  end subroutine remember_loads
-
   !> A part of weight, loads and prestress: free lengths and angles go from the assembled ones to the deck's.
   pure subroutine apply_part(self, run, factor)
     class(full_loads), intent(in) :: self
     type(run_state), intent(inout) :: run
     real(wp), intent(in) :: factor                   !! [-]
+    integer :: k
     run%sys%m%load_factor = factor
     run%sys%m%s%gravity = factor*self%gravity
-    run%sys%m%s%springs%free = self%free + (1 - factor)*self%stretch
+    do k = 1, size(run%sys%m%s%forces)
+      call run%sys%m%s%forces(k)%item%prestress(factor)
+    end do
   end subroutine apply_part
 
   !> Whether an unknown is an elastic coordinate.

@@ -64,7 +64,7 @@ contains
       call mode_cause(m, f, cause)
       call look_at(d, m, fast, f, cause, bound)
     end do
-    if (any(m%s%springs%damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
       call fast%largest(m, held, only_damping, 100, most)
       do k = 1, min(2, fast%steps)
         call fast%mode(m, k, f)
@@ -192,7 +192,7 @@ contains
     integer :: r
     seen = .false.
     do r = 1, size(runs)
-      new(r) = runs(r)%spring > 0 .or. .not. seen(runs(r)%material)
+      new(r) = runs(r)%element > 0 .or. .not. seen(runs(r)%material)
       seen(runs(r)%material) = .true.
     end do
     firsts = pack([(r, r=1, size(runs))], new)

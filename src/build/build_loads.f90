@@ -1,76 +1,101 @@
-!> Springs and loads of the model from their records.
+!> Force elements of the model from their records: the factories of springs and loads.
 module build_loads
+  use body_force, only: body_force_model
   use build_history, only: make_history
   use build_places, only: place_table, find_place
-  use deck_records, only: deck, force_record
-  use load, only: load_model, axes_global, axes_body, axes_section, stage_all, stage_static, stage_transient, &
-                  load_force, load_torque, load_about
+  use central_torque, only: central_torque_model
+  use deck_records, only: deck, force_record, spring_record
+  use force_element, only: force_model, stage_all, stage_static, stage_transient
+  use linear_spring, only: linear_model
+  use load, only: load_model
+  use point_force, only: point_force_model
   use scene_model, only: scene
+  use section_force, only: section_force_model
+  use spring, only: spring_model
+  use torque, only: torque_model
+  use torsional_spring, only: torsional_model
   use viscoelastic_law, only: law_of
   implicit none (type, external)
   private
-  public :: build_springs, build_forces
+  public :: build_forces
 
 contains
 
-  !> Springs.
-  subroutine build_springs(d, s, places)
-    type(deck), intent(in) :: d
-    type(scene), intent(inout) :: s
-    type(place_table), intent(inout) :: places
-    integer :: k
-    allocate (s%springs(size(d%springs)))
-    do k = 1, size(d%springs)
-      associate (r => d%springs(k), sp => s%springs(k))
-        sp%name = r%name
-        sp%torsional = r%type == 'torsional'
-        sp%stiffness = r%stiffness
-        sp%damping = r%damping
-        sp%free = r%free
-        sp%pending = .not. r%has_free
-        sp%law = law_of(r%ghm_alpha, r%ghm_zeta, r%ghm_omega, r%prony_alpha, r%prony_tau)
-        sp%ia = find_place(s, places, r%a)
-        sp%ib = find_place(s, places, r%b)
-      end associate
-    end do
-  end subroutine build_springs
-
-  !> Loads.
+  !> Springs, then loads.
   subroutine build_forces(d, s, places)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
     type(place_table), intent(inout) :: places
     integer :: k
-    allocate (s%loads(size(d%forces)))
-    do k = 1, size(d%forces)
-      call fill_load(d, d%forces(k), s%loads(k))
-      s%loads(k)%place = find_place(s, places, d%forces(k)%place)
+    s%springs = size(d%springs)
+    allocate (s%forces(s%springs + size(d%forces)))
+    do k = 1, size(s%forces)
+      if (k <= s%springs) then
+        call make_spring(d%springs(k), s%forces(k)%item)
+        s%forces(k)%item%ia = find_place(s, places, d%springs(k)%a)
+        s%forces(k)%item%ib = find_place(s, places, d%springs(k)%b)
+      else
+        call make_load(d, d%forces(k - s%springs), s%forces(k)%item)
+        s%forces(k)%item%ia = find_place(s, places, d%forces(k - s%springs)%place)
+        s%forces(k)%item%ib = s%forces(k)%item%ia
+      end if
     end do
   end subroutine build_forces
 
-  !> One load without its place.
-  subroutine fill_load(d, r, l)
+  !> The factory of springs: the deck's word into the kind.
+  subroutine make_spring(r, item)
+    type(spring_record), intent(in) :: r
+    class(force_model), allocatable, intent(out) :: item
+    class(spring_model), allocatable :: sp
+    if (r%type == 'torsional') then
+      allocate (torsional_model :: sp)
+    else
+      allocate (linear_model :: sp)
+    end if
+    sp%name = r%name
+    sp%group = 'spring'
+    sp%angular = r%type == 'torsional'
+    sp%stiffness = r%stiffness
+    sp%damping = r%damping
+    sp%free = r%free
+    sp%pending = .not. r%has_free
+    sp%law = law_of(r%ghm_alpha, r%ghm_zeta, r%ghm_omega, r%prony_alpha, r%prony_tau)
+    call move_alloc(sp, item)
+  end subroutine make_spring
+
+  !> The factory of loads.
+  subroutine make_load(d, r, item)
     type(deck), intent(in) :: d
     type(force_record), intent(in) :: r
-    type(load_model), intent(inout) :: l
-    l%name = r%name
-    l%f = [r%fx, r%fy]
-    l%moment = r%moment
-    l%centre = r%centre
-    if (r%history > 0) call make_history(d, r%history, l%factor)
+    class(force_model), allocatable, intent(out) :: item
+    class(load_model), allocatable :: l
     select case (r%type)
     case ('force')
-      l%kind = load_force
+      call make_force(r, l)
     case ('torque')
-      l%kind = load_torque
+      l = torque_model(moment=r%moment)
     case default
-      l%kind = load_about
+      l = central_torque_model(moment=r%moment, centre=r%centre)
     end select
-    l%axes = axes_global
-    if (r%axes == 'body') l%axes = axes_body
-    if (r%axes == 'section') l%axes = axes_section
+    l%name = r%name
+    if (r%history > 0) call make_history(d, r%history, l%factor)
     l%stage = stage_all
     if (r%stage == 'static') l%stage = stage_static
     if (r%stage == 'transient') l%stage = stage_transient
-  end subroutine fill_load
+    call move_alloc(l, item)
+  end subroutine make_load
+
+  !> A force in the axes that the deck names.
+  subroutine make_force(r, l)
+    type(force_record), intent(in) :: r
+    class(load_model), allocatable, intent(out) :: l
+    select case (r%axes)
+    case ('body')
+      l = body_force_model(f=[r%fx, r%fy], in_frame=.true.)
+    case ('section')
+      l = section_force_model(f=[r%fx, r%fy])
+    case default
+      l = point_force_model(f=[r%fx, r%fy])
+    end select
+  end subroutine make_force
 end module build_loads

@@ -160,10 +160,9 @@ contains
     integer, allocatable :: first(:), sorted(:)
     integer :: k
     allocate (acts(size(s%places)), source=.false.)
-    do k = 1, size(s%springs)
-      acts([s%springs(k)%ia, s%springs(k)%ib]) = .true.
+    do k = 1, size(s%forces)
+      acts([s%forces(k)%item%ia, s%forces(k)%item%ib]) = .true.
     end do
-    acts(s%loads%place) = .true.
     associate (active => pack([(k, k=1, size(acts))], acts))
       call sort_by_body(s%places(active)%body, size(s%bodies), first, sorted)
       s%loaded = active(sorted(first(1):))

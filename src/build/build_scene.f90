@@ -4,7 +4,7 @@ module build_scene
   use errors, only: fault_list
   use build_bodies, only: build_body
   use build_constraints, only: build_all_constraints
-  use build_loads, only: build_springs, build_forces
+  use build_loads, only: build_forces
   use build_places, only: place_table, scene_size, list_loaded, sort_by_body
   use deck_records, only: deck
   use scene_model, only: scene
@@ -30,7 +30,6 @@ contains
     allocate (places%next(most), places%head(0:size(s%bodies)), source=0)
     s%size = scene_size(d, s)
     call build_all_constraints(d, s, places, faults)
-    call build_springs(d, s, places)
     call build_forces(d, s, places)
     s%places = places%items(1:places%count)
     call list_loaded(s)
@@ -76,7 +75,7 @@ contains
     end do
   end subroutine number_unknowns
 
-  !> Numbers internal variables: those of second order, bodies then springs, and those of first order in the same way.
+  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
     integer :: k, r
@@ -89,9 +88,9 @@ contains
         end associate
       end do
     end do
-    do k = 1, size(s%springs)
-      s%springs(k)%offset = s%nz
-      s%nz = s%nz + s%springs(k)%law%second
+    do k = 1, size(s%forces)
+      s%forces(k)%item%offset = s%nz
+      s%nz = s%nz + s%forces(k)%item%law%second
     end do
     s%nzd = s%nz
     do k = 1, size(s%bodies)
@@ -102,9 +101,9 @@ contains
         end associate
       end do
     end do
-    do k = 1, size(s%springs)
-      s%springs(k)%first_order = s%nz
-      s%nz = s%nz + s%springs(k)%law%first
+    do k = 1, size(s%forces)
+      s%forces(k)%item%first_order = s%nz
+      s%nz = s%nz + s%forces(k)%item%law%first
     end do
   end subroutine number_internal
 end module build_scene

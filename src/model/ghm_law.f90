@@ -14,12 +14,12 @@ module ghm_law
   private
   public :: ghm_term, list_terms, term_product
 
-  !> One term of one run of elements, of one material of a modal body, or of one spring.
+  !> One term of one run of elements, of one material of a modal body, or of one force element.
   type :: ghm_term
     integer :: first = 0                     !! its first coordinate among all internal variables
     integer :: last = 0                      !! and the last
     integer :: body = 0, run = 0             !! whose, or
-    integer :: spring = 0
+    integer :: element = 0                   !! force element
     real(wp) :: alpha = 0.0_wp               !! weight [-]
     real(wp) :: viscosity = 0.0_wp           !! [s]
     real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
@@ -33,7 +33,7 @@ module ghm_law
 
 contains
 
-  !> All terms of a scene, those of second order before those of first order, each bodies', then springs'.
+  !> All terms of a scene, those of second order before those of first order, each bodies', then force elements'.
   subroutine list_terms(s, terms)
     type(scene), intent(in) :: s
     type(ghm_term), allocatable, intent(out) :: terms(:)
@@ -49,9 +49,9 @@ contains
           end associate
         end do
       end do
-      do b = 1, size(s%springs)
-        associate (sp => s%springs(b))
-          call add_terms(sp%law, kind == 2, merge(sp%offset, sp%first_order, kind == 2), 1, ghm_term(spring=b), terms, n)
+      do b = 1, size(s%forces)
+        associate (f => s%forces(b)%item)
+          call add_terms(f%law, kind == 2, merge(f%offset, f%first_order, kind == 2), 1, ghm_term(element=b), terms, n)
         end associate
       end do
     end do
@@ -63,7 +63,7 @@ contains
     type(viscoelastic_terms), intent(in) :: law
     logical, intent(in) :: second            !! those of second order
     integer, intent(in) :: offset, width     !! of the first one's coordinates
-    type(ghm_term), intent(in) :: owner      !! names the body's run or the spring
+    type(ghm_term), intent(in) :: owner      !! names the body's run or the force element
     type(ghm_term), intent(inout) :: terms(:)
     integer, intent(inout) :: n              !! terms in the list
     integer :: j, k
@@ -130,7 +130,7 @@ contains
     real(wp), intent(in), contiguous :: x(:), y(:)   !! (t%first:t%last) deformations or their rates [m, rad, ...]
     integer :: i, j
     if (t%body == 0) then
-      total = s%springs(t%spring)%stiffness*x(1)*y(1)
+      total = s%forces(t%element)%item%stiffness*x(1)*y(1)
     else if (s%bodies(t%body)%modal) then
       total = 0.0_wp
       associate (k => s%bodies(t%body)%runs(t%run)%stiffness)

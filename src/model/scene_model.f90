@@ -7,8 +7,7 @@ module scene_model
   use body, only: body_model
   use place, only: place_model
   use constraint, only: constraint_box
-  use spring, only: spring_model
-  use load, only: load_model
+  use force_element, only: force_box
   implicit none (type, external)
   private
 
@@ -22,8 +21,8 @@ module scene_model
     type(place_model), allocatable :: places(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, then drives
     integer :: joints = 0                       !! how many of them are joints
-    type(spring_model), allocatable :: springs(:)
-    type(load_model), allocatable :: loads(:)
+    type(force_box), allocatable :: forces(:)   !! springs in deck order, then loads
+    integer :: springs = 0                      !! how many of them are springs
     integer, allocatable :: loaded(:)           !! places on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates

@@ -168,12 +168,11 @@ contains
     complex(wp), intent(in) :: s, x(:)   !! [1/s], (nq) unknowns of the linearisation [m, rad]
     complex(wp), intent(inout) :: y(:)   !! force and deformation [N, m] or [N m, rad]
     complex(wp) :: gap(3), d
-    real(wp) :: length, rate, e(2)
-    associate (sp => m%s%springs(k))
+    real(wp) :: length, rate, e(3)
+    associate (sp => m%s%forces(k)%item)
       gap = scene_motion(m, sp%ia, x) - scene_motion(m, sp%ib, x)
       call sp%deformation(m%p, length, rate, e)
-      d = e(1)*gap(1) + e(2)*gap(2)
-      if (sp%torsional) d = gap(3)
+      d = sum(e*gap)
       y(1) = (sp%stiffness*(1 + sp%law%ratio(s)) + s*sp%damping)*d
       y(2) = d
     end associate

@@ -159,7 +159,7 @@ contains
         call section_forces(m%s%bodies(b), r%element, q(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf), &
                             v(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf), z, x)
       case default
-        x(1) = m%spring_force(r%spring)
+        x(1) = m%action(r%spring)%force
         x(2) = spring_deformation(m, r%spring)
       end select
     end associate
@@ -214,8 +214,8 @@ contains
   pure function spring_deformation(m, k) result(d)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k
-    real(wp) :: d, dd, e(2)
-    call m%s%springs(k)%deformation(m%p, d, dd, e)
+    real(wp) :: d, dd, e(3)
+    call m%s%forces(k)%item%deformation(m%p, d, dd, e)
   end function spring_deformation
 
   !> N, Q and end moments of an element with its largest outer-fibre stress (input/README.md, 'internal').

@@ -229,13 +229,11 @@ contains
         if (c%turns_b()) call note(c%ib, 'drive "'//trim(c%name)//'"')
       end associate
     end do
-    do k = 1, size(m%s%springs)
-      if (.not. m%s%springs(k)%torsional) cycle
-      call note(m%s%springs(k)%ia, 'spring "'//trim(m%s%springs(k)%name)//'"')
-      call note(m%s%springs(k)%ib, 'spring "'//trim(m%s%springs(k)%name)//'"')
-    end do
-    do k = 1, size(m%s%loads)
-      call note(m%s%loads(k)%place, 'force "'//trim(m%s%loads(k)%name)//'"')
+    do k = 1, size(m%s%forces)
+      associate (f => m%s%forces(k)%item)
+        call note(f%ia, trim(f%group)//' "'//trim(f%name)//'"')
+        if (f%ib /= f%ia) call note(f%ib, trim(f%group)//' "'//trim(f%name)//'"')
+      end associate
     end do
   contains
     !> Adds the line if the place is the frame of a flexible body.

@@ -22,6 +22,7 @@ contains
     real(wp), intent(out) :: q(:), v(:)             !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(out) :: report
     type(failure), intent(inout) :: fail
+    real(wp) :: gap                                 ! distance up to which places coincide [m]
     integer :: k
     allocate (character(160) :: report%warnings(0))
     q = self%s%q0
@@ -36,26 +37,14 @@ contains
     do k = 1, size(self%s%constraints)
       call self%s%constraints(k)%item%settle(self%p)
     end do
-    call settle_springs(self)
-    call require_directions(self, closed_gap(self), fail)
+    gap = closed_gap(self)
+    do k = 1, size(self%s%forces)
+      call self%s%forces(k)%item%settle(self%p, gap)
+    end do
+    call require_directions(self, gap, fail)
     if (fail%happened()) return
     call close_velocities(self, q, v, report, fail)
     if (fail%happened()) return
     call count_freedoms(self, q, v, report)
   end subroutine assemble
-
-  !> Free lengths and angles that the deck leaves as assembled.
-  subroutine settle_springs(self)
-    type(mechanism_model), intent(inout) :: self
-    real(wp) :: d, dd, e(2), gap
-    integer :: k
-    gap = closed_gap(self)
-    do k = 1, size(self%s%springs)
-      if (.not. self%s%springs(k)%pending) cycle
-      self%s%springs(k)%free = 0.0_wp
-      call self%s%springs(k)%deformation(self%p, d, dd, e)
-      self%s%springs(k)%free = merge(0.0_wp, d, abs(d) <= gap .and. .not. self%s%springs(k)%torsional)
-      self%s%springs(k)%pending = .false.
-    end do
-  end subroutine settle_springs
 end module assembly

@@ -1,8 +1,7 @@
 !> Which rows there are between bodies, where their ends are, and in which order their system is solved. Set-up work only.
 module border_row_lists
   use kinds, only: wp
-  use border_rows, only: coupling, row_system, from_joint, from_spring, from_load
-  use load, only: load_force, load_about, axes_section
+  use border_rows, only: coupling, row_system, from_joint, from_element
   use mechanism, only: mechanism_model
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -24,7 +23,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(end_list) :: list
     integer :: most, k, i, side
-    most = 2*m%s%rows + 10*(size(m%s%springs) + size(m%s%constraints) + size(m%s%loads))
+    most = 2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints))
     allocate (list%body(most), list%row(most), list%place(most), list%kind(most))
     allocate (list%soft(5, size(m%s%places)), source=0)
     r%nc = m%s%rows
@@ -59,14 +58,14 @@ contains
     list%kind(list%n) = kind
   end subroutine add_end
 
-  !> Springs, curved joints and loads that need rows.
+  !> Curved joints, and force elements with a tangent.
   subroutine list_laws(r, m, list)
     type(row_system), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(inout) :: list
     type(coupling), allocatable :: all(:)
     integer :: k, n
-    allocate (all(size(m%s%constraints) + size(m%s%springs) + size(m%s%loads)))
+    allocate (all(size(m%s%constraints) + size(m%s%forces)))
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
@@ -79,17 +78,11 @@ contains
         end if
       end associate
     end do
-    do k = 1, size(m%s%springs)
-      associate (s => m%s%springs(k))
-        if (s%torsional) all(n + 1) = new_law(from_spring, k, s%ia, s%ib, [3, 6])
-        if (.not. s%torsional) all(n + 1) = new_law(from_spring, k, s%ia, s%ib, [1, 2, 4, 5])
-        if (.not. s%torsional .and. s%damping > 0.0_wp) call add_rates(all(n), s%ia, s%ib)
-      end associate
-    end do
-    do k = 1, size(m%s%loads)
-      associate (l => m%s%loads(k))
-        if (l%kind == load_about) all(n + 1) = new_law(from_load, k, l%place, l%place, [1, 2])
-        if (l%kind == load_force .and. l%axes == axes_section) all(n + 1) = new_law(from_load, k, l%place, l%place, [1, 2, 3])
+    do k = 1, size(m%s%forces)
+      associate (f => m%s%forces(k)%item)
+        if (size(f%components()) == 0) cycle
+        all(n + 1) = new_law(from_element, k, f%ia, f%ib, f%components())
+        call add_rates(all(n), f%ia, f%ib, f%rate_components())
       end associate
     end do
     r%laws = all(1:n)
@@ -125,18 +118,17 @@ contains
     end function soft_row
 
     !> Rate rows of a damper.
-    subroutine add_rates(t, ia, ib)
+    subroutine add_rates(t, ia, ib, slots)
       type(coupling), intent(inout) :: t
-      integer, intent(in) :: ia, ib
-      integer :: c, i, slot
-      do slot = 1, 5
-        if (slot == 3) cycle
-        c = mod(slot - 1, 3) + 1
-        i = soft_row(merge(ia, ib, slot <= 3), 3 + c)
+      integer, intent(in) :: ia, ib, slots(:)
+      integer :: i, j
+      do j = 1, size(slots)
+        if (mod(slots(j), 3) == 0) cycle               ! angles' rates are what they are in all axes
+        i = soft_row(merge(ia, ib, slots(j) <= 3), 3 + mod(slots(j) - 1, 3) + 1)
         if (i == 0) cycle
         t%nr = t%nr + 1
         t%rate(t%nr) = i
-        t%rate_slot(t%nr) = slot
+        t%rate_slot(t%nr) = slots(j)
       end do
     end subroutine add_rates
   end subroutine list_laws

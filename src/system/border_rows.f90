@@ -1,5 +1,5 @@
 !> The rows that bodies meet in when a step is solved implicitly: constraint rows, soft rows (displacements of places on
-!> which springs, loads and curved joints act by a linear law) and rate rows (what turning adds to the rates that dampers
+!> which force elements and curved joints act by a linear law) and rate rows (what turning adds to the rates that dampers
 !> see). With d the rows' displacements under the residual alone and S = J T^-1 J^T the rows' compliance:
 !>
 !>   constraint rows  S y = d + Phi         soft rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j         rate rows  y_j = (d - S y)_j
@@ -12,20 +12,20 @@ module border_rows
   private
   public :: coupling, row_system, factor_rows, hold_weak_rows, solve_rows
 
-  integer, parameter, public :: from_joint = 1, from_spring = 2, from_load = 3
+  integer, parameter, public :: from_joint = 1, from_element = 2
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of row_system%shift [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> A law between soft rows: force_i = sum_j k_ij u_j + g_ij y_j.
   type :: coupling
-    integer :: kind = 0                      !! from_joint, from_spring, from_load
+    integer :: kind = 0                      !! from_joint, from_element
     integer :: item = 0                      !! its number
     integer :: n = 0                         !! soft rows
     integer :: row(6) = 0                    !! their numbers among all rows
     integer :: slot(6) = 0                   !! place component 1 to 6 (a then b) of each
     integer :: nr = 0                        !! rate rows
-    integer :: rate(4) = 0                   !! their numbers
-    integer :: rate_slot(4) = 0
+    integer :: rate(6) = 0                   !! their numbers
+    integer :: rate_slot(6) = 0
     real(wp) :: k(6, 6) = 0.0_wp             !! on displacements, the step's rates included [N/m, N, N m]
     real(wp) :: g(6, 6) = 0.0_wp             !! on the rates that turning adds [N s/m]
   end type coupling

@@ -3,7 +3,6 @@ module directions
   use kinds, only: wp
   use errors, only: failure, status_bad_input
   use distance_joint, only: distance_model
-  use load, only: load_about
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -16,7 +15,7 @@ contains
     type(mechanism_model), intent(in) :: self
     real(wp), intent(in) :: gap              !! distance up to which places coincide [m]
     type(failure), intent(inout) :: fail
-    real(wp) :: d(2)
+    character(:), allocatable :: text
     integer :: k
     do k = 1, size(self%s%constraints)
       select type (c => self%s%constraints(k)%item)
@@ -25,20 +24,10 @@ contains
           'the link between them has no length; expected two places apart, or type=''revolute''')
       end select
     end do
-    do k = 1, size(self%s%loads)
-      associate (l => self%s%loads(k))
-        if (l%kind /= load_about) cycle
-        d = self%p%r(:, l%place) - l%centre
-        if (hypot(d(1), d(2)) <= gap) call fail%raise(status_bad_input, 'force "'//trim(l%name)//'": its place is at the '// &
-          'centre, where the torque has no arm; expected them apart, or type=''torque''')
-      end associate
-    end do
-    do k = 1, size(self%s%springs)
-      associate (s => self%s%springs(k))
-        if (s%torsional .or. abs(s%free) <= gap) cycle
-        d = self%p%r(:, s%ia) - self%p%r(:, s%ib)
-        if (hypot(d(1), d(2)) <= gap) call fail%raise(status_bad_input, 'spring "'//trim(s%name)//'": its places coincide, '// &
-          'so that its force has no direction; expected places apart, or free_length=0')
+    do k = 1, size(self%s%forces)
+      associate (f => self%s%forces(k)%item)
+        text = f%fault(self%p, gap)
+        if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
       end associate
     end do
   end subroutine require_directions

@@ -30,7 +30,7 @@ contains
     call place_kinematics(self, q, v)
     self%dissipated_power = 0.0_wp
     self%input_power = 0.0_wp
-    call applied_forces(self, t, q, z, zd)
+    call applied_forces(self, t, z, zd)
     call condense_bodies(self, q, v, z, zd)
     call load_frames(self)
     call free_accelerations(size(self%c), self%rhs, self%low, self%dinv, self%free)

@@ -38,29 +38,8 @@ contains
         potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate
     end do
-    potential = potential + spring_energy(self, z, zd)
-  end subroutine energies
-
-  !> Energy stored in springs and their viscoelastic terms [J].
-  function spring_energy(self, z, zd) result(total)
-    type(mechanism_model), intent(in) :: self
-    real(wp), intent(in) :: z(:), zd(:)
-    real(wp) :: total, d, dd, e(2)
-    integer :: k, j, i
-    total = 0.0_wp
-    do k = 1, size(self%s%springs)
-      associate (sp => self%s%springs(k))
-        call sp%deformation(self%p, d, dd, e)
-        total = total + 0.5_wp*sp%stiffness*d**2
-        do j = 1, sp%law%second
-          i = sp%offset + j
-          total = total + 0.5_wp*sp%stiffness*sp%law%alpha(j)*((d - z(i))**2 + sp%law%inertia(j)*zd(i)**2)
-        end do
-        do j = 1, sp%law%first
-          i = sp%first_order + j
-          total = total + 0.5_wp*sp%stiffness*sp%law%alpha(sp%law%second + j)*(d - z(i))**2
-        end do
-      end associate
+    do k = 1, size(self%s%forces)
+      potential = potential + self%s%forces(k)%item%energy(self%p, z, zd)
     end do
-  end function spring_energy
+  end subroutine energies
 end module energy

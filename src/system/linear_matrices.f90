@@ -11,7 +11,7 @@ module linear_matrices
   !> Stiffness that one set of viscoelastic terms multiplies.
   type :: linear_run
     integer :: body = 0                      !! body, or
-    integer :: spring = 0                    !! spring
+    integer :: element = 0                   !! force element
     integer :: material = 0                  !! material (bodies)
     type(viscoelastic_terms) :: law
     type(triplet_matrix) :: stiffness        !! K_r at E_R
@@ -28,7 +28,7 @@ module linear_matrices
 
 contains
 
-  !> Runs of bodies, then of springs.
+  !> Runs of bodies, then of force elements.
   subroutine count_runs(m, lin)
     type(mechanism_model), intent(in) :: m
     type(linear_mechanism), intent(inout) :: lin
@@ -37,8 +37,8 @@ contains
     do b = 1, size(m%s%bodies)
       n = n + size(m%s%bodies(b)%runs)
     end do
-    do k = 1, size(m%s%springs)
-      if (size(m%s%springs(k)%law%alpha) > 0) n = n + 1
+    do k = 1, size(m%s%forces)
+      if (m%s%forces(k)%item%law%order() > 0) n = n + 1
     end do
     allocate (lin%runs(n))
     n = 0
@@ -52,11 +52,11 @@ contains
         end associate
       end do
     end do
-    do k = 1, size(m%s%springs)
-      if (size(m%s%springs(k)%law%alpha) == 0) cycle
+    do k = 1, size(m%s%forces)
+      if (m%s%forces(k)%item%law%order() == 0) cycle
       n = n + 1
-      lin%runs(n)%spring = k
-      lin%runs(n)%law = m%s%springs(k)%law
+      lin%runs(n)%element = k
+      lin%runs(n)%law = m%s%forces(k)%item%law
     end do
   end subroutine count_runs
 end module linear_matrices

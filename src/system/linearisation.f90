@@ -11,10 +11,10 @@
 module linearisation
   use kinds, only: wp
   use constraint, only: place_stiffness
+  use force_element, only: conditions
   use linear_bodies, only: linear_body
   use linear_matrices, only: linear_mechanism, count_runs
-  use load, only: load_force, axes_body
-  use mechanism, only: mechanism_model
+  use mechanism, only: mechanism_model, conditions_of
   use place, only: turn
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -34,7 +34,7 @@ contains
     lin%rows = m%s%rows
     call count_runs(m, lin)
     allocate (wrench(3, size(m%s%places)), source=0.0_wp)
-    call place_terms(m, q, v, lin, wrench)
+    call place_terms(m, v, lin, wrench)
     call constraint_rows_matrix(m, lin)
     do b = 1, size(m%s%bodies)
       call linear_body(m, b, q, v, lin)
@@ -118,15 +118,14 @@ contains
     if (b > 0) y = [m%c(b)*x(1) + m%sn(b)*x(2), m%c(b)*x(2) - m%sn(b)*x(1)]
   end function to_body
 
-  !> Joints, springs and loads: place-level stiffness and damping, and the residual wrench on every place.
-  subroutine place_terms(m, q, v, lin, wrench)
+  !> Joints and force elements: place-level stiffness and damping, and the residual wrench on every place.
+  subroutine place_terms(m, v, lin, wrench)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(linear_mechanism), intent(inout) :: lin
     real(wp), intent(inout) :: wrench(:, :)    !! (3, places) residual force (body axes) and moment
     type(place_stiffness) :: t
-    real(wp) :: d, dd, e(2), f
-    integer :: k, i, run
+    integer :: k, i
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         t%ia = c%ia
@@ -140,27 +139,7 @@ contains
         end do
       end associate
     end do
-    run = size(lin%runs) - count([(size(m%s%springs(k)%law%alpha) > 0, k=1, size(m%s%springs))])
-    do k = 1, size(m%s%springs)
-      associate (sp => m%s%springs(k))
-        f = m%spring_force(k)
-        call sp%tangent(m%p, sp%stiffness, sp%damping, f, t)
-        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
-        call sp%deformation(m%p, d, dd, e)
-        if (sp%torsional) then
-          call push(m, sp%ia, [0.0_wp, 0.0_wp], f, wrench)
-          call push(m, sp%ib, [0.0_wp, 0.0_wp], -f, wrench)
-        else
-          call push(m, sp%ia, f*e, 0.0_wp, wrench)
-          call push(m, sp%ib, -f*e, 0.0_wp, wrench)
-        end if
-        if (size(sp%law%alpha) == 0) cycle
-        run = run + 1
-        call sp%tangent(m%p, sp%stiffness, 0.0_wp, 0.0_wp, t)
-        call add_pair(m, t, v, lin%runs(run)%stiffness, lin%damping, lin%runs(run)%stiffness)
-      end associate
-    end do
-    call load_terms(m, q, v, lin, wrench)
+    call element_terms(m, v, lin, wrench)
   end subroutine place_terms
 
   !> Adds a force (global) and a moment to a place's residual wrench.
@@ -173,39 +152,41 @@ contains
     wrench(3, place) = wrench(3, place) + moment
   end subroutine push
 
-  !> Loads: follower axes and torques about a centre change with the state; all loads turn with what carries them.
-  subroutine load_terms(m, q, v, lin, wrench)
+  !> Force elements: their tangents, with the runs of their GHM terms, and their wrenches. Forces that keep their direction in the
+  !> axes of a body turn with it.
+  subroutine element_terms(m, v, lin, wrench)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)
+    real(wp), intent(inout) :: wrench(:, :)    !! (3, places) [N, N m]
     type(place_stiffness) :: t
-    real(wp) :: force(2), moment, angle, scale, col(3)
+    type(conditions) :: with
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
-    integer :: k, b, j
-    do k = 1, size(m%s%loads)
-      associate (l => m%s%loads(k))
-        if (.not. l%acts(m%stage)) cycle
-        b = m%s%places(l%place)%body
-        if (b == 0) cycle
-        angle = q(m%s%qo(b) + 3)
-        scale = l%scale(m%t, m%left)*m%load_factor
-        call l%wrench(m%p, angle, scale, force, moment)
-        call push(m, l%place, -force, -moment, wrench)
-        t = place_stiffness(ia=l%place, ib=l%place)
-        call l%tangent(m%p, angle, scale, t%k(1:3, 1:3))
-        if (l%kind == load_force .and. l%axes == axes_body) then
-          call place_jacobian(m, l%place, cols, jac)
-          col = [-turn(to_body(m, l%place, force)), 0.0_wp]
+    integer :: k, j, run
+    run = findloc(lin%runs%element > 0, .true., 1) - 1
+    do k = 1, size(m%s%forces)
+      associate (f => m%s%forces(k)%item, x => m%action(k))
+        with = conditions_of(m, k, m%t)
+        t%ia = f%ia
+        t%ib = f%ib
+        call f%tangent(m%p, with, [1.0_wp, 1.0_wp], x%force, t)
+        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call push(m, f%ia, -x%a(1:2), -x%a(3), wrench)
+        if (f%ib /= f%ia) call push(m, f%ib, -x%b(1:2), -x%b(3), wrench)
+        if (f%in_frame) then
+          call place_jacobian(m, f%ia, cols, jac)
           do j = 1, size(cols)
-            call lin%stiffness%add(cols(j), m%s%qo(b) + 3, dot_product(jac(:, j), col))
+            call lin%stiffness%add(cols(j), cols(3), -dot_product(jac(1:2, j), turn(to_body(m, f%ia, x%a(1:2)))))
           end do
         end if
-        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        if (f%law%order() == 0) cycle
+        run = run + 1
+        call f%tangent(m%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
+        call add_pair(m, t, v, lin%runs(run)%stiffness, lin%damping, lin%runs(run)%stiffness)
       end associate
     end do
-  end subroutine load_terms
+  end subroutine element_terms
 
   !> J^T k J of a pair of places, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
   subroutine add_pair(m, t, v, stiffness, damping, rate_stiffness)

@@ -3,12 +3,13 @@
 module mechanism
   use kinds, only: wp, ip
   use scene_model, only: scene
+  use force_element, only: conditions, element_action
   use place, only: place_states
   use constraint, only: constraint_rows
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: mechanism_model, flexible_attachments, factor_frame
+  public :: mechanism_model, flexible_attachments, factor_frame, conditions_of
 
   !> Attached places of a flexible body: columns m_ff^-1 E_k^T and the compliances between them (constant).
   type :: flexible_attachments
@@ -63,7 +64,7 @@ module mechanism
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes
     real(wp), allocatable :: push(:, :)         !! (3, nb) what the multipliers take from them
-    real(wp), allocatable :: wrench(:, :)       !! (3, places) force in body axes and moment of springs and loads
+    real(wp), allocatable :: wrench(:, :)       !! (3, places) force in body axes and moment of force elements
     real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
     ! results of the last evaluation
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
@@ -71,11 +72,11 @@ module mechanism
     real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins
     real(wp), allocatable :: zdd(:)             !! (nz) accelerations of internal variables, rates of those of first order
-    real(wp), allocatable :: spring_force(:)    !! (springs) force or moment
+    type(element_action), allocatable :: action(:)   !! what each force element does
     real(wp) :: dissipated_power = 0.0_wp       !! [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
     real(wp) :: t = 0.0_wp                      !! time of the last evaluation [s]
-    integer :: stage = 2                        !! stage_static or stage_transient of `load`
+    integer :: stage = 2                        !! stage_static or stage_transient of `force_element`
     logical :: left = .false.                   !! jumps of histories at t are not yet felt
     real(wp) :: last = huge(1.0_wp)             !! time after which drives lead nowhere: the end of the run [s]
     logical :: frozen = .false.                 !! assembly: elastic coordinates do not move
@@ -111,4 +112,15 @@ contains
     reciprocal = 0.0_wp
     if (x > 0.0_wp) reciprocal = 1.0_wp/x
   end function reciprocal
+
+  !> What force element k may depend on beside the motion of its markers.
+  pure type(conditions) function conditions_of(self, k, t) result(with)
+    type(mechanism_model), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t                  !! [s]
+    integer :: b
+    with = conditions(t, self%left, self%stage, self%load_factor)
+    b = self%place_body(self%s%forces(k)%item%ia)
+    if (b > 0) with%axes = [self%c(b), self%sn(b)]
+  end function conditions_of
 end module mechanism

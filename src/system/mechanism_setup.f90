@@ -33,8 +33,8 @@ contains
     allocate (self%c(nb), self%sn(nb), self%low(3, nb), self%dinv(3, nb), self%rhs(3, nb), self%free(3, nb), self%push(3, nb), &
               self%pin(2, nb), source=0.0_wp)
     allocate (self%wrench(3, size(s%places)), self%lambda(s%rows), self%lambda_change(s%rows), self%a(s%nq), &
-              self%change(s%nq), self%zdd(s%nz), &
-              self%spring_force(size(s%springs)), source=0.0_wp)
+              self%change(s%nq), self%zdd(s%nz), source=0.0_wp)
+    allocate (self%action(size(s%forces)))
     self%factorisations = count(s%bodies%flexible .and. .not. s%bodies%modal)
   end subroutine set_up_mechanism
 

@@ -4,11 +4,10 @@
 module newton_equations
   use kinds, only: wp
   use body_terms, only: body_residual, body_tangent
-  use border_rows, only: from_joint, from_spring, factor_rows
+  use border_rows, only: from_joint, factor_rows
   use constraint, only: place_stiffness
   use dynamics, only: set_frames, place_kinematics, constraint_values, applied_forces
-  use load, only: load_force, axes_body
-  use mechanism, only: mechanism_model
+  use mechanism, only: mechanism_model, conditions_of
   use newton_condensation, only: condense_frame, condense_rows, fill_columns
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -31,11 +30,11 @@ contains
     do b = 1, size(self%b)
       if (self%b(b)%eq%n > 0) self%b(b)%eq%factor = 1.0_wp
     end do
-    self%spring_factor = 1.0_wp
+    self%element_factor = 1.0_wp
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         if (t%body > 0) self%b(t%body)%eq%factor(t%run) = self%b(t%body)%eq%factor(t%run) + t%alpha*(1 - t%g)
-        if (t%spring > 0) self%spring_factor(t%spring) = self%spring_factor(t%spring) + t%alpha*(1 - t%g)
+        if (t%element > 0) self%element_factor(t%element) = self%element_factor(t%element) + t%alpha*(1 - t%g)
       end associate
     end do
     bad = .false.
@@ -89,8 +88,8 @@ contains
     self%solved = .false.
     call set_frames(m, q)
     call place_kinematics(m, q, v)
-    call spring_state(self, m)
-    call applied_forces(m, t, q, self%spring_z, self%spring_zd)
+    call element_state(self, m)
+    call applied_forces(m, t, self%element_z, self%element_zd)
     call constraint_values(m, t)
     call gather_wrenches(self, m, lambda)
     do b = 1, size(self%b)
@@ -123,20 +122,20 @@ contains
     x(2) = m%c(b)*g(2) - m%sn(b)*g(1)
   end function frame_acceleration
 
-  !> Dissipative coordinates of the springs at the trial state: their forces are asked for before the step ends.
-  subroutine spring_state(self, m)
+  !> Dissipative coordinates of the force elements at the trial state: their forces are asked for before the step ends.
+  subroutine element_state(self, m)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    real(wp) :: d, dd, e(2)
+    real(wp) :: d, dd, e(3)
     integer :: k
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        if (t%spring == 0) cycle
-        call m%s%springs(t%spring)%deformation(m%p, d, dd, e)
-        self%spring_z(t%first) = t%g*d + self%offset(t%first)
+        if (t%element == 0) cycle
+        call m%s%forces(t%element)%item%deformation(m%p, d, dd, e)
+        self%element_z(t%first) = t%g*d + self%offset(t%first)
       end associate
     end do
-  end subroutine spring_state
+  end subroutine element_state
 
   !> Residual force (body axes) and moment on every place: multipliers' minus applied ones.
   subroutine gather_wrenches(self, m, lambda)
@@ -184,8 +183,8 @@ contains
       call body_tangent(self%b(b)%eq, m%s%bodies(b), self%c1, self%c2, 1.0_wp, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
                         frame_acceleration(m, b, a))
     end do
-    call turn_wrenches(self, m, t, q)
-    call fill_laws(self, m, t, q, lambda)
+    call turn_wrenches(self, m)
+    call fill_laws(self, m, t, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%eq%n > 0) then
@@ -209,12 +208,10 @@ contains
 
   !> Residual wrenches on places turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
   !> axes are constant there, so that their part of the columns goes again.
-  subroutine turn_wrenches(self, m, t, q)
+  subroutine turn_wrenches(self, m)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
-    real(wp) :: force(2), moment, f(2)
+    real(wp) :: f(2)
     integer :: k, b
     do k = 1, size(m%s%places)
       b = m%place_body(k)
@@ -226,53 +223,38 @@ contains
         call m%s%places(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
       end associate
     end do
-    do k = 1, size(m%s%loads)
-      associate (l => m%s%loads(k))
-        if (.not. l%acts(m%stage) .or. l%kind /= load_force .or. l%axes /= axes_body) cycle
-        b = m%place_body(l%place)
-        if (b == 0) cycle
-        call l%wrench(m%p, q(m%s%qo(b) + 3), l%scale(t, m%left)*m%load_factor, force, moment)
-        f = [m%c(b)*force(1) + m%sn(b)*force(2), m%c(b)*force(2) - m%sn(b)*force(1)]
-        associate (eq => self%b(b)%eq)
-          eq%block(1, 3) = eq%block(1, 3) + f(2)
-          eq%block(2, 3) = eq%block(2, 3) - f(1)
-          eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, l%place), f)
-          if (eq%n > 0) call m%s%places(l%place)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
-        end associate
+    do k = 1, size(m%s%forces)
+      if (.not. m%s%forces(k)%item%in_frame) cycle
+      b = m%place_body(m%s%forces(k)%item%ia)
+      associate (eq => self%b(b)%eq, place => m%s%forces(k)%item%ia, w => m%action(k)%a)
+        f = [m%c(b)*w(1) + m%sn(b)*w(2), m%c(b)*w(2) - m%sn(b)*w(1)]
+        eq%block(1, 3) = eq%block(1, 3) + f(2)
+        eq%block(2, 3) = eq%block(2, 3) - f(1)
+        eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, place), f)
+        if (eq%n > 0) call m%s%places(place)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
       end associate
     end do
   end subroutine turn_wrenches
 
-  !> Place-level tangents of curved joints, springs and loads.
-  subroutine fill_laws(self, m, t, q, lambda)
+  !> Place-level tangents of curved joints and of force elements.
+  subroutine fill_laws(self, m, t, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     type(place_stiffness) :: p
-    real(wp) :: k3(3, 3), stiffness          ! the latter of a spring with its terms condensed [N/m] or [N m/rad]
     integer :: k
     do k = 1, size(self%rows%laws)
       associate (law => self%rows%laws(k))
-        select case (law%kind)
-        case (from_joint)
+        if (law%kind == from_joint) then
           call m%s%constraints(law%item)%item%geometric(m%p, lambda, p)
           law%k = p%k
-        case (from_spring)
-          stiffness = m%s%springs(law%item)%stiffness*self%spring_factor(law%item)
-          call m%s%springs(law%item)%tangent(m%p, stiffness, m%s%springs(law%item)%damping, &
-                                             m%spring_force(law%item), p)
+        else
+          call m%s%forces(law%item)%item%tangent(m%p, conditions_of(m, law%item, t), [self%element_factor(law%item), 1.0_wp], &
+                                                 m%action(law%item)%force, p)
           law%k = p%k + self%c2*p%c
           law%g = p%c
-        case default
-          associate (l => m%s%loads(law%item))
-            k3 = 0.0_wp
-            if (l%acts(m%stage)) call l%tangent(m%p, q(m%s%qo(m%place_body(l%place)) + 3), l%scale(t, m%left)*m%load_factor, k3)
-            law%k = 0.0_wp
-            law%k(1:3, 1:3) = k3
-          end associate
-        end select
+        end if
       end associate
     end do
   end subroutine fill_laws

@@ -23,7 +23,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    real(wp) :: d(1), dd, e(2)
+    real(wp) :: d(1), dd, e(3)
     integer :: k, b
     if (size(self%terms) == 0) return
     call set_frames(m, q)
@@ -33,7 +33,7 @@ contains
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
         if (b == 0) then
-          call m%s%springs(t%spring)%deformation(m%p, d(1), dd, e)
+          call m%s%forces(t%element)%item%deformation(m%p, d(1), dd, e)
           call t%increments(1, d, z(i:i), zd(i:i), zdd(i:i), dz(i:i))
         else if (m%s%bodies(b)%modal) then
           call t%increments(j - i + 1, m%s%bodies(b)%qx(1), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
@@ -79,7 +79,7 @@ contains
         associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
           if (i <= m%s%nzd) cycle
           if (t%body == 0) then
-            call m%s%springs(t%spring)%deformation(m%p, d, dd, e)
+            call m%s%forces(t%element)%item%deformation(m%p, d, dd, e)
             a(i) = a(i) + 0.5_wp*dd
           else if (m%s%bodies(t%body)%modal) then
             a(i:j) = a(i:j) + 0.5_wp*side*m%s%bodies(t%body)%qx(1:)
@@ -112,7 +112,7 @@ contains
     m%input_power = 0.0_wp
     call set_frames(m, q)
     call place_kinematics(m, q, v)
-    call applied_forces(m, t, q, z, zd)
+    call applied_forces(m, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
         if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%viscosity &

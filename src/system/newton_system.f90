@@ -1,6 +1,6 @@
 !> The dynamic stiffness T(c1, c2) = c1 M + c2 C + K of a mechanism at a trial state, bordered by the joints, in structure: per
 !> body a factored elastic block with the columns T0^-1 S-bar^T and T0^-1 E^T, frames condensed to 3 x 3 matrices, and a border of
-!> constraint rows and of the displacements on which springs, loads and curved joints act. What it is made of, set up once;
+!> constraint rows and of the displacements on which force elements and curved joints act. What it is made of, set up once;
 !> `newton_equations` fills it (theory.md, section 7).
 module newton_system
   use kinds, only: wp, ip
@@ -52,8 +52,8 @@ module newton_system
     type(row_system) :: rows
     type(ghm_term), allocatable :: terms(:)
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
-    real(wp), allocatable :: spring_factor(:)   !! (springs) stiffness with the terms condensed over the static one [-]
-    real(wp), allocatable :: spring_z(:), spring_zd(:)   !! (nz) of springs at the trial state [m, rad], unused rates
+    real(wp), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
+    real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates
     real(wp), allocatable :: wrench(:, :)    !! (3, places) residual force (body axes) and moment [N, N m]
     integer(ip) :: base_factors = 0          !! of T0 blocks so far
     integer(ip) :: whole_factors = 0         !! of whole blocks so far
@@ -67,9 +67,9 @@ contains
     type(mechanism_model), intent(in) :: m
     integer :: b, nz
     nz = m%s%nz
-    allocate (self%offset(nz), self%spring_z(nz), self%spring_zd(nz), source=0.0_wp)
+    allocate (self%offset(nz), self%element_z(nz), self%element_zd(nz), source=0.0_wp)
     allocate (self%wrench(3, size(m%s%places)), source=0.0_wp)
-    allocate (self%spring_factor(size(m%s%springs)), source=1.0_wp)
+    allocate (self%element_factor(size(m%s%forces)), source=1.0_wp)
     call list_terms(m%s, self%terms)
     call list_rows(self%rows, m)
     call order_rows(self%rows)

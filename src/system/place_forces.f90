@@ -1,7 +1,8 @@
-!> Springs and loads as wrenches on their places, and what these do to the frames and the elastic coordinates (theory.md,
-!> section 3). Wrenches are kept in body axes: a force on body a of a spring is -f e, e the unit vector from b to a.
+!> Force elements as wrenches on their places, and what these do to the frames and the elastic coordinates (theory.md,
+!> section 3). Wrenches are kept in body axes.
 module place_forces
   use kinds, only: wp
+  use force_element, only: conditions
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -9,58 +10,41 @@ module place_forces
 
 contains
 
-  !> Springs and loads as wrenches on their places; adds to the powers.
-  subroutine applied_forces(self, t, q, z, zd)
+  !> Force elements as wrenches on their places; adds to the powers.
+  subroutine applied_forces(self, t, z, zd)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in), contiguous :: q(:)          !! (nq)
-    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
-    real(wp) :: d, dd, e(2), f, power, force(2), moment, angle, scale
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) [m, rad] and rates
+    type(conditions) :: with
     integer :: k, b
     do k = 1, size(self%s%loaded)
       self%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
-    do k = 1, size(self%s%springs)
-      associate (sp => self%s%springs(k))
-        call sp%deformation(self%p, d, dd, e)
-        call sp%force(d, dd, z, zd, self%zdd, f, power)
-        self%spring_force(k) = f
-        self%dissipated_power = self%dissipated_power + power
-        if (sp%torsional) then
-          call add_wrench(self, sp%ia, [0.0_wp, 0.0_wp], -f)
-          call add_wrench(self, sp%ib, [0.0_wp, 0.0_wp], f)
-        else
-          call add_wrench(self, sp%ia, -f*e, 0.0_wp)
-          call add_wrench(self, sp%ib, f*e, 0.0_wp)
-        end if
-      end associate
-    end do
-    do k = 1, size(self%s%loads)
-      associate (l => self%s%loads(k))
-        if (.not. l%acts(self%stage)) cycle
-        b = self%place_body(l%place)
-        angle = 0.0_wp
-        if (b > 0) angle = q(self%s%qo(b) + 3)
-        scale = l%scale(t, self%left)*self%load_factor
-        call l%wrench(self%p, angle, scale, force, moment)
-        call add_wrench(self, l%place, force, moment)
-        self%input_power = self%input_power + dot_product(force, self%p%v(:, l%place)) + moment*self%p%rate(l%place)
+    with = conditions(t, self%left, self%stage, self%load_factor)
+    do k = 1, size(self%s%forces)
+      associate (f => self%s%forces(k)%item, x => self%action(k))
+        b = self%place_body(f%ia)
+        if (b > 0) with%axes = [self%c(b), self%sn(b)]
+        call f%act(self%p, with, z, zd, self%zdd, x)
+        self%dissipated_power = self%dissipated_power + x%dissipated
+        self%input_power = self%input_power + x%input
+        call add_wrench(self, f%ia, x%a)
+        if (f%ib /= f%ia) call add_wrench(self, f%ib, x%b)
       end associate
     end do
   end subroutine applied_forces
 
   !> Adds a force (global axes) and a moment to a place.
-  pure subroutine add_wrench(self, k, force, moment)
+  pure subroutine add_wrench(self, k, w)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: k                !! place
-    real(wp), intent(in) :: force(2)        !! [N]
-    real(wp), intent(in) :: moment          !! [N m]
+    real(wp), intent(in) :: w(3)            !! [N], [N m]
     integer :: b
     b = self%place_body(k)
     if (b == 0) return
-    self%wrench(1, k) = self%wrench(1, k) + self%c(b)*force(1) + self%sn(b)*force(2)
-    self%wrench(2, k) = self%wrench(2, k) - self%sn(b)*force(1) + self%c(b)*force(2)
-    self%wrench(3, k) = self%wrench(3, k) + moment
+    self%wrench(1, k) = self%wrench(1, k) + self%c(b)*w(1) + self%sn(b)*w(2)
+    self%wrench(2, k) = self%wrench(2, k) - self%sn(b)*w(1) + self%c(b)*w(2)
+    self%wrench(3, k) = self%wrench(3, k) + w(3)
   end subroutine add_wrench
 
   !> Wrenches on places act on the frames: A^T F, (H rho).A^T F + M.

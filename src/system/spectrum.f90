@@ -30,8 +30,9 @@ module spectrum
   !> Operators and work space; set up once, used again during a run without allocation.
   type :: fast_spectrum
     type(linear_mechanism) :: lin              !! elastic matrices of the bodies
-    real(wp), allocatable :: spring_static(:), spring_fast(:)   !! [N/m] or [N m/rad]
-    real(wp), allocatable :: ends(:, :)        !! (2, springs) factors of their ends, negative: present direction [-]
+    real(wp), allocatable :: spring_static(:), spring_fast(:)   !! (force elements) [N/m] or [N m/rad]
+    real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
+    real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors of their ends, negative: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
     real(wp), allocatable :: value(:)          !! its entries [N/m, N, N m]
@@ -60,12 +61,15 @@ contains
     n = m%s%nq
     call elastic_matrices(m, q, self%lin)
     call gather_rows(self)
-    self%spring_static = m%s%springs%stiffness
+    self%spring_static = [(m%s%forces(k)%item%stiffness, k=1, size(m%s%forces))]
     self%spring_fast = self%spring_static
-    do k = 1, size(m%s%springs)
-      self%spring_fast(k) = self%spring_static(k)*(1 + sum(m%s%springs(k)%law%alpha))
+    do k = 1, size(m%s%forces)
+      associate (law => m%s%forces(k)%item%law)
+        if (law%order() > 0) self%spring_fast(k) = self%spring_static(k)*(1 + sum(law%alpha))
+      end associate
     end do
-    allocate (self%ends(2, size(m%s%springs)), source=-1.0_wp)
+    self%spring_damping = [(m%s%forces(k)%item%damping, k=1, size(m%s%forces))]
+    allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
     allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%start(n), self%alpha(most), &
@@ -204,12 +208,13 @@ contains
     do r = 1, size(self%lin%runs)
       f%runs(r) = self%lin%runs(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
     end do
-    do j = 1, size(m%s%springs)
+    do j = 1, size(m%s%forces)
+      if (.not. (self%spring_static(j) > 0.0_wp .or. self%spring_damping(j) > 0.0_wp)) cycle
       square = spring_square(m, j, self%ends(:, j), f%x)
       f%stiffness = f%stiffness + self%spring_static(j)*square
-      f%springs = f%springs + m%s%springs(j)%damping*square
+      f%springs = f%springs + self%spring_damping(j)*square
       do r = 1, size(self%lin%runs)
-        if (self%lin%runs(r)%spring == j) f%runs(r) = self%spring_static(j)*square
+        if (self%lin%runs(r)%element == j) f%runs(r) = self%spring_static(j)*square
       end do
     end do
     f%damping = f%damping + f%springs
@@ -244,8 +249,8 @@ contains
         y(i) = y(i) + max(mix(2), 0.0_wp)*self%turning(k)*x(i)
       end do
     end if
-    do k = 1, size(m%s%springs)
-      s = mix(1)*m%s%springs(k)%damping + mix(2)*self%spring_fast(k)
+    do k = 1, size(m%s%forces)
+      s = mix(1)*self%spring_damping(k) + mix(2)*self%spring_fast(k)
       if (all(self%ends(:, k) >= 0.0_wp)) s = max(s, 0.0_wp)
       call spring_pull(m, k, s, self%ends(:, k), x, y)
     end do
@@ -260,12 +265,12 @@ contains
     integer :: k
     y = 0.0_wp
     associate (runs => self%lin%runs, r => self%lin%runs(self%only))
-      if (r%spring > 0) then
-        call spring_pull(m, r%spring, self%spring_static(r%spring), self%ends(:, r%spring), x, y)
+      if (r%element > 0) then
+        call spring_pull(m, r%element, self%spring_static(r%element), self%ends(:, r%element), x, y)
         return
       end if
       do k = 1, size(runs)
-        if (runs(k)%spring == 0 .and. runs(k)%material == r%material) call runs(k)%stiffness%times(1.0_wp, x, y)
+        if (runs(k)%element == 0 .and. runs(k)%material == r%material) call runs(k)%stiffness%times(1.0_wp, x, y)
       end do
     end associate
   end subroutine multiply_run

@@ -23,13 +23,14 @@ contains
   !> stays.
   subroutine bound_directions(m, ends)
     type(mechanism_model), intent(inout) :: m    !! evaluated
-    real(wp), intent(out) :: ends(:, :)          !! (2, springs) [-]
+    real(wp), intent(out) :: ends(:, :)          !! (2, force elements) [-]
     real(wp) :: ra, rb
     integer :: k
     ends = -1.0_wp
-    do k = 1, size(m%s%springs)
-      associate (sp => m%s%springs(k))
-        if (sp%torsional .or. is_guided(m, k)) cycle
+    do k = 1, size(m%s%forces)
+      associate (sp => m%s%forces(k)%item)
+        if (.not. sp%along_line()) cycle
+        if (is_guided(m, k)) cycle
         ends(:, k) = 0.0_wp
         ra = yield(m, sp%ia)
         rb = yield(m, sp%ib)
@@ -45,13 +46,13 @@ contains
     real(wp) :: stiffness(size(m%s%bodies))      !! [N m/rad]
     integer :: k, i, b, place
     stiffness = 0.0_wp
-    do k = 1, size(m%s%springs)
-      if (m%s%springs(k)%torsional) cycle
+    do k = 1, size(m%s%forces)
+      if (.not. m%s%forces(k)%item%along_line()) cycle
       do i = 1, 2
-        place = merge(m%s%springs(k)%ia, m%s%springs(k)%ib, i == 1)
+        place = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
         b = m%s%places(place)%body
         if (b == 0) cycle
-        stiffness(b) = stiffness(b) + abs(m%spring_force(k))*norm2(m%p%rho(:, place) - m%pin(:, b)/m%s%bodies(b)%mass)
+        stiffness(b) = stiffness(b) + abs(m%action(k)%force)*norm2(m%p%rho(:, place) - m%pin(:, b)/m%s%bodies(b)%mass)
       end do
     end do
   end function turning_stiffness
@@ -60,11 +61,11 @@ contains
   pure logical function is_guided(m, k)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                     !! spring
-    real(wp) :: now, rate, e(2)
+    real(wp) :: now, rate, e(3)
     integer :: group(0:size(m%s%bodies)), j, a, b
     logical :: welded
     group = [(j, j=0, size(m%s%bodies))]
-    call m%s%springs(k)%deformation(m%p, now, rate, e)
+    call m%s%forces(k)%item%deformation(m%p, now, rate, e)
     do j = 1, m%s%joints
       associate (c => m%s%constraints(j)%item)
         a = group(m%s%places(c%ia)%body)
@@ -73,10 +74,10 @@ contains
         associate (last => c%first + c%rows - 1)
           if (norm2(m%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
         end associate
-        if (welded .or. abs(dot_product(m%rows%na(:, c%first), e)) <= parallel) where (group == a) group = b
+        if (welded .or. abs(dot_product(m%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
       end associate
     end do
-    is_guided = group(m%s%places(m%s%springs(k)%ia)%body) == group(m%s%places(m%s%springs(k)%ib)%body)
+    is_guided = group(m%s%places(m%s%forces(k)%item%ia)%body) == group(m%s%places(m%s%forces(k)%item%ib)%body)
   end function is_guided
 
   !> How a place yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.

@@ -43,8 +43,8 @@ contains
       a = stretch(m, k, a - b)
       b = a
     end if
-    if (any(abs(a) > 0.0_wp)) call place_push(m, m%s%springs(k)%ia, stiffness*a, y)
-    if (any(abs(b) > 0.0_wp)) call place_push(m, m%s%springs(k)%ib, -stiffness*b, y)
+    if (any(abs(a) > 0.0_wp)) call place_push(m, m%s%forces(k)%item%ia, stiffness*a, y)
+    if (any(abs(b) > 0.0_wp)) call place_push(m, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
   !> Displacements and turns of a spring's ends, global axes.
@@ -53,8 +53,8 @@ contains
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
-    a = place_shift(m, m%s%springs(k)%ia, x)
-    b = place_shift(m, m%s%springs(k)%ib, x)
+    a = place_shift(m, m%s%forces(k)%item%ia, x)
+    b = place_shift(m, m%s%forces(k)%item%ib, x)
   end subroutine shifts
 
   !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
@@ -62,16 +62,13 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
-    real(wp) :: s(3), e(2), now, rate
-    associate (sp => m%s%springs(k))
-      s = 0.0_wp
-      if (sp%torsional) then
-        s(3) = d(3)
-      else if (sp%every_way()) then
-        s(1:2) = d(1:2)
+    real(wp) :: s(3), e(3), now, rate
+    associate (f => m%s%forces(k)%item)
+      if (f%every_way()) then
+        s = [d(1:2), 0.0_wp]
       else
-        call sp%deformation(m%p, now, rate, e)
-        s(1:2) = dot_product(e, d(1:2))*e
+        call f%deformation(m%p, now, rate, e)
+        s = dot_product(e, d)*e
       end if
     end associate
   end function stretch

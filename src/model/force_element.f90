@@ -1,0 +1,173 @@
+!> What all springs and loads have in common: wrenches on a marker a and, where there is a second one, on a marker b. A kind says
+!> its wrenches with their powers; its tangent, energy and the rest where these are not zero.
+module force_element
+  use kinds, only: wp
+  use constraint, only: place_stiffness
+  use history, only: corner
+  use place, only: place_states
+  use viscoelastic_law, only: viscoelastic_terms
+  implicit none (type, external)
+  private
+
+  integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
+
+  !> What an element may depend on beside the motion of its markers and its internal variables.
+  type, public :: conditions
+    real(wp) :: t = 0.0_wp                !! time [s]
+    logical :: left = .false.             !! a jump of a history at t is not yet felt
+    integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
+    real(wp) :: factor = 1.0_wp           !! fraction of the loads that acts [-]
+    real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
+  end type conditions
+
+  !> What an element does at a state.
+  type, public :: element_action
+    real(wp) :: a(3) = 0.0_wp             !! force on marker a, global axes [N], and moment [N m]
+    real(wp) :: b(3) = 0.0_wp             !! the same on marker b
+    real(wp) :: force = 0.0_wp            !! along its one deformation, tension > 0 [N] or [N m]
+    real(wp) :: dissipated = 0.0_wp       !! power [W]
+    real(wp) :: input = 0.0_wp            !! power put in [W]
+  end type element_action
+
+  !> A spring, a load or anything else that acts by forces that follow from the state.
+  type, abstract, public :: force_model
+    character(32) :: name = ''
+    character(8) :: group = 'force'       !! the deck's word after `&`, for messages
+    integer :: ia = 0, ib = 0             !! markers a and b; the same where it acts on one
+    logical :: angular = .false.          !! its deformation is an angle
+    logical :: in_frame = .false.         !! its force on a keeps its direction in the axes of a's body
+    real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
+    real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
+    type(viscoelastic_terms) :: law       !! of its deformation; most elements have no terms
+    integer :: offset = 0                 !! of its internal variables of second order among the scene's, from 0
+    integer :: first_order = 0            !! of those of first order
+  contains
+    procedure(state_to_action), deferred :: act
+    procedure :: tangent => no_tangent
+    procedure :: components => no_components      !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
+    procedure :: rate_components => no_components !! of them, those whose rates it sees
+    procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
+    procedure :: deformation => no_deformation
+    procedure :: energy => no_energy
+    procedure :: relax => keep_coordinates        !! internal variables of an element at rest
+    procedure :: every_way => never               !! it pulls its markers together whatever direction they part in
+    procedure :: along_line => never              !! it acts along the line between its markers, which turns
+    procedure :: settle => no_settling            !! told the markers as assembled
+    procedure :: prestress => no_prestress        !! the part of its prestress that acts in the static analysis
+    procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
+    procedure :: corners => no_corners            !! times at which its force is not smooth
+  end type force_model
+
+  !> Makes an array of different kinds possible.
+  type, public :: force_box
+    class(force_model), allocatable :: item
+  end type force_box
+
+  abstract interface
+    !> Wrenches, powers and highest derivatives of the internal variables at a state.
+    pure subroutine state_to_action(self, p, with, z, zd, zdd, x)
+      import :: force_model, place_states, conditions, element_action, wp
+      class(force_model), intent(in) :: self
+      type(place_states), intent(in) :: p
+      type(conditions), intent(in) :: with
+      real(wp), intent(in) :: z(*)          !! (nz) all internal variables [m, rad]
+      real(wp), intent(in) :: zd(*)         !! (nzd) rates of those of second order [m/s, rad/s]
+      real(wp), intent(inout) :: zdd(*)     !! (nz) highest derivatives [m/s2, rad/s2], [m/s, rad/s]
+      type(element_action), intent(inout) :: x
+    end subroutine state_to_action
+  end interface
+
+contains
+
+  !> Forces that are constant in global axes have no tangent. Kinds set k%k, and k%c if they damp: minus the wrenches' derivatives
+  !> by displacements and turns of the markers (global axes) and by their rates.
+  pure subroutine no_tangent(self, p, with, part, force, k)
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: part(2)         !! factors of the deformation's stiffness and damping [-]
+    real(wp), intent(in) :: force           !! present force along the deformation [N] or [N m]
+    type(place_stiffness), intent(inout) :: k
+    k%k = 0.0_wp
+    k%c = 0.0_wp
+  end subroutine no_tangent
+
+  !> Without a tangent nothing is joined.
+  pure function no_components(self) result(list)
+    class(force_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    allocate (list(0))
+  end function no_components
+
+  !> Most elements do not follow a history.
+  pure function no_wrench(self, p, with) result(w)
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                        !! [N, N m]
+    w = 0.0_wp
+  end function no_wrench
+
+  !> Deformation, its rate, and how it grows with displacement and turn of a (of b: with the other sign).
+  pure subroutine no_deformation(self, p, d, dd, e)
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(out) :: d              !! [m] or [rad]
+    real(wp), intent(out) :: dd             !! its rate [m/s] or [rad/s]
+    real(wp), intent(out) :: e(3)           !! global axes [-]
+    d = 0.0_wp
+    dd = 0.0_wp
+    e = 0.0_wp
+  end subroutine no_deformation
+
+  !> Most elements store nothing.
+  pure real(wp) function no_energy(self, p, z, zd) result(energy)   ! [J]
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: z(*), zd(*)     !! all internal variables [m, rad] and rates
+    energy = 0.0_wp
+  end function no_energy
+
+  !> Without internal variables there is nothing to set.
+  pure subroutine keep_coordinates(self, p, z)
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
+  end subroutine keep_coordinates
+
+  !> What holds of special kinds only.
+  pure logical function never(self)
+    class(force_model), intent(in) :: self
+    never = .false.
+  end function never
+
+  !> Most elements take nothing from the assembled positions.
+  subroutine no_settling(self, p, gap)
+    class(force_model), intent(inout) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
+  end subroutine no_settling
+
+  !> Most elements have no prestress.
+  pure subroutine no_prestress(self, factor)
+    class(force_model), intent(inout) :: self
+    real(wp), intent(in) :: factor          !! [-]
+  end subroutine no_prestress
+
+  !> Most elements can act wherever their markers are.
+  pure function no_fault(self, p, gap) result(text)
+    class(force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
+    character(:), allocatable :: text
+    text = ''
+  end function no_fault
+
+  !> Most elements do not depend on time.
+  pure function no_corners(self, until) result(list)
+    class(force_model), intent(in) :: self
+    real(wp), intent(in) :: until           !! end of the run [s]
+    type(corner), allocatable :: list(:)
+    allocate (list(0))
+  end function no_corners
+end module force_element

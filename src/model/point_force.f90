@@ -1,0 +1,27 @@
+!> Forces that are constant in global axes but for their history.
+module point_force
+  use kinds, only: wp
+  use force_element, only: conditions
+  use load, only: load_model
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> A force.
+  type, extends(load_model), public :: point_force_model
+    real(wp) :: f(2) = 0.0_wp              !! [N]
+  contains
+    procedure :: unit_wrench
+  end type point_force_model
+
+contains
+
+  !> The force as it is given.
+  pure function unit_wrench(self, p, with) result(w)
+    class(point_force_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                       !! [N, N m]
+    w = [self%f, 0.0_wp]
+  end function unit_wrench
+end module point_force

@@ -1,0 +1,27 @@
+!> Torques on a frame or a section.
+module torque
+  use kinds, only: wp
+  use force_element, only: conditions
+  use load, only: load_model
+  use place, only: place_states
+  implicit none (type, external)
+  private
+
+  !> A torque.
+  type, extends(load_model), public :: torque_model
+    real(wp) :: moment = 0.0_wp            !! [N m]
+  contains
+    procedure :: unit_wrench
+  end type torque_model
+
+contains
+
+  !> The moment alone.
+  pure function unit_wrench(self, p, with) result(w)
+    class(torque_model), intent(in) :: self
+    type(place_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                       !! [N, N m]
+    w = [0.0_wp, 0.0_wp, self%moment]
+  end function unit_wrench
+end module torque
