@@ -43,6 +43,7 @@ OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o))
 LIBRARY  := $(B)/libbiela.a
 BIELA    := bin/biela$(SUFFIX)
 PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/*.f90)))
+TOYS     := $(patsubst tests/toys/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/toys/*.f90)))
 BENCH    := $(patsubst tests/bench/%.f90,bin/%$(SUFFIX),$(wildcard tests/bench/*.f90))
 TOOLS    := build/toolchain.ok
 VENV     := .venv/complete
@@ -66,7 +67,7 @@ install: $(BIELA)                  ## the program, its manual page and completio
 	install -m 644 share/_biela $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
-probe: $(PROBE)            ## bin/probe, bin/tangent, bin/terms: the solver's inside, for the tests
+probe: $(PROBE) $(TOYS)    ## bin/probe, bin/tangent, bin/terms: the solver's inside, for the tests; toy kinds
 setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
 
 demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures
@@ -74,7 +75,7 @@ demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoela
 joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both: table and picture
 	@$(RUN) post/attenuation.py --biela $(BIELA)
 
-test: $(BIELA) $(PROBE) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
+test: $(BIELA) $(PROBE) $(TOYS) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
 	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) TERMS=bin/terms$(SUFFIX) \
 	  $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
 test-debug:                        ## all tests, against the checked build
@@ -128,6 +129,8 @@ $(BIELA): $(MAIN) $(LIBRARY)
 bin/%$(SUFFIX): tests/%.f90 $(LIBRARY) $(B)/flags
 	$(link)
 bin/%$(SUFFIX): tests/bench/%.f90 $(LIBRARY) $(B)/flags
+	$(link)
+bin/%$(SUFFIX): tests/toys/%.f90 $(LIBRARY) $(B)/flags
 	$(link)
 
 # --- the order of compilation, read from the `module` and `use` lines

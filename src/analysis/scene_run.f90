@@ -20,7 +20,7 @@ module scene_run
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, relax, warn
+  public :: run_state, prepare_run, assemble_run, relax, warn
 
   !> What analyses share.
   type :: run_state
@@ -48,9 +48,16 @@ contains
     type(fault_list), intent(inout) :: faults
     type(failure), intent(inout) :: fail
     type(scene) :: s
-    real(wp), allocatable :: q(:), v(:)
     call build(run%d, s, faults)
-    if (faults%count > 0) return
+    if (faults%count == 0) call assemble_run(run, s, fail)
+  end subroutine prepare_run
+
+  !> Assembles a scene that is built.
+  subroutine assemble_run(run, s, fail)
+    type(run_state), intent(inout) :: run     !! run%d is set
+    type(scene), intent(in) :: s
+    type(failure), intent(inout) :: fail
+    real(wp), allocatable :: q(:), v(:)       !! (nq) [m, rad] and per second
     call set_up_mechanism(run%sys%m, s)
     run%sys%n = s%ny
     allocate (run%y(s%ny), source=0.0_wp)
@@ -62,7 +69,7 @@ contains
     run%y(s%nq + 1:2*s%nq) = v
     call relax(run%sys, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
-  end subroutine prepare_run
+  end subroutine assemble_run
 
   !> A warning, in the summary and on standard error.
   subroutine warn(run, words, text)
