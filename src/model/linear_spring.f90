@@ -34,7 +34,7 @@ contains
     real(wp) :: length
     e(1:2) = p%r(:, self%ia) - p%r(:, self%ib)
     e(3) = 0.0_wp
-    length = hypot(e(1), e(2))
+    length = sqrt(e(1)**2 + e(2)**2)
     e(1:2) = e(1:2)/max(length, tiny(1.0_wp))
     d = length - self%free
     dd = dot_product(e(1:2), p%v(:, self%ia) - p%v(:, self%ib))
