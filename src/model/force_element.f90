@@ -23,7 +23,7 @@ module force_element
   !> What an element does at a state.
   type, public :: element_action
     real(wp) :: a(3) = 0.0_wp             !! force on marker a, global axes [N], and moment [N m]
-    real(wp) :: b(3) = 0.0_wp             !! the same on marker b
+    real(wp) :: b(3) = 0.0_wp             !! the same on marker b [N], [N m]
     real(wp) :: force = 0.0_wp            !! along its one deformation, tension > 0 [N] or [N m]
     real(wp) :: dissipated = 0.0_wp       !! power [W]
     real(wp) :: input = 0.0_wp            !! power put in [W]
