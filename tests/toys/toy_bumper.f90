@@ -83,6 +83,7 @@ program toy_bumper
   use scene_model, only: scene
   use scene_run, only: run_state, assemble_run
   use static_analysis, only: run_static
+  use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
   implicit none (type, external)
   type(run_state) :: run
@@ -92,7 +93,7 @@ program toy_bumper
   type(fault_list) :: faults
   type(failure) :: fail
   character(512) :: word(4)
-  character(:), allocatable :: text
+  type(summary_record) :: text
   integer :: k
   do k = 1, 4
     call get_command_argument(k, word(k))
@@ -112,7 +113,6 @@ program toy_bumper
   run%folder = trim(word(2))
   call make_folder(run%folder)
   call assemble_run(run, s, fail)
-  text = ''
   if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%m%stage = stage_transient

@@ -63,6 +63,7 @@ program toy_guide
   use posix, only: make_folder
   use scene_model, only: scene
   use scene_run, only: run_state, assemble_run
+  use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
   implicit none (type, external)
   type(run_state) :: run
@@ -72,7 +73,7 @@ program toy_guide
   type(fault_list) :: faults
   type(failure) :: fail
   character(512) :: word(3)
-  character(:), allocatable :: text
+  type(summary_record) :: text
   integer :: k
   do k = 1, 3
     call get_command_argument(k, word(k))
@@ -95,7 +96,6 @@ program toy_guide
   run%folder = trim(word(2))
   call make_folder(run%folder)
   call assemble_run(run, s, fail)
-  text = ''
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%m%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)
