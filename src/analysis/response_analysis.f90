@@ -7,13 +7,12 @@ module response_analysis
   use errors, only: failure, status_failed, status_no_output
   use interruption, only: stop_if_signalled
   use line_joint, only: line_model
-  use linear_sensors, only: read_linear_sensors
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: place_jacobian
   use mechanism, only: conditions_of
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
-  use sensors, only: read_sensors
+  use sensors, only: read_sensors, read_linear_sensors
   use summary, only: add_line
   use summary_text, only: summary_record
   use text, only: to_text

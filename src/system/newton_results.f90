@@ -68,7 +68,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
     real(wp), intent(inout), contiguous :: a(:)               !! (nz) [m/s2, rad/s2], of second order: untouched
-    real(wp) :: d, dd, e(2)
+    real(wp) :: d, dd, e(3)
     integer :: k, side
     if (m%s%nz == m%s%nzd) return
     zd(m%s%nzd + 1:) = m%zdd(m%s%nzd + 1:)

@@ -106,7 +106,6 @@ program toy_bumper
   new%name = s%forces(1)%item%name
   new%ia = s%forces(1)%item%ia
   new%ib = s%forces(1)%item%ib
-  allocate (new%alpha(0), new%zeta(0), new%omega(0))
   deallocate (s%forces(1)%item)
   allocate (s%forces(1)%item, source=new)
   run%quiet = .true.

@@ -1,0 +1,60 @@
+!> Angle of a section or frame, its rate or its acceleration.
+module angle_sensor
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  use place, only: place_states
+  use sensor, only: sensor_model, suffix_length
+  implicit none (type, external)
+  private
+
+  !> A section's turn.
+  type, extends(sensor_model), public :: angle_sensor_model
+    integer :: order = 0                      !! derivative: 0 angle, 1 angular velocity, 2 angular acceleration
+  contains
+    procedure :: columns
+    procedure :: read => read_angle
+    procedure :: respond
+  end type angle_sensor_model
+
+  character(*), parameter :: units(0:2) = [character(8) :: '[rad]', '[rad/s]', '[rad/s2]']
+
+contains
+
+  !> One column under the sensor's own name.
+  subroutine columns(self, m, list)
+    class(angle_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    list = [character(suffix_length) :: units(self%order)]
+  end subroutine columns
+
+  !> Frame and elastic rotation.
+  subroutine read_angle(self, m, p, q, v, z, x)
+    class(angle_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! [rad], [rad/s] or [rad/s2]
+    real(wp) :: u(3)
+    if (self%order == 0) x(1) = p%angle(self%number)
+    if (self%order == 1) x(1) = p%rate(self%number)
+    if (self%order < 2) return
+    u = self%elastic_part(m, m%a)
+    x(1) = u(3)
+    if (self%place%body > 0) x(1) = x(1) + m%a(m%s%qo(self%place%body) + 3)
+  end subroutine read_angle
+
+  !> In a plane, turns are the same in all axes.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(angle_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! [rad], [rad/s] or [rad/s2]
+    y(1) = w(3)*s**self%order
+  end subroutine respond
+end module angle_sensor

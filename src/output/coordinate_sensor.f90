@@ -1,0 +1,63 @@
+!> An elastic coordinate of a body with its rate and acceleration.
+module coordinate_sensor
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  use place, only: place_states
+  use sensor, only: sensor_model, suffix_length
+  implicit none (type, external)
+  private
+
+  !> One coordinate.
+  type, extends(sensor_model), public :: coordinate_sensor_model
+    integer :: index = 0                      !! number of the coordinate of the body
+  contains
+    procedure :: columns
+    procedure :: read => read_coordinate
+    procedure :: respond
+  end type coordinate_sensor_model
+
+contains
+
+  !> Metres, radians, or modal.
+  subroutine columns(self, m, list)
+    class(coordinate_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    character(:), allocatable :: unit
+    associate (b => m%s%bodies(self%place%body))
+      unit = 'm'
+      if (b%modal) then
+        unit = 'kg^.5*m'
+      else if (any(b%dof(3, :) == self%index)) then
+        unit = 'rad'
+      end if
+    end associate
+    list = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
+  end subroutine columns
+
+  !> From the state.
+  subroutine read_coordinate(self, m, p, q, v, z, x)
+    class(coordinate_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! [m, rad] and per second
+    associate (i => m%s%qo(self%place%body) + 3 + self%index)
+      x(1:3) = [q(i), v(i), m%a(i)]
+    end associate
+  end subroutine read_coordinate
+
+  !> From the unknowns.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(coordinate_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! [m, rad] and per second
+    y(1:3) = x(m%s%qo(self%place%body) + 3 + self%index)*[(1.0_wp, 0.0_wp), s, s**2]
+  end subroutine respond
+end module coordinate_sensor

@@ -1,0 +1,81 @@
+!> Position, velocity or acceleration of a material point, global axes. Where a body turns, velocities and accelerations of the
+!> linear response contain the turn of its axes.
+module point_sensor
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  use place, only: place_states, turn
+  use sensor, only: sensor_model, suffix_length, vector_to_global
+  implicit none (type, external)
+  private
+
+  !> A point's motion.
+  type, extends(sensor_model), public :: point_sensor_model
+    integer :: order = 0                      !! derivative: 0 position, 1 velocity, 2 acceleration
+  contains
+    procedure :: columns
+    procedure :: read => read_point
+    procedure :: respond
+  end type point_sensor_model
+
+  character(*), parameter :: units(0:2) = [character(6) :: '[m]', '[m/s]', '[m/s2]']
+
+contains
+
+  !> Two components.
+  subroutine columns(self, m, list)
+    class(point_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    list = [character(suffix_length) :: '.x'//units(self%order), '.y'//units(self%order)]
+  end subroutine columns
+
+  !> Of the moving point.
+  subroutine read_point(self, m, p, q, v, z, x)
+    class(point_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! [m], [m/s] or [m/s2]
+    real(wp) :: u(3)
+    integer :: i
+    x(1:2) = 0.0_wp
+    if (self%order == 0) x(1:2) = p%r(:, self%number)
+    if (self%order == 1) x(1:2) = p%v(:, self%number)
+    if (self%order < 2 .or. self%place%body == 0) return
+    associate (b => self%place%body)
+      i = m%s%qo(b)
+      u = self%elastic_part(m, m%a)
+      u(1:2) = u(1:2) + m%a(i + 3)*turn(p%rho(:, self%number))
+      x(1:2) = m%a(i + 1:i + 2) + p%bias(:, self%number) + [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2)]
+    end associate
+  end subroutine read_point
+
+  !> w, its rate w' + theta' H w, or w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(point_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! [m], [m/s] or [m/s2]
+    real(wp) :: rate, change                  ! theta', theta'' [1/s], [1/s2]
+    rate = 0.0_wp
+    change = 0.0_wp
+    associate (b => self%place%body, turned => [-w(2), w(1)])
+      if (b > 0) rate = v(m%s%qo(b) + 3)
+      if (b > 0) change = m%a(m%s%qo(b) + 3)
+      select case (self%order)
+      case (0)
+        y(1:2) = w(1:2)
+      case (1)
+        y(1:2) = s*w(1:2) + rate*turned
+      case default
+        y(1:2) = s**2*w(1:2) + (2*rate*s + change)*turned - rate**2*w(1:2)
+      end select
+      y(1:2) = vector_to_global(m, b, y(1:2))
+    end associate
+  end subroutine respond
+end module point_sensor

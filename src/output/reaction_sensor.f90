@@ -1,0 +1,68 @@
+!> Force of a joint or drive on its body a, and moment about its marker a: -(gradient)^T lambda.
+module reaction_sensor
+  use kinds, only: wp
+  use constraint, only: place_stiffness
+  use mechanism, only: mechanism_model
+  use place, only: place_states
+  use sensor, only: sensor_model, scene_motion, suffix_length
+  implicit none (type, external)
+  private
+
+  !> A reaction.
+  type, extends(sensor_model), public :: reaction_sensor_model
+    integer :: constraint = 0                 !! its number, joints before drives
+  contains
+    procedure :: columns
+    procedure :: read => read_reaction
+    procedure :: respond
+  end type reaction_sensor_model
+
+contains
+
+  !> Force and moment.
+  subroutine columns(self, m, list)
+    class(reaction_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    list = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
+  end subroutine columns
+
+  !> From the multipliers.
+  subroutine read_reaction(self, m, p, q, v, z, x)
+    class(reaction_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! [N], [N], [N m]
+    integer :: i
+    x(1:3) = 0.0_wp
+    associate (c => m%s%constraints(self%constraint)%item)
+      do i = c%first, c%first + c%rows - 1
+        x(1:2) = x(1:2) - m%rows%na(:, i)*m%lambda(i)
+        x(3) = x(3) - m%rows%sa(i)*m%lambda(i)
+      end do
+    end associate
+  end subroutine read_reaction
+
+  !> With the change of its direction.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(reaction_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! [N], [N], [N m]
+    type(place_stiffness) :: t
+    integer :: i
+    associate (c => m%s%constraints(self%constraint)%item)
+      call c%geometric(m%p, m%lambda, t)
+      y(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, c%ia, x)) - matmul(t%k(1:3, 4:6), scene_motion(m, c%ib, x))
+      do i = c%first, c%first + c%rows - 1
+        y(1:3) = y(1:3) - [m%rows%na(:, i), m%rows%sa(i)]*lambda(i)
+      end do
+    end associate
+  end subroutine respond
+end module reaction_sensor

@@ -1,0 +1,167 @@
+!> N, Q and end moments of an element, with its largest outer-fibre stress where its section has a shape (input/README.md,
+!> 'internal').
+module section_sensor
+  use kinds, only: wp
+  use beam_element, only: deformation_matrix
+  use body, only: body_model
+  use mechanism, only: mechanism_model
+  use place, only: place_states
+  use sensor, only: sensor_model, suffix_length
+  implicit none (type, external)
+  private
+
+  !> An element's section forces.
+  type, extends(sensor_model), public :: section_sensor_model
+    integer :: element = 0
+  contains
+    procedure :: columns
+    procedure :: read => read_section
+    procedure :: respond
+  end type section_sensor_model
+
+contains
+
+  !> Forces, moments, and the stress.
+  subroutine columns(self, m, list)
+    class(section_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    list = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]']
+    if (m%s%bodies(self%place%body)%fibre(self%element) > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
+  end subroutine columns
+
+  !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
+  subroutine read_section(self, m, p, q, v, z, x)
+    class(section_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
+    real(wp) :: d(3), n, m1, m2
+    integer :: i
+    associate (b => m%s%bodies(self%place%body), e => self%element, g => m%s%bodies(self%place%body)%elements(self%element))
+      i = m%s%qo(self%place%body) + 3
+      if (b%modal) then
+        d = modal_strain(b, e, q(i + 1:i + b%nf), z)
+      else
+        d = 0.0_wp
+        if (size(b%runs) > 0) then
+          d(4 - b%nd:3) = b%ds(:, e)
+        else
+          d(4 - b%nd:3) = b%d(:, e)
+        end if
+      end if
+      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, v(i + 1:i + b%nf)))
+      n = 0.0_wp
+      if (b%axial) n = g%ea_l*d(1)
+      m1 = g%ei_l*(4*d(2) + 2*d(3))
+      m2 = g%ei_l*(2*d(2) + 4*d(3))
+      x(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
+      if (b%fibre(e) > 0.0_wp) x(5) = abs(n)/b%area(e) + max(abs(m1), abs(m2))*b%fibre(e)/b%second(e)
+    end associate
+  end subroutine read_section
+
+  !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(section_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! as in read_section
+    complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
+    real(wp) :: b(3, 6)
+    integer :: i
+    associate (bo => m%s%bodies(self%place%body), e => self%element, g => m%s%bodies(self%place%body)%elements(self%element))
+      i = m%s%qo(self%place%body) + 3
+      a = nodal(bo, e, x(i + 1:i + bo%nf))
+      b = deformation_matrix(g)
+      d = g%ray_k*s*matmul(b, a) + (1 + element_ratio(bo, e, s))*matmul(tangent(bo, e, q(i + 1:i + bo%nf), b), a)
+      n = 0.0_wp
+      if (bo%axial) n = g%ea_l*d(1)
+      m1 = g%ei_l*(4*d(2) + 2*d(3))
+      m2 = g%ei_l*(2*d(2) + 4*d(3))
+      y(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
+      if (.not. bo%fibre(e) > 0.0_wp) return
+      fibre = n/bo%area(e) + [m1, -m1, m2, -m2]*bo%fibre(e)/bo%second(e)
+      y(5) = fibre(maxloc(abs(fibre), 1))
+    end associate
+  end subroutine respond
+
+  !> Nodal coordinates of an element from elastic coordinates (6).
+  pure function element_coordinates(b, e, qf) result(a)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(in) :: qf(:)             !! (nf) [m, rad]
+    real(wp) :: a(6)                          !! [m, rad]
+    a(1:3) = b%displacement(b%en(1, e), qf)
+    a(4:6) = b%displacement(b%en(2, e), qf)
+  end function element_coordinates
+
+  !> Deformations of an element of a modal body with the differences of its material's terms.
+  pure function modal_strain(b, e, qf, z) result(d)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(in) :: qf(:)             !! (nf) [kg^.5 m]
+    real(wp), intent(in) :: z(:)              !! (nz) internal variables [kg^.5 m]
+    real(wp) :: d(3)
+    real(wp) :: x(size(qf))
+    integer :: r, k, o
+    x = qf
+    do r = 1, size(b%runs)
+      if (b%runs(r)%material /= b%material(e)) cycle
+      do k = 1, size(b%runs(r)%law%alpha)
+        o = b%runs(r)%offset + (k - 1)*b%nf
+        if (k > b%runs(r)%law%second) o = b%runs(r)%first_order + (k - 1 - b%runs(r)%law%second)*b%nf
+        x = x + b%runs(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
+      end do
+    end do
+    d = matmul(deformation_matrix(b%elements(e)), element_coordinates(b, e, x))
+  end function modal_strain
+
+  !> The same of complex amplitudes.
+  pure function nodal(b, e, x) result(a)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    complex(wp), intent(in) :: x(:)           !! (nf) [m, rad]
+    complex(wp) :: a(6)                       !! [m, rad]
+    a = cmplx(element_coordinates(b, e, real(x, wp)), element_coordinates(b, e, aimag(x)), wp)
+  end function nodal
+
+  !> Deformations from nodal coordinates at the present deflection (theory.md, section 4).
+  pure function tangent(bo, e, q, b) result(t)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(in) :: q(:)              !! (nf) present coordinates [m, rad]
+    real(wp), intent(in) :: b(3, 6)           !! at zero deflection [-], [1/m]
+    real(wp) :: t(3, 6), p(3), psi(6), l
+    t = b
+    if (.not. bo%stiffening) return
+    l = bo%elements(e)%length
+    psi = [bo%elements(e)%s, -bo%elements(e)%c, 0.0_wp, -bo%elements(e)%s, bo%elements(e)%c, 0.0_wp]/l
+    p(1) = dot_product(psi, element_coordinates(bo, e, q))
+    p(2:3) = matmul(b(2:3, :), element_coordinates(bo, e, q))
+    t(1, :) = b(1, :) + l*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
+  end function tangent
+
+  !> E(s)/E_R - 1 of an element's material.
+  pure function element_ratio(bo, e, s) result(g)
+    type(body_model), intent(in) :: bo
+    integer, intent(in) :: e                  !! element
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp) :: g                          !! [-]
+    integer :: r
+    g = 0.0_wp
+    do r = 1, size(bo%runs)
+      if (bo%modal) then
+        if (bo%runs(r)%material /= bo%material(e)) cycle
+      else
+        if (e < bo%runs(r)%first .or. e > bo%runs(r)%last) cycle
+      end if
+      g = g + bo%runs(r)%law%ratio(s)
+    end do
+  end function element_ratio
+end module section_sensor

@@ -1,0 +1,128 @@
+!> What all sensors have in common: columns with units, their values at an evaluated state, and their rows in the linear response
+!> (complex amplitudes for a harmonic motion x exp(s t) with multipliers lambda exp(s t), about the present state).
+module sensor
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  use place, only: place_model, place_states
+  implicit none (type, external)
+  private
+  public :: elastic_motion, place_motion, scene_motion, vector_to_global, suffix_length
+
+  integer, parameter :: suffix_length = 20
+
+  !> A sensor.
+  type, abstract, public :: sensor_model
+    character(32) :: name = ''
+    integer :: number = 0                     !! of it among all sensors: its marker's in the list of their states
+    type(place_model) :: place                !! the marker where it measures; the ground's origin where it has none
+  contains
+    procedure(columns_of), deferred :: columns
+    procedure(values_at), deferred :: read
+    procedure(amplitudes_of), deferred :: respond
+    procedure :: elastic_part
+  end type sensor_model
+
+  !> Makes an array of different kinds possible.
+  type, public :: sensor_box
+    class(sensor_model), allocatable :: item
+  end type sensor_box
+
+  abstract interface
+    !> What follows the sensor's name in the name of each column: component and unit.
+    subroutine columns_of(self, m, list)
+      import :: sensor_model, mechanism_model, suffix_length
+      class(sensor_model), intent(in) :: self
+      type(mechanism_model), intent(in) :: m
+      character(suffix_length), allocatable, intent(out) :: list(:)
+    end subroutine columns_of
+    !> Values of the columns; m holds the accelerations and multipliers of the state.
+    subroutine values_at(self, m, p, q, v, z, x)
+      import :: sensor_model, mechanism_model, place_states, wp
+      class(sensor_model), intent(in) :: self
+      type(mechanism_model), intent(in) :: m
+      type(place_states), intent(in) :: p     !! of all sensors' markers
+      real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad] and per second
+      real(wp), intent(in) :: z(:)            !! (nz) dissipative coordinates [m, rad]
+      real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
+    end subroutine values_at
+    !> Amplitudes of the columns, vectors in global axes; m holds the evaluation of the present state.
+    subroutine amplitudes_of(self, m, w, q, v, s, x, lambda, y)
+      import :: sensor_model, mechanism_model, wp
+      class(sensor_model), intent(in) :: self
+      type(mechanism_model), intent(in) :: m
+      complex(wp), intent(in) :: w(3)         !! displacement of its marker, body axes, and turn of the section [m, rad]
+      real(wp), intent(in) :: q(:), v(:)      !! (nq) present state [m, rad] and per second
+      complex(wp), intent(in) :: s            !! [1/s]
+      complex(wp), intent(in) :: x(:)         !! (nq) unknowns of the linearisation [m, rad]
+      complex(wp), intent(in) :: lambda(:)    !! (rows) multipliers [N]
+      complex(wp), intent(inout) :: y(:)      !! from its first column on [the columns' units]
+    end subroutine amplitudes_of
+  end interface
+
+contains
+
+  !> Elastic part (u, v, rotation) of a vector of coordinates or accelerations at the sensor's marker, body axes.
+  pure function elastic_part(self, m, q) result(u)
+    class(sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: q(:)              !! (nq) [m, rad] or their derivatives
+    real(wp) :: u(3)                          !! the same
+    integer :: i
+    u = 0.0_wp
+    associate (b => self%place%body)
+      if (b == 0 .or. self%place%node == 0) return
+      i = m%s%qo(b) + 3
+      u = m%s%bodies(b)%displacement(self%place%node, q(i + 1:i + m%s%bodies(b)%nf))
+    end associate
+  end function elastic_part
+
+  !> Elastic displacement (u, v, rotation) of a marker in body axes.
+  pure function elastic_motion(m, place, x) result(u)
+    type(mechanism_model), intent(in) :: m
+    type(place_model), intent(in) :: place
+    complex(wp), intent(in) :: x(:)           !! (nq) coordinates or their derivatives [m, rad]
+    complex(wp) :: u(3)                       !! [m, rad]
+    integer :: i, n
+    u = 0.0_wp
+    if (place%body == 0 .or. place%node == 0) return
+    i = m%s%qo(place%body) + 3
+    n = m%s%bodies(place%body)%nf
+    u = cmplx(m%s%bodies(place%body)%displacement(place%node, real(x(i + 1:i + n), wp)), &
+              m%s%bodies(place%body)%displacement(place%node, aimag(x(i + 1:i + n))), wp)
+  end function elastic_motion
+
+  !> Displacement of a marker in body axes, and of its section's angle.
+  pure function place_motion(m, place, rho, x) result(w)
+    type(mechanism_model), intent(in) :: m
+    type(place_model), intent(in) :: place
+    real(wp), intent(in) :: rho(2)            !! its present position in body axes [m]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp) :: w(3)                       !! [m, rad]
+    integer :: i
+    w = 0.0_wp
+    if (place%body == 0) return
+    i = m%s%qo(place%body)
+    w = x(i + 1:i + 3) + elastic_motion(m, place, x)
+    w(1:2) = w(1:2) + x(i + 3)*[-rho(2), rho(1)]
+  end function place_motion
+
+  !> Displacement of a marker of the scene in global axes, and of its section's angle.
+  pure function scene_motion(m, k, x) result(y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                  !! marker
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp) :: y(3)                       !! [m, rad]
+    y = place_motion(m, m%s%places(k), m%p%rho(:, k), x)
+    y(1:2) = vector_to_global(m, m%s%places(k)%body, y(1:2))
+  end function scene_motion
+
+  !> A vector of a body's axes in global ones.
+  pure function vector_to_global(m, b, w) result(y)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                  !! body, 0: the ground
+    complex(wp), intent(in) :: w(2)           !! [any]
+    complex(wp) :: y(2)                       !! [any]
+    y = w
+    if (b > 0) y = [m%c(b)*w(1) - m%sn(b)*w(2), m%sn(b)*w(1) + m%c(b)*w(2)]
+  end function vector_to_global
+end module sensor

@@ -1,0 +1,60 @@
+!> Force and deformation of a spring.
+module spring_sensor
+  use kinds, only: wp
+  use mechanism, only: mechanism_model
+  use place, only: place_states
+  use sensor, only: sensor_model, scene_motion, suffix_length
+  implicit none (type, external)
+  private
+
+  !> A spring's force.
+  type, extends(sensor_model), public :: spring_sensor_model
+    integer :: element = 0                    !! its number among the force elements
+  contains
+    procedure :: columns
+    procedure :: read => read_spring
+    procedure :: respond
+  end type spring_sensor_model
+
+contains
+
+  !> Force and stretch, or moment and angle.
+  subroutine columns(self, m, list)
+    class(spring_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    character(suffix_length), allocatable, intent(out) :: list(:)
+    list = [character(suffix_length) :: '.f[N]', '.d[m]']
+    if (m%s%forces(self%element)%item%angular) list = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
+  end subroutine columns
+
+  !> As evaluated.
+  subroutine read_spring(self, m, p, q, v, z, x)
+    class(spring_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(place_states), intent(in) :: p
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
+    real(wp) :: rate, e(3)
+    x(1) = m%action(self%element)%force
+    call m%s%forces(self%element)%item%deformation(m%p, x(2), rate, e)
+  end subroutine read_spring
+
+  !> With its stiffness at s.
+  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+    class(spring_sensor_model), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: w(3)           !! [m, rad]
+    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
+    complex(wp), intent(inout) :: y(:)        !! [N], [m] or [N m], [rad]
+    real(wp) :: d, rate, e(3)
+    associate (f => m%s%forces(self%element)%item)
+      call f%deformation(m%p, d, rate, e)
+      y(2) = sum(e*(scene_motion(m, f%ia, x) - scene_motion(m, f%ib, x)))
+      y(1) = (f%stiffness*(1 + f%law%ratio(s)) + s*f%damping)*y(2)
+    end associate
+  end subroutine respond
+end module spring_sensor
