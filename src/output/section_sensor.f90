@@ -71,7 +71,7 @@ contains
     complex(wp), intent(in) :: s              !! [1/s]
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! as in read_section
+    complex(wp), intent(inout) :: y(:)        !! [N], [N m] and [Pa], as in read_section
     complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
     real(wp) :: b(3, 6)
     integer :: i
