@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import attenuation
 import demo
@@ -42,15 +43,17 @@ def test_the_demonstrations_table(tmp_path, monkeypatch):
     pair = demo.PAIRS[0]
     for name, size in ((pair.elastic, 4.0), (pair.viscoelastic, 1.0)):
         write(tmp_path, name, {"qf4.q[rad]": wave(1.0), "qf4.qd[rad/s]": wave(size), "qf4.qdd[rad/s2]": wave(100.0 * size)})
+    write(tmp_path, "stiff", {"qf4.q[rad]": wave(1.0), "qf4.qd[rad/s]": wave(2.0), "qf4.qdd[rad/s2]": wave(200.0)})
     write(tmp_path, pair.viscoelastic, {"dissipated[J]": 0.3 * TIME / TIME[-1], "work[J]": 2.0 * TIME / TIME[-1]}, "energy")
-    title, *lines = demo.attenuation(pair)
-    assert title.split()[-3:] == ["undamped", "viscoelastic", "ratio"]
+    title, *lines = demo.attenuation(pair, (Path("stiff.nml"), 1900.0, 1.32))
+    assert title.split()[-6:] == ["undamped", "viscoelastic", "ratio", "stiff", "twin", "ratio"]
     root = np.sqrt(0.5)
-    expected = [[4.0, 1.0, 0.25], [4.0 * root, root, 0.25], [400.0, 100.0, 0.25], [400.0 * root, 100.0 * root, 0.25]]
+    expected = [[4.0, 1.0, 0.25, 2.0, 0.5], [4.0 * root, root, 0.25, 2.0 * root, 0.5]]
+    expected += [[100.0 * value for value in row[:2]] + [0.25, 100.0 * row[3], 0.5] for row in expected]
     for line, row, measure in zip(lines, expected, ("peak", "RMS", "peak", "RMS")):
         assert measure in line
         assert numbers(line.split(measure)[1]) == pytest.approx(row, rel=2e-3)
-    assert numbers(lines[4]) == pytest.approx([0.3, 15.0, 2.0], rel=1e-3)
+    assert numbers(lines[-1]) == pytest.approx([0.3, 15.0, 2.0], rel=1e-3)
 
 
 def test_the_joints_table_takes_the_ringing_after_the_swing():

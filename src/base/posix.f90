@@ -187,11 +187,11 @@ contains
     ok = c_rename(from//c_null_char, to//c_null_char) == 0
   end function replace_file
 
-  !> Removes a file; nothing happens where there is none.
+  !> Removes a file; nothing happens where there is none, or a pipe, which is somebody's.
   subroutine remove_file(path)
     character(*), intent(in) :: path
     integer(c_int) :: status
-    status = c_unlink(path//c_null_char)
+    if (file_size(path) >= 0) status = c_unlink(path//c_null_char)
   end subroutine remove_file
 
   !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails or where a pipe stands

@@ -189,23 +189,35 @@ contains
   pure function json_text(plain) result(text)
     character(*), intent(in) :: plain
     character(:), allocatable :: text
-    integer :: k, n
-    text = '"'
+    character(:), allocatable :: piece
+    integer :: k, n, used
+    allocate (character(6*len(plain) + 2) :: text)    ! the longest: every byte as \u00XX
+    used = 0
+    call write_letters(text, used, '"')
     k = 1
     do while (k <= len(plain))
-      n = letter_length(plain(k:))
-      if (n == 0 .or. iachar(plain(k:k)) < 32) then
-        text = text//escaped(iachar(plain(k:k)))
-        n = 1
-      else if (scan(plain(k:k), '"\') > 0) then
-        text = text//'\'//plain(k:k)
+      n = max(letter_length(plain(k:)), 1)
+      if (iachar(plain(k:k)) < 32 .or. letter_length(plain(k:)) == 0) then
+        piece = escaped(iachar(plain(k:k)))
+        call write_letters(text, used, piece)
       else
-        text = text//plain(k:k + n - 1)
+        if (scan(plain(k:k), '"\') > 0) call write_letters(text, used, '\')
+        call write_letters(text, used, plain(k:k + n - 1))
       end if
       k = k + n
     end do
-    text = text//'"'
+    call write_letters(text, used, '"')
+    text = text(1:used)
   end function json_text
+
+  !> Puts letters behind those of a text that are in use.
+  pure subroutine write_letters(text, used, letters)
+    character(*), intent(inout) :: text
+    integer, intent(inout) :: used
+    character(*), intent(in) :: letters
+    text(used + 1:used + len(letters)) = letters
+    used = used + len(letters)
+  end subroutine write_letters
 
   !> \n, or \u00XX.
   pure function escaped(code) result(text)
