@@ -73,8 +73,7 @@ contains
     p = size(omega2)
     ok = .true.
     if (ds%symmetric) then
-      call model%build(ds, x, [(abs(omega2(j)) <= max(rounding_level(ds, x(:, j)), 10*epsilon(1.0_wp)*maxval(abs(omega2))), &
-                                j=1, p)])
+      call model%build(ds, x, [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)])
       starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), model%rigid)
       order = [(j, j=1, p)]
       allocate (twins(0))
@@ -169,17 +168,16 @@ contains
     complex(wp), intent(in) :: shapes(:, :)
     type(mode_set), intent(inout) :: modes, unlisted
     type(pole_state) :: pole
-    integer :: j, listed
+    integer :: part(size(starts)), j, listed           ! a mode is in the part of the motion that it holds most of
     logical :: vibrates
-    listed = modes%count
+    listed = maxval([0, modes%mode])
+    part = [(model%label(maxloc(abs(shapes(:, j)), 1)), j=1, size(part))]
     do j = 1, size(starts)
       if (caught_signal() > 0) return
       if (starts(j)%im <= 0.0_wp) cycle                ! rigid or diverging: no vibration to damp
-      if (j > listed) then
-        if (.not. any(model%label(1:listed) == model%label(j))) cycle
-      end if
+      if (j > listed .and. all(part(1:listed) /= part(j))) cycle
       pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
-      call follow_damping(ds, merge(1.0_wp, short_step, count(model%label == model%label(j)) == 1), pole, vibrates)
+      call follow_damping(ds, merge(1.0_wp, short_step, count(model%label == part(j)) == 1), pole, vibrates)
       if (vibrates) vibrates = .not. taken(modes) .and. .not. taken(unlisted)
       if (.not. vibrates) cycle
       if (j <= listed) then
@@ -211,7 +209,7 @@ contains
     complex(wp), allocatable :: others(:)
     integer :: part, j, i, listed, owner, zeros
     logical :: ok, settled(size(shapes, 2))
-    listed = count(modes%kind == undamped_mode)
+    listed = maxval([0, modes%mode])
     settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
     allocate (ranks(size(ds%groups)), source=0)
     allocate (others(0))
