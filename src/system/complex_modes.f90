@@ -9,7 +9,7 @@ module complex_modes
   use mode_list, only: mode_set, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
   use pole_check, only: check_undamped, check_damped
-  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, exact
+  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
   use process, only: caught_signal
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
@@ -148,6 +148,7 @@ contains
         if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
         if (ok) ok = copies(pole%lambda, starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
+        if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, pole)
       end if
       if (ok) then
         starts(j) = pole%lambda

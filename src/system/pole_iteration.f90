@@ -7,9 +7,9 @@ module pole_iteration
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: pole_state, start_pole, refine_pole, follow_damping, exact
+  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
 
-  integer, parameter :: most_passes = 14
+  integer, parameter :: most_passes = 30           ! a double root is approached by halves
   real(wp), parameter :: exact = 1.0e-8_wp             !! relative change after which it has settled: the next one is its cube [-]
   real(wp), parameter :: smallest_step = 1.0e-4_wp     !! of the growing damping [-]
 
@@ -128,6 +128,20 @@ contains
       value = sum(pole%y*force(1:ds%n))
     end function left_product
   end subroutine functional_root
+
+  !> Whether an undamped pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
+  logical function double_root(ds, pole) result(yes)
+    type(stiffness_system), intent(inout) :: ds
+    type(pole_state), intent(in) :: pole
+    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), inertia
+    x = 0.0_wp
+    y = 0.0_wp
+    x(1:ds%n) = pole%x
+    y(1:ds%n) = pole%y
+    call ds%set(pole%lambda, 0.0_wp)
+    inertia = 2*pole%lambda*sum(y*ds%times(cmplx(ds%m, 0.0_wp, wp), x))
+    yes = abs(sum(y*ds%times(ds%slope, x))) <= 1.0e-3_wp*abs(inertia)
+  end function double_root
 
   !> Follows an undamped mode while the damping grows from 0 to 1, in steps that keep it recognisable.
   subroutine follow_damping(ds, longest, pole, vibrates)

@@ -6,7 +6,7 @@
 module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use lapack, only: dgeev, dsyev
+  use lapack, only: dgeev, dgesdd, dgesv, dsyev
   implicit none (type, external)
   private
   public :: reduced_model, reduced_poles
@@ -15,7 +15,6 @@ module reduced_system
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
   real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
 
-  real(wp), parameter :: spread_zero = 3.0e-8_wp       !! modulus of a zero that rounding spreads, over the highest frequency [-]
   real(wp), parameter :: undamped = 1.0e-13_wp         !! rate of a rigid motion that is rounding, over the highest frequency [-]
 
   !> The matrices on the subspace.
@@ -204,11 +203,7 @@ contains
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
     ok = info == 0
-    if (ds%symmetric) then
-      self%zeros = zero_poles(model, members, damped)
-    else                                               ! rounding spreads a double zero over a circle
-      self%zeros = max(count(model%rigid(members)), count(hypot(wr, wi) <= spread_zero*maxval(model%scale)))
-    end if
+    self%zeros = zero_poles(model, members, damped)
     kept = wi >= 0.0_wp
     do j = 1, self%zeros
       k = minloc(hypot(wr, wi), 1)
@@ -292,23 +287,36 @@ contains
     end do
   end subroutine first_order
 
-  !> Poles at zero: each rigid motion has one, and another where nothing damps it.
+  !> Poles at zero: each rigid motion has one, and another where nothing opposes its velocity, neither damping and gyroscopic
+  !> forces nor, through the other motions' displacements under these, a K that is not symmetric. The poles' own moduli do not
+  !> tell: rounding gives them more than slow turning gives to others.
   integer function zero_poles(model, members, damped) result(zeros)
     type(reduced_model), intent(in) :: model
-    integer, intent(in) :: members(:)
+    integer, intent(in) :: members(:)                  !! the motions of the part
     logical, intent(in) :: damped
-    real(wp), allocatable :: rate(:, :), w(:), work(:)
-    integer, allocatable :: r(:)
+    real(wp), allocatable :: rate(:, :), x(:, :), k(:, :), s(:), work(:)
+    real(wp) :: none(1, 2)
+    integer, allocatable :: r(:), e(:), pivots(:), iwork(:)
     integer :: n, info
     r = pack(members, model%rigid(members))
+    e = pack(members, .not. model%rigid(members))
     n = size(r)
     zeros = 2*n
-    if (n == 0 .or. .not. damped) return
-    allocate (w(n), work(40*n))
-    rate = model%c(r, r) + model%g(r, r)
-    rate = matmul(transpose(rate), rate)
-    call dsyev('N', 'U', n, rate, n, w, work, size(work), info)
-    zeros = zeros - count(w > (undamped*maxval(model%scale))**2)
+    if (n == 0) return
+    rate = model%g(r, r)
+    x = model%g(e, r)
+    if (damped) rate = rate + model%c(r, r)
+    if (damped) x = x + model%c(e, r)
+    if (any(abs(model%k(r, e)) > 0.0_wp)) then
+      k = model%k(e, e)
+      allocate (pivots(size(e)), source=0)
+      call dgesv(size(e), n, k, size(e), pivots, x, size(e), info)
+      if (info == 0) rate = rate - matmul(model%k(r, e), x)
+    end if
+    allocate (s(n), work(20*n), source=0.0_wp)
+    allocate (iwork(8*n), source=0)
+    call dgesdd('N', n, n, rate, n, s, none(:, 1:1), 1, none(:, 2:2), 1, work, size(work), iwork, info)
+    zeros = zeros - count(s > undamped*maxval(model%scale))
   end function zero_poles
 
   !> Whether a pole is one of a viscoelastic term alone, in which the mechanism stands still.
