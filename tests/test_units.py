@@ -102,7 +102,7 @@ def flap(u, stiffness, spin):
   position={u(0.5, length=1)},0.0 angular_velocity={w} velocity=0.0,{u(0.5 * spin, length=1, time=-1)} /
 &joint name='hinge' type='revolute' body_a='link' body_b='hub' point_b={u(0.5, length=1)},0.0 /
 &spring name='flat' type='torsional' body_a='link' body_b='hub' stiffness={u(stiffness, mass=1, length=2, time=-2)} free_angle=0.8 /
-&static /
+&static tolerance=1.0e-13 /
 &modal modes=1 /
 """
 

@@ -212,7 +212,7 @@ contains
 
   !> Puts letters behind those of a text that are in use.
   pure subroutine write_letters(text, used, letters)
-    character(*), intent(inout) :: text
+    character(:), allocatable, intent(inout) :: text
     integer, intent(inout) :: used
     character(*), intent(in) :: letters
     text(used + 1:used + len(letters)) = letters
