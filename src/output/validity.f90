@@ -167,7 +167,7 @@ contains
   subroutine lowest_mode(b, omega, x)
     type(body_model), intent(in) :: b
     real(wp), intent(out) :: omega                   !! [rad/s]
-    real(wp), allocatable, intent(out) :: x(:)       !! (nf)
+    real(wp), allocatable, intent(out) :: x(:)       !! (nf) shape of that mode, of any size [m, rad]
     type(band_factor) :: factor
     integer, allocatable :: rows(:), cols(:)
     real(wp), allocatable :: values(:), mx(:)
