@@ -190,44 +190,43 @@ contains
     character(*), intent(in) :: plain
     character(:), allocatable :: text
     character(:), allocatable :: piece
-    integer :: k, n, used
+    integer :: k, n, filled
     allocate (character(6*len(plain) + 2) :: text)    ! the longest: every byte as \u00XX
-    used = 0
-    call write_letters(text, used, '"')
+    filled = 0
+    call write_letters(text, filled, '"')
     k = 1
     do while (k <= len(plain))
       n = max(letter_length(plain(k:)), 1)
       if (iachar(plain(k:k)) < 32 .or. letter_length(plain(k:)) == 0) then
         piece = escaped(iachar(plain(k:k)))
-        call write_letters(text, used, piece)
+        call write_letters(text, filled, piece)
       else
-        if (scan(plain(k:k), '"\') > 0) call write_letters(text, used, '\')
-        call write_letters(text, used, plain(k:k + n - 1))
+        if (scan(plain(k:k), '"\') > 0) call write_letters(text, filled, '\')
+        call write_letters(text, filled, plain(k:k + n - 1))
       end if
       k = k + n
     end do
-    call write_letters(text, used, '"')
-    text = text(1:used)
+    call write_letters(text, filled, '"')
+    text = text(1:filled)
   end function json_text
 
   !> Puts letters behind those of a text that are in use.
-  pure subroutine write_letters(text, used, letters)
+  pure subroutine write_letters(text, filled, letters)
     character(:), allocatable, intent(inout) :: text
-    integer, intent(inout) :: used
+    integer, intent(inout) :: filled
     character(*), intent(in) :: letters
-    text(used + 1:used + len(letters)) = letters
-    used = used + len(letters)
+    text(filled + 1:filled + len(letters)) = letters
+    filled = filled + len(letters)
   end subroutine write_letters
 
   !> \n, or \u00XX.
   pure function escaped(code) result(text)
     integer, intent(in) :: code                   !! 0 to 255
     character(:), allocatable :: text
-    character(4) :: digits
+    character(16), parameter :: hex = '0123456789abcdef'
     text = '\n'
     if (code == 10) return
-    write (digits, '(z4.4)') code
-    text = '\u'//digits
+    text = '\u00'//hex(code/16 + 1:code/16 + 1)//hex(mod(code, 16) + 1:mod(code, 16) + 1)
   end function escaped
 
   !> Bytes of the UTF-8 letter with which a text begins; 0: it begins with none.
