@@ -31,7 +31,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         "error",
     },
     ("integrate/alpha_state", "alpha_solver", "integrate/alpha_state", "self"): {
-        *("method", "nq", "nz", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
+        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
     },
     ("integrate/alpha_state", "position_measures", "integrate/alpha_state", "self%measure"): {"group", "grows", "weight", "whole"},
     ("integrate/alpha_state", "newton_memory", "integrate/alpha_state", "self%newton"): set(),
@@ -43,7 +43,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("output/validity", "validity_watch", "output/validity", "self"): {"weight"},
     ("analysis/step_monitor", "stability_monitor", "analysis/step_monitor", "self"): {
         *("active", "every", "steps", "method", "pole_step", "mode_step", "start_lambda", "fastest", "fast"),
-        *("a", "lambda"),
+        *("covered", "least", "a", "lambda"),
     },
 }
 

@@ -2,7 +2,7 @@
 !> (summary.json). What writes a figure into a line of words stores it under its name, so that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
-  use text, only: es_text, to_text
+  use text, only: es_text, long_es_text, to_text
   implicit none (type, external)
   private
   public :: json_number, json_text
@@ -171,19 +171,9 @@ contains
     do decimals = 14, 16
       read (text, *) back
       if (.not. abs(back - x) > 0.0_wp) exit
-      text = long_number(x, decimals)
+      text = long_es_text(x, decimals)
     end do
   end function json_number
-
-  !> A number with that many decimals.
-  function long_number(x, decimals) result(text)
-    real(wp), intent(in) :: x                     !! [any]
-    integer, intent(in) :: decimals
-    character(:), allocatable :: text
-    character(26) :: buffer
-    write (buffer, '(es26.'//to_text(decimals)//'e3)') x
-    text = trim(adjustl(buffer))
-  end function long_number
 
   !> A text as JSON has it. A byte that is not part of UTF-8 counts as a letter of Latin-1.
   pure function json_text(plain) result(text)

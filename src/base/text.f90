@@ -3,7 +3,7 @@ module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
+  public :: lower, to_text, es_text, long_es_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
   public :: read_file, word_hash, printable
 
   integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
@@ -52,6 +52,16 @@ contains
     character(decimals + 7) :: t
     write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
   end function es_text
+
+  !> A real as d.ddE+eee without blanks: room for every exponent of double precision.
+  pure function long_es_text(x, decimals) result(t)
+    real(wp), intent(in) :: x          !! any number [-]
+    integer, intent(in) :: decimals    !! digits after the point, at most 16
+    character(:), allocatable :: t
+    character(26) :: buffer
+    write (buffer, '(es26.'//to_text(decimals)//'e3)') x
+    t = trim(adjustl(buffer))
+  end function long_es_text
 
   !> A real with its integer part in full, without blanks; one of more than 9 digits as d.ddE+ee.
   pure function fixed_text(x, decimals) result(t)
