@@ -9,39 +9,43 @@ module stability_region
 
 contains
 
-  !> R(z) of a method: the factor by which a step multiplies y where y' = mu y and z = h mu.
-  elemental function growth(method, z) result(r)
+  !> Whether a step makes y grow where y' = mu y and z = h mu: |R(z)| > 1, R the factor by which the step multiplies y.
+  elemental logical function grows(method, z)
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: z           !! step times eigenvalue [-]
-    real(wp) :: r                          !! |R(z)| [-]
-    complex(wp) :: p
+    complex(wp) :: p                       ! R(z) [-]
     if (method == 1) then                  ! 1 + z + z2/2 + z3/6 + z4/24
       p = 1 + z*(1 + z/2*(1 + z/3*(1 + z/4)))
     else                                   ! dopri5: ... + z5/120 + z6/600
       p = 1 + z*(1 + z/2*(1 + z/3*(1 + z/4*(1 + z/5*(1 + z/5)))))
     end if
-    r = abs(p)
-  end function growth
+    grows = real(p, wp)**2 + aimag(p)**2 > 1.0_wp + 2.0e-10_wp
+  end function grows
 
-  !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself).
-  function largest_step(method, mu) result(h)
-    integer, intent(in) :: method
+  !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself), or none
+  !> below `limit`.
+  pure function largest_step(method, mu, limit) result(h)
+    integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: mu          !! eigenvalue [1/s]
-    real(wp) :: h, low, high, x
+    real(wp), intent(in) :: limit          !! larger steps are of no interest [s]
+    real(wp) :: h                          !! [s]
+    real(wp) :: low, high, x, farthest     ! along the ray [-]
     complex(wp) :: unit
     integer :: k
     h = huge(1.0_wp)
     if (abs(mu) <= tiny(1.0_wp)) return
     if (real(mu, wp) > 1.0e-9_wp*abs(mu)) return
     unit = cmplx(min(real(mu, wp), 0.0_wp), aimag(mu), wp)/abs(mu)
-    do k = 1, 1200                         ! steps of 0.01 find the first crossing, bisection sharpens it
+    farthest = 12.0_wp                     ! the regions end before
+    if (limit < 1.0e100_wp) farthest = min(farthest, limit*abs(mu))
+    do k = 1, ceiling(100*farthest)        ! steps of 0.01 find the first crossing, bisection sharpens it
       x = 0.01_wp*k
-      if (growth(method, x*unit) <= 1.0_wp + 1.0e-10_wp) cycle
+      if (.not. grows(method, x*unit)) cycle
       low = x - 0.01_wp
       high = x
       do while (high - low > 1.0e-9_wp)
         x = 0.5_wp*(low + high)
-        if (growth(method, x*unit) > 1.0_wp + 1.0e-10_wp) then
+        if (grows(method, x*unit)) then
           high = x
         else
           low = x

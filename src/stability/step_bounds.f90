@@ -107,13 +107,23 @@ contains
     type(fast_mode), intent(in) :: f
     complex(wp), intent(in) :: roots(:)        !! with damping [1/s]
     complex(wp), allocatable :: without(:)     ! [1/s]
-    integer :: k
     yes = f%damping > 0.0_wp
     if (.not. yes) return
     call modal_roots(fast%lin%runs, f%stiffness, 0.0_wp, f%runs, 1.0e-6_wp*(f%stiffness + sum(f%runs)), without)
-    yes = minval([(largest_step(1, roots(k)), k=1, size(roots))]) < &
-          0.99_wp*minval([(largest_step(1, without(k)), k=1, size(without))])
+    yes = step_of(1, roots) < 0.99_wp*step_of(1, without)
   end function damping_limits
+
+  !> Largest step of a method that all of the roots allow [s]; huge where none bounds it.
+  pure function step_of(method, roots) result(h)
+    integer, intent(in) :: method              !! number in method_names
+    complex(wp), intent(in) :: roots(:)        !! [1/s]
+    real(wp) :: h                              !! [s]
+    integer :: i
+    h = huge(1.0_wp)
+    do i = 1, size(roots)
+      h = min(h, largest_step(method, roots(i), h))
+    end do
+  end function step_of
 
   !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
   pure function extra(fast, runs) result(k)
@@ -136,7 +146,7 @@ contains
     integer :: k, i
     do k = 1, size(method_names)
       do i = 1, size(roots)
-        h = largest_step(k, roots(i))
+        h = largest_step(k, roots(i), bound%step(k))
         if (h >= bound%step(k)*(1 - 1.0e-9_wp)) cycle
         bound%step(k) = h
         bound%mu(k) = roots(i)
@@ -160,14 +170,14 @@ contains
     integer, allocatable :: firsts(:)          ! one run of each material or spring
     real(wp), allocatable :: least(:, :)       ! steps that the poles surely allow [s]
     real(wp) :: lambda
-    integer :: i, j, k
+    integer :: i, k
     firsts = distinct_runs(fast%lin%runs)
     allocate (least(size(method_names), size(firsts)))
     do i = 1, size(firsts)
       associate (t => fast%lin%runs(firsts(i)))
         call take(t%law%rates(), pole_cause(d, m, fast%lin%runs, firsts(i)), bound)
         call run_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
-        least(:, i) = [(minval([huge(1.0_wp), (largest_step(k, roots(j)), j=1, size(roots))]), k=1, size(method_names))]
+        least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
       end associate
     end do
     do i = 1 - size(method_names), size(firsts)          ! first what each method has to fear most: it rules out others
