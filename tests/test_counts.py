@@ -116,10 +116,11 @@ def test_implicit_steps_and_their_changes_allocate_nothing(biela, counters, tmp_
         assert long[1] == short[1]
 
 
-def test_no_allocation_in_a_row(biela, counters, tmp_path):
+@pytest.mark.parametrize("name", ["ghm", "modal"])
+def test_no_allocation_in_a_row(biela, counters, tmp_path, name):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
-    scene = SCENES["ghm"]
+    scene = SCENES[name]
     few, many = (counts(biela, counters, tmp_path, scene(scenes.transient(STEP, 2000, every=n))) for n in (1000, 1))
     assert abs(many[0] - few[0]) < 100  # 1,998 rows more
     assert many[1] == few[1]

@@ -2,7 +2,7 @@
 !> (summary.json). What writes a figure into a line of words stores it under its name, so that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
-  use text, only: es_text, long_es_text, to_text
+  use text, only: es_text, exact_text, to_text
   implicit none (type, external)
   private
   public :: json_number, json_text
@@ -163,16 +163,8 @@ contains
   function json_number(x) result(text)
     real(wp), intent(in) :: x                     !! [any]
     character(:), allocatable :: text
-    real(wp) :: back
-    integer :: decimals
     text = 'null'
-    if (.not. abs(x) < huge(1.0_wp)) return
-    text = to_text(x)
-    do decimals = 14, 16
-      read (text, *) back
-      if (.not. abs(back - x) > 0.0_wp) exit
-      text = long_es_text(x, decimals)
-    end do
+    if (abs(x) < huge(1.0_wp)) text = exact_text(x)
   end function json_number
 
   !> A text as JSON has it. A byte that is not part of UTF-8 counts as a letter of Latin-1.

@@ -3,7 +3,7 @@ module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, long_es_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
+  public :: lower, to_text, es_text, exact_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
   public :: read_file, word_hash, printable
 
   integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
@@ -53,15 +53,22 @@ contains
     write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
   end function es_text
 
-  !> A real as d.ddE+eee without blanks: room for every exponent of double precision.
-  pure function long_es_text(x, decimals) result(t)
-    real(wp), intent(in) :: x          !! any number [-]
-    integer, intent(in) :: decimals    !! digits after the point, at most 16
+  !> A real in as few digits as give it back where they are read: 6, or 15 to 17.
+  pure function exact_text(x) result(t)
+    real(wp), intent(in) :: x          !! any finite number [-]
     character(:), allocatable :: t
+    character(*), parameter :: forms(3) = ['(es26.14e3)', '(es26.15e3)', '(es26.16e3)']
     character(26) :: buffer
-    write (buffer, '(es26.'//to_text(decimals)//'e3)') x
-    t = trim(adjustl(buffer))
-  end function long_es_text
+    real(wp) :: back
+    integer :: k
+    t = real_text(x)
+    do k = 1, size(forms)
+      read (t, *) back
+      if (.not. abs(back - x) > 0.0_wp) exit
+      write (buffer, forms(k)) x
+      t = trim(adjustl(buffer))
+    end do
+  end function exact_text
 
   !> A real with its integer part in full, without blanks; one of more than 9 digits as d.ddE+ee.
   pure function fixed_text(x, decimals) result(t)

@@ -127,26 +127,39 @@ contains
   end function strain_energy
 
   !> (d - z)^T D (d - z) over a run, whose deformations the body holds [J].
-  function difference_product(b, run, z) result(product)
+  pure function difference_product(b, run, z) result(product)
     type(body_model), intent(in) :: b
     type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: z(:)              !! (width) [m, rad]
+    real(wp), intent(in), contiguous :: z(:)  !! (width) [m, rad]
     real(wp) :: product                       !! [J]
+    real(wp) :: x(3)                          ! differences of an element [m, rad]
+    integer :: e, j
+    product = 0.0_wp
     if (b%modal) then
-      product = twice_energy(b, run, b%qx(1:b%nf) - z)
+      do j = 1, b%nf
+        product = product + (b%qx(j) - z(j))*dot_product(run%stiffness(:, j), b%qx(1:b%nf) - z)
+      end do
     else
-      product = twice_energy(b, run, reshape(b%d(:, run%first:run%last), [run%width]) - z)
+      do e = run%first, run%last
+        j = (e - run%first)*b%nd
+        x(1:b%nd) = b%d(:, e) - z(j + 1:j + b%nd)
+        product = product + run_product(b%nd, 1, b%factors(:, e), x, x)
+      end do
     end if
   end function difference_product
 
   !> x^T D x over a run, or x^T K x of a material's modal stiffness [J for deformations].
-  function twice_energy(b, run, x) result(product)
+  pure function twice_energy(b, run, x) result(product)
     type(body_model), intent(in) :: b
     type(ghm_run), intent(in) :: run
-    real(wp), intent(in) :: x(:)              !! (width) [m, rad] or per second
+    real(wp), intent(in), contiguous :: x(:)  !! (width) [m, rad] or per second
     real(wp) :: product                       !! [J]
+    integer :: j
+    product = 0.0_wp
     if (b%modal) then
-      product = dot_product(x, matmul(run%stiffness, x))
+      do j = 1, b%nf
+        product = product + x(j)*dot_product(run%stiffness(:, j), x)
+      end do
     else
       product = run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), x, x)
     end if
