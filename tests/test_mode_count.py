@@ -111,9 +111,10 @@ class Dense:
         """Return what an undamped pole becomes while the damping grows, None where it meets the real axis or is not sure."""
         for i in range(1, steps + 1):
             before = s
-            for _ in range(20):  # numpy refuses a matrix that is singular to the last bit
+            for _ in range(20):  # singular to the last bit is what the iteration ends at: singular values have a floor
                 t, slope = self.dynamic(s, (i / steps) ** 1.5)
-                u = np.linalg.solve(t + 1e-14 * np.abs(t).max() * np.eye(len(t)), slope @ x)
+                left, values, right = np.linalg.svd(t)
+                u = right.conj().T @ (left.conj().T @ (slope @ x) / np.maximum(values, 1e-16 * values[0]))
                 step = np.vdot(x, x) / np.vdot(x, u)
                 s, x = s - step, u / np.linalg.norm(u)
                 if abs(step) < 1e-12 * abs(s):
