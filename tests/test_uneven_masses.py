@@ -113,11 +113,9 @@ def test_modes_kept_of_a_lumped_beam_are_those_of_its_nodes(run_deck, ratio, ele
 
 
 @pytest.mark.parametrize("ratio", RATIOS)
-@pytest.mark.parametrize("spin", [1e-3, 30.0])
-def test_a_structure_that_turns_freely_in_space(request, run_deck, ratio, spin):
+@pytest.mark.parametrize("spin", [1e-5, 1e-3, 30.0])
+def test_a_structure_that_turns_freely_in_space(run_deck, ratio, spin):
     """In axes that turn with it a free structure has one rigid motion, and drifts past at the frequency of the turn."""
-    if spin < 1.0 and ratio <= 1.0:  # the second of the pair at the frequency of the turn is missed, and the run says so
-        request.applymarker(pytest.mark.xfail(strict=True, reason="slow turning: one of a double root is not found, status 1"))
     deck = f"&body name='p' kind='rigid' mass={0.648 * ratio} inertia={0.01 * ratio} angular_velocity={spin} /\n"
     deck += BEAM.format(elements=4, more=f"angular_velocity={spin}")
     found = frequencies(run_deck, deck + "&joint name='w' type='weld' body_a='b' node_a=1 body_b='p' /\n&modal modes=4 /\n")

@@ -11,7 +11,6 @@ module gyroscopic_modes
   public :: turning_basis
 
   real(wp), parameter :: no_stiffness = 0.01_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
-  real(wp), parameter :: smallest = 1.0e-18_wp   !! stiffness that rounding leaves of none, over the highest [-]
 
 contains
 
@@ -50,7 +49,7 @@ contains
     p = size(k, 1)
     do j = 1, p
       scale(j) = abs(k(j, j))
-      if (scale(j) <= max(rounding_level(ds, x(:, j)), smallest*maxval(abs(k)))) scale(j) = 10*epsilon(1.0_wp)*maxval(abs(k))
+      if (scale(j) <= rounding_level(ds, x(:, j))) scale(j) = 10*epsilon(1.0_wp)*maxval(abs(k))
       scale(j) = 1.0_wp/sqrt(max(scale(j), tiny(1.0_wp)))
     end do
     allocate (a(p, p), u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))

@@ -289,17 +289,27 @@ contains
   end subroutine null_space
 
   !> What rounding alone gives as x^T K x of a mass-normalised vector: a squared frequency below it is that of a rigid motion.
+  !> Inertia of turning bodies cancels in entries of K already: it rounds by its own size, the square of the rate of turn.
   pure real(wp) function rounding_level(ds, x) result(level)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:)              !! (n) [1/sqrt(kg)]
+    real(wp) :: forces(ds%n), turns(ds%n), rate2      ! |K||x|, |G||x|; squared rate of turn [rad2/s2]
     integer :: j, e
-    level = 0.0_wp
+    forces = 0.0_wp
+    turns = 0.0_wp
+    rate2 = 0.0_wp
     do j = 1, ds%n
       do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) <= ds%n) level = level + abs(ds%k(e))*abs(x(ds%row(e)))*abs(x(j))
+        if (ds%row(e) > ds%n) exit
+        forces(ds%row(e)) = forces(ds%row(e)) + abs(ds%k(e))*abs(x(j))
+        turns(ds%row(e)) = turns(ds%row(e)) + abs(ds%gyro(e))*abs(x(j))
       end do
     end do
-    level = 100*epsilon(1.0_wp)*level + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
+    do j = 1, ds%n
+      e = ds%entry(j, j)
+      if (ds%m(e) > 0.0_wp) rate2 = rate2 + turns(j)**2/ds%m(e)
+    end do
+    level = 100*epsilon(1.0_wp)*(dot_product(forces, abs(x)) + rate2) + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
   end function rounding_level
 
   !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.

@@ -93,11 +93,10 @@ contains
   !> Skew part of C; whether the undamped system is symmetric and whether there is damping at all.
   subroutine classify(self)
     class(stiffness_system), intent(inout) :: self
+    real(wp), parameter :: unequal = 1.0e-9_wp        !! relative difference of an entry and its mirror that is no rounding [-]
     real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
-    real(wp) :: largest
     self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
-    largest = maxval([0.0_wp, abs(self%k)])
-    self%conservative = all(abs(self%k - self%k(self%mirror)) <= rounding*largest)
+    self%conservative = all(abs(self%k - self%k(self%mirror)) <= unequal*(abs(self%k) + abs(self%k(self%mirror))))
     self%symmetric = self%conservative .and. all(abs(self%gyro) <= 0.0_wp)
     self%damped = size(self%groups) > 0
     if (any(abs(self%c) > 0.0_wp)) self%damped = self%damped .or. &
