@@ -102,7 +102,7 @@ contains
       x = mode_figures(modes, k)
       call text%open('', '{')
       call text%figure(repeat(' ', max(2, 6 - len(number(modes%mode(k))))), 'mode', modes%mode(k))
-      text%words = text%words//'  '//names(modes%kind(k))
+      call text%words%add('  '//names(modes%kind(k)))
       call text%member('kind', json_text(trim(names(modes%kind(k)))))
       call text%figure('  ', 'frequency', x(4), 8)
       call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)

@@ -48,6 +48,7 @@ contains
     type(fault_list) :: faults
     type(failure) :: fail
     type(stability_advice) :: advice
+    character(:), allocatable :: words
     type(summary_record) :: text
     integer :: k
     status = status_bad_input
@@ -78,9 +79,10 @@ contains
     call text%close()
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
-      if (options%json) text%words = text%json()//new_line('a')
+      words = text%words%all()
+      if (options%json) words = text%json()//new_line('a')
       status = status_ok
-      if (write_bytes(standard_output, text%words)) return
+      if (write_bytes(standard_output, words)) return
       call tell(path//': the check cannot be written to standard output')
       status = status_no_output
       return
@@ -130,7 +132,9 @@ contains
            es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
            es_text(0.98_wp*advice%safe%step(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
     call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
-    if (refused) call tell(advice%text%words(:len(advice%text%words) - 1))
+    if (.not. refused) return
+    line = advice%text%words%all()
+    call tell(line(:len(line) - 1))
   end function step_refused
 
   !> The fixed step in use.

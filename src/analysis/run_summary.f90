@@ -88,7 +88,7 @@ contains
     call text%figure('', 'deck_text', run%d%text)
     call text%line('')
     call write_whole(run%folder//'/summary.json', text%json(), ok)
-    if (ok) call write_whole(run%folder//'/summary.txt', text%words, ok)
+    if (ok) call write_whole(run%folder//'/summary.txt', text%words%all(), ok)
   end subroutine write_summary
 
   !> Writes a whole file beside its place and renames it, so that it is never half there.

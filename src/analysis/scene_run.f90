@@ -76,7 +76,7 @@ contains
     type(run_state), intent(in) :: run
     character(*), intent(in) :: words
     type(summary_record), intent(inout) :: text         !! the summary so far
-    text%words = text%words//'  '
+    call text%words%add('  ')
     call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
   end subroutine warn
 

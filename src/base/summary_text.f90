@@ -2,6 +2,7 @@
 !> (summary.json). What writes a figure into a line of words stores it under its name, so that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
+  use growing_text, only: text_buffer
   use text, only: es_text, exact_text, to_text
   implicit none (type, external)
   private
@@ -9,10 +10,9 @@ module summary_text
 
   !> A summary that is being written.
   type, public :: summary_record
-    character(:), allocatable :: words            !! lines so far, and the beginning of the next one
-    character(:), allocatable :: members          !! of the JSON object, so far, in the first `used` characters
-    integer :: used = 0
-    character(:), allocatable :: warnings         !! elements of its list of warnings, so far
+    type(text_buffer) :: words                    !! lines so far, and the beginning of the next one
+    type(text_buffer) :: members                  !! of the JSON object, so far
+    type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
   contains
     procedure :: begin
@@ -23,7 +23,6 @@ module summary_text
     procedure :: warning
     procedure :: json
     procedure :: member
-    procedure, private :: put
     procedure, private :: put_integer, put_long, put_real, put_word
     generic :: figure => put_integer, put_long, put_real, put_word
   end type summary_record
@@ -33,10 +32,9 @@ contains
   !> Empties the summary.
   subroutine begin(self)
     class(summary_record), intent(inout) :: self
-    self%words = ''
-    self%members = repeat(' ', 4096)
-    self%used = 0
-    self%warnings = ''
+    self%words = text_buffer()
+    self%members = text_buffer()
+    self%warnings = text_buffer()
     self%open_brackets = ''
   end subroutine begin
 
@@ -44,7 +42,7 @@ contains
   subroutine line(self, words)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: words             !! rest of the line
-    self%words = self%words//words//new_line('a')
+    call self%words%add(words//new_line('a'))
   end subroutine line
 
   !> A whole number, behind words that lead to it.
@@ -61,7 +59,7 @@ contains
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
     integer(ip), intent(in) :: n                  !! any count
-    self%words = self%words//lead//to_text(n)
+    call self%words%add(lead//to_text(n))
     call self%member(name, to_text(n))
   end subroutine put_long
 
@@ -72,9 +70,9 @@ contains
     real(wp), intent(in) :: x                     !! [unit that the words name]
     integer, intent(in), optional :: decimals     !! of d.ddE+ee; left out: few digits
     if (present(decimals)) then
-      self%words = self%words//lead//es_text(x, decimals)
+      call self%words%add(lead//es_text(x, decimals))
     else
-      self%words = self%words//lead//to_text(x)
+      call self%words%add(lead//to_text(x))
     end if
     call self%member(name, json_number(x))
   end subroutine put_real
@@ -84,7 +82,7 @@ contains
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
     character(*), intent(in) :: word              !! any text
-    self%words = self%words//lead//word
+    call self%words%add(lead//word)
     call self%member(name, json_text(word))
   end subroutine put_word
 
@@ -92,20 +90,11 @@ contains
   subroutine member(self, name, value)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: name, value
-    if (self%used > 0 .and. scan(self%members(max(1, self%used):self%used), '{[') == 0) call self%put(',')
-    call self%put(new_line('a')//repeat('  ', len_trim(self%open_brackets) + 1))
-    if (.not. in_list(self)) call self%put(json_text(name)//': ')
-    call self%put(value)
+    if (self%members%used > 0 .and. scan(self%members%last(), '{[') == 0) call self%members%add(',')
+    call self%members%add(new_line('a')//repeat('  ', len_trim(self%open_brackets) + 1))
+    if (.not. in_list(self)) call self%members%add(json_text(name)//': ')
+    call self%members%add(value)
   end subroutine member
-
-  !> Appends characters to the members; their buffer grows by doubling, so that long scenes cost no more a line than short ones.
-  subroutine put(self, piece)
-    class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: piece
-    if (self%used + len(piece) > len(self%members)) self%members = self%members//repeat(' ', self%used + len(piece))
-    self%members(self%used + 1:self%used + len(piece)) = piece
-    self%used = self%used + len(piece)
-  end subroutine put
 
   !> Whether the innermost bracket is that of a list.
   pure logical function in_list(self) result(yes)
@@ -130,7 +119,7 @@ contains
     class(summary_record), intent(inout) :: self
     integer :: depth
     depth = len_trim(self%open_brackets)
-    call self%put(new_line('a')//repeat('  ', depth)//merge(']', '}', in_list(self)))
+    call self%members%add(new_line('a')//repeat('  ', depth)//merge(']', '}', in_list(self)))
     self%open_brackets(depth:) = ''
   end subroutine close_bracket
 
@@ -138,9 +127,9 @@ contains
   subroutine append(self, part)
     class(summary_record), intent(inout) :: self
     type(summary_record), intent(in) :: part
-    self%words = self%words//part%words
-    if (self%used > 0 .and. part%used > 0) call self%put(',')
-    call self%put(part%members(1:part%used))
+    call self%words%add(part%words%all())
+    if (self%members%used > 0 .and. part%members%used > 0) call self%members%add(',')
+    call self%members%add(part%members%all())
     self%open_brackets = part%open_brackets
   end subroutine append
 
@@ -148,15 +137,15 @@ contains
   subroutine warning(self, sentence)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: sentence
-    if (len(self%warnings) > 0) self%warnings = self%warnings//','
-    self%warnings = self%warnings//new_line('a')//'    '//json_text(sentence)
+    if (self%warnings%used > 0) call self%warnings%add(',')
+    call self%warnings%add(new_line('a')//'    '//json_text(sentence))
   end subroutine warning
 
   !> The whole as a JSON object.
   function json(self) result(text)
     class(summary_record), intent(in) :: self
     character(:), allocatable :: text
-    text = '{'//self%members(1:self%used)//','//new_line('a')//'  "warnings": ['//self%warnings//']'//new_line('a')//'}'
+    text = '{'//self%members%all()//','//new_line('a')//'  "warnings": ['//self%warnings%all()//']'//new_line('a')//'}'
   end function json
 
   !> A number as JSON has it, in as few digits as give it back; null where it is infinite or none.
@@ -171,35 +160,24 @@ contains
   pure function json_text(plain) result(text)
     character(*), intent(in) :: plain
     character(:), allocatable :: text
-    character(:), allocatable :: piece
-    integer :: k, n, filled
-    allocate (character(6*len(plain) + 2) :: text)    ! the longest: every byte as \u00XX
-    filled = 0
-    call write_letters(text, filled, '"')
+    type(text_buffer) :: json
+    integer :: k, n
+    call json%add('"')
     k = 1
     do while (k <= len(plain))
-      n = max(letter_length(plain(k:)), 1)
-      if (iachar(plain(k:k)) < 32 .or. letter_length(plain(k:)) == 0) then
-        piece = escaped(iachar(plain(k:k)))
-        call write_letters(text, filled, piece)
+      n = letter_length(plain(k:))
+      if (n == 0 .or. iachar(plain(k:k)) < 32) then
+        call json%add(escaped(iachar(plain(k:k))))
+        n = 1
       else
-        if (scan(plain(k:k), '"\') > 0) call write_letters(text, filled, '\')
-        call write_letters(text, filled, plain(k:k + n - 1))
+        if (scan(plain(k:k), '"\') > 0) call json%add('\')
+        call json%add(plain(k:k + n - 1))
       end if
       k = k + n
     end do
-    call write_letters(text, filled, '"')
-    text = text(1:filled)
+    call json%add('"')
+    text = json%all()
   end function json_text
-
-  !> Puts letters behind those of a text that are in use.
-  pure subroutine write_letters(text, filled, letters)
-    character(:), allocatable, intent(inout) :: text
-    integer, intent(inout) :: filled
-    character(*), intent(in) :: letters
-    text(filled + 1:filled + len(letters)) = letters
-    filled = filled + len(letters)
-  end subroutine write_letters
 
   !> \n, or \u00XX.
   pure function escaped(code) result(text)

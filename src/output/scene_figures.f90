@@ -1,6 +1,7 @@
 !> Where everything of the assembled scene stands, for pictures: frames and nodes of the bodies, the places of joints, drives,
 !> springs, forces and sensors. Written as figures of the summary, one line each; words are not added.
 module scene_figures
+  use growing_text, only: text_buffer
   use kinds, only: wp
   use deck_records, only: deck, place_record
   use mechanism, only: mechanism_model
@@ -63,20 +64,20 @@ contains
     real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
     integer, intent(in) :: k                   !! body
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: nodes, elements
+    type(text_buffer) :: nodes, elements
     integer :: j
-    nodes = ''
-    elements = ''
     associate (b => m%s%bodies(k), r => d%bodies(k))
       do j = 1, b%nn
-        nodes = nodes//', '//vector(position(m, q, place_record(body=k, node=j)))
+        if (j > 1) call nodes%add(', ')
+        call nodes%add(vector(position(m, q, place_record(body=k, node=j))))
       end do
       do j = 1, b%ne
-        elements = elements//', ['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']'
+        if (j > 1) call elements%add(', ')
+        call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
       end do
       call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
         to_text(b%mass)//', "centre": '//vector(position(m, q, place_record(body=k, point=b%i1/b%mass)))// &
-        ', "nodes": ['//nodes(min(3, len(nodes) + 1):)//'], "elements": ['//elements(min(3, len(elements) + 1):)//']}')
+        ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
     end associate
   end subroutine add_body
 

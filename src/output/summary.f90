@@ -28,7 +28,7 @@ contains
     type(summary_record), intent(inout) :: text
     character(*), intent(in) :: path
     character(*), intent(in) :: warnings       !! each ends with a new line
-    text%words = text%words//warnings
+    call text%words%add(warnings)
     call tell_warnings(text, path, warnings)
   end subroutine add_warnings
 
@@ -107,8 +107,8 @@ contains
     if (.not. b%flexible) then
       call text%figure('": ', 'model', 'rigid')
       call text%member('kind', json_text(kind))
-      text%words = text%words//', 3 coordinates'
-      if (kind /= 'rigid') text%words = text%words//' ('//kind//' with flexible=.false.)'
+      call text%words%add(', 3 coordinates')
+      if (kind /= 'rigid') call text%words%add(' ('//kind//' with flexible=.false.)')
       call text%line('')
       call text%close()
       return
@@ -120,18 +120,18 @@ contains
     call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
     if (b%modal) then
       call text%figure(' modes of ', 'nodal_coordinates', b%nodal_nf)
-      text%words = text%words//' nodal coordinates'
+      call text%words%add(' nodal coordinates')
     else
-      text%words = text%words//' elastic coordinates ('//number(3*b%nn)//' nodal ones'
-      if (.not. b%axial) text%words = text%words//' without the axial ones'
-      text%words = text%words//' less the reference conditions)'
+      call text%words%add(' elastic coordinates ('//number(3*b%nn)//' nodal ones')
+      if (.not. b%axial) call text%words%add(' without the axial ones')
+      call text%words%add(' less the reference conditions)')
     end if
-    if (b%modal .and. .not. b%axial) text%words = text%words//', no axial deformation'
-    if (b%stiffening) text%words = text%words//', geometric stiffening'
+    if (b%modal .and. .not. b%axial) call text%words%add(', no axial deformation')
+    if (b%stiffening) call text%words%add(', geometric stiffening')
     call text%member('dissipative_coordinates', number(b%nz))
     call text%figure(', ', 'damping', damping_words(d, b, k))
-    if (b%extra_references > 0) text%words = text%words//'; '//number(b%extra_references)// &
-                                             ' reference conditions more than needed: stiffer than the structure'
+    if (b%extra_references > 0) call text%words%add('; '//number(b%extra_references)// &
+                                             ' reference conditions more than needed: stiffer than the structure')
     call text%line('')
     call text%close()
   end subroutine body_line

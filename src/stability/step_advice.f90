@@ -129,13 +129,13 @@ contains
     type(stability_advice), intent(inout) :: advice
     integer, intent(in) :: k                   !! method
     associate (text => advice%text, safe => advice%safe%step(k), current => advice%current%step(k), mu => advice%safe%mu(k))
-      text%words = text%words//'  '//trim(method_names(k))
+      call text%words%add('  '//trim(method_names(k)))
       if (safe >= huge(1.0_wp)) then
         call text%line(': no limit (nothing vibrates or decays fast): accuracy alone sets the step')
         return
       end if
       call text%figure(': safe bound ', 'safe_bound', safe, 4)
-      text%words = text%words//' s (joints released)'
+      call text%words%add(' s (joints released)')
       if (current > 1.0e6_wp*safe) then
         call text%line(', no current bound (as assembled)')
       else
@@ -144,7 +144,7 @@ contains
       end if
       call text%figure('    limited by ', 'limited_by', trim(advice%safe%cause(k)%what))
       call text%figure(', |eigenvalue| ', 'eigenvalue', abs(mu), 4)
-      text%words = text%words//' rad/s, damping ratio '//fixed_text(abs(real(mu, wp))/abs(mu), 4)
+      call text%words%add(' rad/s, damping ratio '//fixed_text(abs(real(mu, wp))/abs(mu), 4))
       call text%member('damping_ratio', json_number(abs(real(mu, wp))/abs(mu)))
       call text%line('')
     end associate

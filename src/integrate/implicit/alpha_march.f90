@@ -132,8 +132,8 @@ contains
     call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%factors(1))
     call text%figure(', exact ', 'exact_factorisations', self%solver%factors(2))
     call text%member('newton_failures', to_text(self%failures))
-    if (self%failures > 0) text%words = text%words//'; Newton''s method failed '//to_text(self%failures)// &
-      ' times, and the step was '//trim(merge('tried smaller', 'halved       ', self%adaptive))
+    if (self%failures > 0) call text%words%add('; Newton''s method failed '//to_text(self%failures)// &
+      ' times, and the step was '//trim(merge('tried smaller', 'halved       ', self%adaptive)))
     call text%line('')
   end subroutine account
 
