@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Draw a mechanism's motion from motion.txt: a moving picture (GIF, MP4) and a sheet of snapshots (PNG); no window is needed.
 
 The run must have written motion.txt (motion_step in the deck's transient). With --deck the massless links, springs, slider

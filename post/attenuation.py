@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Damping in the rod, in the joint, in both: runs the four decks slider_crank_joint_*, draws them, prints the attenuation.
 
 `make joints` calls it from the project's root. Results go to results/<deck name>/, the picture to results/joints/.

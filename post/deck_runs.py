@@ -39,7 +39,8 @@ COUNTS = {
     "multipliers": ("model", "constraints"),
 }
 ALONE = 9  # a run timed alone is repeated so often at most
-ENOUGH = 1.0  # [s] of repeats of a run timed alone
+ENOUGH = 1.0  # [s] by the clock after which a run timed alone is not repeated any more
+GRACE = 0.5  # [s] that a run has to write how far it came
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 MARK = "\n! timed alone\n"
@@ -55,6 +56,21 @@ class InterruptedRunsError(Exception):
 
 class OutOfTimeError(Exception):
     """No run is begun any more: the study has had its time."""
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """A run that the time ended.
+
+    Attributes:
+        text: of the deck
+        seconds: by the clock that it had [s]
+        reached: the time of the motion that it came to, nan where it had not begun [s]
+    """
+
+    text: str
+    seconds: float
+    reached: float
 
 
 @dataclass(frozen=True)
@@ -116,6 +132,7 @@ class Runner:
         quiet: no progress bar
         time: that the study may take, from the start of the process [s]
         share: of that time after which no run of the present phase goes on
+        unfinished: runs that the time ended
     """
 
     biela: Path
@@ -125,6 +142,7 @@ class Runner:
     quiet: bool = False
     time: float = math.inf
     share: float = 1.0
+    unfinished: list[Unfinished] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         try:
@@ -136,11 +154,17 @@ class Runner:
         self.stopped = threading.Event()
         self.drawing = threading.Lock()
         self.made = self.found = 0
-        self.started = time.monotonic() - time.process_time()  # what loading the tool took is counted
+        self.started, self.loading, self.others = time.monotonic(), time.process_time(), _of_children()
+        self.waits: list[float] = []  # by the clock, for each run [s]
+
+    def slowness(self) -> float:
+        """Return how many times longer than by its processor a run takes by the clock, other work on the machine being as it is."""
+        used = _of_children() - self.others
+        return max(sum(self.waits) / used, 1.0) if used > 0.0 else 1.0
 
     def left(self) -> float:
-        """Return the seconds that the present phase of the study still has."""
-        return self.share * self.time - (time.monotonic() - self.started)
+        """Return the seconds that the present phase of the study still has; what loading the tool took is counted."""
+        return self.share * self.time - (time.monotonic() - self.started) - self.loading * self.slowness()
 
     def late(self, share: float = 1.0) -> bool:
         """Whether that share of the time until the present phase ends is over."""
@@ -207,7 +231,8 @@ class Runner:
         if all(found):
             return found[0], found[1]
         runs: list[tuple[Outcome, Outcome]] = []
-        while not runs or len(runs) < min(ALONE, ENOUGH / max(runs[0][0].seconds + runs[0][1].seconds, 1.0e-6)):
+        begun = time.monotonic()
+        while not runs or (len(runs) < ALONE and time.monotonic() - begun < ENOUGH):
             try:
                 runs.append(tuple(self._made(text.replace(MARK, "\n"), self._key(text)) for text in marked))
             except OutOfTimeError:
@@ -251,9 +276,10 @@ class Runner:
         place.mkdir(exist_ok=True)
         try:
             (place / "deck.nml").write_text(text, encoding="utf-8")
+            begun = time.monotonic()
             outcomes = [self._run(place)]
             with contextlib.suppress(OutOfTimeError):
-                while text.endswith(MARK) and len(outcomes) < min(ALONE, ENOUGH / max(outcomes[0].seconds, 1.0e-6)):
+                while text.endswith(MARK) and len(outcomes) < ALONE and time.monotonic() - begun < ENOUGH:
                     outcomes.append(self._run(place))
             return _median(outcomes)
         finally:
@@ -271,20 +297,22 @@ class Runner:
         self.children.add(child)
         if self.stopped.is_set():
             _end(child)
+        begun = time.monotonic()
         try:
             _, told = child.communicate(timeout=limit)
             status = child.returncode
         except subprocess.TimeoutExpired:
-            _end(child)
-            child.communicate()
+            reached = _reached(child)
             if limit < self.longest:
+                self.unfinished.append(Unfinished((place / "deck.nml").read_text(encoding="utf-8"), limit, reached))
                 raise OutOfTimeError from None
-            status, told = -1, f"deck.nml: stopped after {self.longest:g} s"
+            status, told = -1, f"deck.nml: stopped after {self.longest:g} s" + (f" at t = {reached:g} s" if reached > 0.0 else "")
         except BaseException:
             _end(child)
             raise
         finally:
             self.children.discard(child)
+            self.waits.append(time.monotonic() - begun)
         lines = [line for line in told.splitlines() if "warning" not in line]
         message = re.sub(r"^deck\.nml:(?=\d)", "line ", lines[0]).removeprefix("deck.nml: ") if lines else ""
         if status:
@@ -320,10 +348,27 @@ def _median(outcomes: Sequence[Outcome]) -> Outcome:
     return replace(outcomes[0], seconds=float(np.median([outcome.seconds for outcome in outcomes])))
 
 
-def _end(child: subprocess.Popen) -> None:
+def _of_children() -> float:
+    """Return the seconds of the processor that all solvers that have ended took."""
+    return sum(os.times()[2:4])
+
+
+def _reached(child: subprocess.Popen) -> float:
+    """Stop a solver and return the time of the motion that it says it came to [s], nan where it says nothing."""
+    _end(child, signal.SIGTERM)
+    try:
+        _, told = child.communicate(timeout=GRACE)
+    except subprocess.TimeoutExpired:
+        _end(child)
+        _, told = child.communicate()
+    found = re.search(r"stopped by signal \d+ at t = +(\S+) s", told)
+    return float(found[1]) if found else math.nan
+
+
+def _end(child: subprocess.Popen, how: int = signal.SIGKILL) -> None:
     """Stop a solver that was started here."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
+        os.killpg(child.pid, how)
 
 
 def _save(path: Path, outcome: Outcome) -> None:

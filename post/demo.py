@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """The slider-crank of Vaz, Rade & Lima, undamped against viscoelastic: runs the decks, draws, prints the attenuation.
 
 `make demo` calls it from the project's root. Results go to results/<deck name>/, pictures to results/demo/.

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Draw the assembled mechanism of a deck with its names, before any run: bodies, joints, drives, springs, loads, sensors.
 
 The solver assembles the deck (biela --check --json); a results folder is drawn from its summary.json. Lengths are to scale.

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Write results in the formats of other programs: CSV, Parquet, MATLAB, VTK for ParaView.
 
     export.py results/four_bar --to csv                        history.csv beside history.txt, units in the columns' names

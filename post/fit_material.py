@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Fit GHM or Maxwell terms to a measured complex modulus and print the `&material` lines; or draw and convert a deck's material.
 
     fit_material.py DATA.csv --density 1200                       terms of the law that fits better at equal cost

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """The flexible slider-crank of the IVP test set: error against its converged history and cost, for every method.
 
 Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against evaluations. The

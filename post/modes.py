@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Draw what a modal analysis and a frequency response left in a results folder, as PNG and PDF; no window is needed.
 
 STEM_modes: the shapes over the mechanism at the place about which they were computed (with --deck joints, links and springs

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
 
 Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are

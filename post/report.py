@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Write one page (HTML) about a run, or about two runs side by side: it opens from the disk and needs no network.
 
 The scene with its names, what was modelled, histories, energy, accuracy and validity, modes, responses, the table of a trade-off

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Draw what frequencies a run holds: amplitude spectrum, power spectral density, waterfall, orders of a drive, decay.
 
     spectrum.py results/four_bar --columns 'tip.*'                  amplitudes and power spectral density (Welch)

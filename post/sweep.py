@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Run a deck over ranges of its parameters and gather numbers of every run into one table.
 
     sweep.py STUDY.toml                                   all runs on all cores; results/sweep/STUDY/table.csv and pictures

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'p=${0%/*}/../.venv/bin/python; [ -x "$p" ] || p=python3; exec "$p" "$0" "$@"'
 """Speed against accuracy, measured for a deck: which method, which step, and the smallest model that is good enough.
 
 Runs variants of the deck, measures the error of its sensors against a converged truth, takes out of the model what the sensors
@@ -35,7 +35,7 @@ from deck_text import DeckError, DeckText, read
 from tradeoff_causes import PARTS, cancellation, deciding, offset
 from tradeoff_errors import Compared, gap, sizes_of
 from tradeoff_picture import draw
-from tradeoff_report import Result, head, table, verdict
+from tradeoff_report import Result, head, nothing_finished, table, verdict
 from tradeoff_search import EFFECT, cheapest, greedy
 from tradeoff_settings import FAMILIES, METHODS, Setting, columns, grid_of, length_of, sensors, with_setting
 from tradeoff_study import CALL, FULL, Point, Study
@@ -44,8 +44,9 @@ from tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_o
 FINALISTS = 4
 NEAR = 1.5  # settings are timed alone where their price is within this factor of the least
 CLOCK = 0.05  # [s] runs timed alone are ranked by the clock where they take longer
-# shares of --time after which no run goes on: of the deck as written, of the reference, of the search; the rest is for the end
+# shares of --time after which no run goes on: of the deck as written, of the reference, of the search
 WRITTEN, REFERENCE, SEARCH = 0.25, 0.5, 0.85
+DRAWING = 0.7  # [s] of the processor that table and picture take
 
 
 def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
@@ -178,16 +179,23 @@ def run(args: argparse.Namespace) -> int:
     folder = args.output or Path("results") / "tradeoff" / args.deck.stem
     study = study_of(args, deck, folder)
     runner = study.runner
-    runner.share = WRITTEN
-    written = as_written(study, deck)
-    narrow(study, deck, written, args.sensor)
-    runner.share = REFERENCE
-    base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
+    try:
+        runner.share = WRITTEN
+        written = as_written(study, deck)
+        runner.share = REFERENCE
+        narrow(study, deck, written, args.sensor)
+        base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
+    except OutOfTimeError:
+        said, text = nothing_finished(study, args.deck.name)
+        runner.clear_line()
+        (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
+        print(f"{said}\nTable: {folder}/tradeoff.txt; the same command goes on from what is kept")
+        return 1
     own = Point("deck as written", None, deck, written, gap(written, study.truth))
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
     runner.share = SEARCH
     explore(study, base, result)
-    runner.share = 1.0
+    runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
     recommend(study, result, choose(study, args.budget), folder)
     if base.doublings:
         split(study, result, deck, base.doublings)
@@ -227,9 +235,6 @@ def main(words: list[str] | None = None) -> int:
         return run(args)
     except (DeckError, RunsError) as fault:
         print(f"\ntradeoff: {fault}" if sys.stderr.isatty() else f"tradeoff: {fault}", file=sys.stderr)
-        return 2
-    except OutOfTimeError:
-        print(f"tradeoff: no reference within {args.time:g} s; give more --time, the same command goes on", file=sys.stderr)
         return 2
     except (InterruptedRunsError, KeyboardInterrupt):
         print("\ntradeoff: interrupted; what was run is kept, the same command continues", file=sys.stderr)

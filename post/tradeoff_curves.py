@@ -76,7 +76,8 @@ def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, 
         spare: whether to end when one family has reached the target
     """
     target = CERTAIN * study.tolerance
-    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in study.families]
+    # implicit methods first: their coarsest run has the fewest steps, so that there is one when the time ends
+    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in reversed(study.families)]
     found = [Curve(setting.family, following=setting) for setting in first]
     while climbing := [made for made in found if not made.ended]:
         best = min((c.cost for c in found if c.left <= target), default=float("inf"))
@@ -128,16 +129,24 @@ def doubt(study: Study, found: list[Curve]) -> float:
 
 
 def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
-    """Add the next two levels to a curve: steps halved, tolerances divided by ten."""
+    """Add the next two levels to a curve: steps halved, tolerances divided by ten.
+
+    Raises:
+        OutOfTimeError: one was not finished; what was is in the curve.
+    """
     batch = [s for s in (made.following, made.following.doubled()) if s.exists()]
-    begun, cost = time.monotonic(), made.cost
-    done = study.runner.all([study.text(deck, s) for s in batch], f"{stage}, {made.family}")
+    begun, cost, late = time.monotonic(), made.cost, None
+    texts = [study.text(deck, s) for s in batch]
+    try:
+        done = study.runner.all(texts, f"{stage}, {made.family}")
+    except OutOfTimeError as fault:
+        late, done = fault, [study.runner.kept(text) for text in texts]
     made.waited = time.monotonic() - begun
     made.following = batch[-1].doubled()
     for setting, outcome in zip(batch, done):
-        if outcome.status == -1:
+        if outcome is None or outcome.status == -1:
             made.ended = True
-            return
+            break
         if outcome.ok:
             made.settings.append(setting)
             made.outcomes.append(outcome)
@@ -145,7 +154,9 @@ def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
     made.before = (cost, made.left)
     rounding = left > 0.7 * made.left and made.left < 1.0e-6 and len(made.outcomes) > 4
     made.left = min(left, made.left) if rounding else left
-    made.ended = rounding or not made.following.exists() or len(made.outcomes) >= LEVELS
+    made.ended = made.ended or rounding or not made.following.exists() or len(made.outcomes) >= LEVELS
+    if late:
+        raise late
 
 
 def _left(study: Study, made: Curve) -> float:

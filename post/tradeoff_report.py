@@ -6,11 +6,13 @@ import math
 import textwrap
 from dataclasses import dataclass, field
 
+from deck_text import DeckText, parse
 from tradeoff_curves import Curve
 from tradeoff_errors import Gap, gap, plain_truth
 from tradeoff_study import Point, Study
 
 WIDTH = 120
+MANY = 20  # a study takes about as long as so many of its dearest runs
 
 
 @dataclass
@@ -63,9 +65,12 @@ def pareto(points: list[Point]) -> set[int]:
 
 def setting_words(study: Study, point: Point) -> str:
     """Return a point's setting as text."""
-    if point.setting:
-        return point.setting.words(study.grid)
-    transient = point.deck.one("transient")
+    return point.setting.words(study.grid) if point.setting else own_setting(point.deck)
+
+
+def own_setting(deck: DeckText) -> str:
+    """Return the setting that stands in a deck as text."""
+    transient = deck.one("transient")
     size = "tolerance" if "tolerance" in transient.values else "step"
     return f"{transient.word('method', 'rk4')} {size} {transient.number(size):.3g}" + " s" * (size == "step")
 
@@ -144,6 +149,30 @@ def verdict(study: Study, result: Result) -> str:
     if math.isfinite(result.budget):
         said += f" The budget was {result.budget:g} s."
     return said
+
+
+def nothing_finished(study: Study, name: str) -> tuple[str, str]:
+    """Return what is said, and the text of tradeoff.txt, where the time ended before any run came to its end.
+
+    Args:
+        study: whose runs were ended
+        name: of the deck
+    """
+    runs, t_end = study.runner.unfinished, study.grid.t_end
+    whole = min((r.seconds * t_end / r.reached for r in runs if r.reached > 0.0), default=math.nan)
+    given = study.runner.time
+    said = f"No run came to its end within --time {given:g}: nothing can be compared, nothing is recommended."
+    needed = MANY * given
+    if whole < math.inf:
+        said += f" At the speed of the one that came farthest a run takes {whole:.2g} s on this machine as busy as it is."
+        needed = max(MANY * whole, 2.0 * given)
+    said += f" Give --time {float(f'{needed:.2g}'):g} or a shorter t_end."
+    lines = [f"Speed against accuracy of {name}", "", *textwrap.wrap(said, WIDTH), ""]
+    lines += [f"{'setting':34}  {'seconds':>10}  came to"]
+    for run in runs:
+        reached = f"t = {run.reached:.4g} s of {t_end:.4g} s" if run.reached >= 0.0 else "its set-up"
+        lines.append(f"{own_setting(parse(run.text)):34}  {run.seconds:10.4f}  {reached}")
+    return said, "\n".join(lines) + "\n"
 
 
 def _wrapped(notes: list[str]) -> list[str]:

@@ -18,6 +18,7 @@ MESHES = 4  # doublings of the mesh at most
 DEAR = 4.0  # a setting by which effects are measured costs at most so many times the cheapest adequate one
 DEARER = 3.0  # a run of a mesh twice as fine, before any has shown: half the step, and some more work
 SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
+LATE = 0.9  # share of the study's time after which nothing more is done for a truth
 SECOND = 0.7  # share of the study's time after which the second attempt at a truth ends
 RIGHT = 0.7  # share of what an error may be that a model may use up, so that the search starts from it
 
@@ -57,16 +58,21 @@ def _words(study: Study, made: Curve) -> str:
 def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     """Set the study's truth: the deck's own model, converged in time.
 
-    Where nothing converged in the time, the finest run takes its place, or else the deck as written, and how far it is off is
-    not known.
+    Where none is known well enough when the time of the reference is over, it has that of the search, too: without it nothing
+    can be recommended. Where nothing converged even then, the finest run takes its place, or else the deck as written, and how
+    far it is off is not known.
 
     Raises:
-        RunsError: there is no run at all.
+        OutOfTimeError: no run at all came to its end.
+        RunsError: every run failed.
     """
     found = curves(study, deck, "reference")
+    if not (found and doubt(study, found) < study.tolerance):
+        study.runner.share = LATE
+        found = curves(study, deck, "reference")
     if not found:
         if not written.ok:
-            raise RunsError("neither the deck as written nor any other setting came to its end within the time; give more --time")
+            raise OutOfTimeError if study.runner.late() else RunsError(f"no run came to its end: {written.message}")
         study.truth = truth_of(written, study.compared, float("inf"), "the deck as written: no other run came to its end in time")
         return Base(deck, [], 0, [])
     finest = found[0].outcomes[-1]
