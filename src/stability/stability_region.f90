@@ -7,45 +7,69 @@ module stability_region
 
   character(6), parameter :: method_names(2) = ['rk4   ', 'dopri5']   !! explicit methods, by number
 
+  !> Coefficients of the factor R(z) = sum of r(k) z^k by which a step multiplies y where y' = mu y and z = h mu [-].
+  real(wp), parameter :: r(0:6, 2) = reshape([1.0_wp, 1.0_wp, 1/2.0_wp, 1/6.0_wp, 1/24.0_wp, 0.0_wp, 0.0_wp, &
+                                              1.0_wp, 1.0_wp, 1/2.0_wp, 1/6.0_wp, 1/24.0_wp, 1/120.0_wp, 1/600.0_wp], [7, 2])
+
 contains
 
-  !> Whether a step makes y grow where y' = mu y and z = h mu: |R(z)| > 1, R the factor by which the step multiplies y.
-  elemental logical function grows(method, z)
+  !> |R(x u)|2 - 1 on the ray of a unit number u, as coefficients of x to x12.
+  pure function growth_on_ray(method, u) result(c)
     integer, intent(in) :: method          !! number in method_names
-    complex(wp), intent(in) :: z           !! step times eigenvalue [-]
-    complex(wp) :: p                       ! R(z) [-]
-    if (method == 1) then                  ! 1 + z + z2/2 + z3/6 + z4/24
-      p = 1 + z*(1 + z/2*(1 + z/3*(1 + z/4)))
-    else                                   ! dopri5: ... + z5/120 + z6/600
-      p = 1 + z*(1 + z/2*(1 + z/3*(1 + z/4*(1 + z/5*(1 + z/5)))))
-    end if
-    grows = real(p, wp)**2 + aimag(p)**2 > 1.0_wp + 2.0e-10_wp
+    complex(wp), intent(in) :: u           !! |u| = 1 [-]
+    real(wp) :: c(12)                      !! [-]
+    complex(wp) :: power                   ! of u [-]
+    real(wp) :: turned(0:6)                ! real parts of its powers [-]
+    integer :: j, k
+    power = 1.0_wp
+    do k = 0, 6
+      turned(k) = real(power, wp)
+      power = power*u
+    end do
+    c = 0.0_wp
+    do k = 0, 6
+      do j = max(0, 1 - k), 6
+        c(k + j) = c(k + j) + r(k, method)*r(j, method)*turned(abs(k - j))
+      end do
+    end do
+  end function growth_on_ray
+
+  !> Whether a step makes y grow.
+  pure logical function grows(c, x)
+    real(wp), intent(in) :: c(12)          !! of growth_on_ray [-]
+    real(wp), intent(in) :: x              !! step times |mu| [-]
+    real(wp) :: growth                     ! [-]
+    integer :: k
+    growth = 0.0_wp
+    do k = 12, 1, -1
+      growth = x*(c(k) + growth)
+    end do
+    grows = growth > 2.0e-10_wp
   end function grows
 
   !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself), or none
-  !> below `limit`.
+  !> below `limit`, and for the lower one of two conjugate eigenvalues, of which the upper one tells.
   pure function largest_step(method, mu, limit) result(h)
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: mu          !! eigenvalue [1/s]
     real(wp), intent(in) :: limit          !! larger steps are of no interest [s]
     real(wp) :: h                          !! [s]
-    real(wp) :: low, high, x, farthest     ! along the ray [-]
-    complex(wp) :: unit
+    real(wp) :: c(12), low, high, x, farthest     ! along the ray [-]
     integer :: k
     h = huge(1.0_wp)
     if (abs(mu) <= tiny(1.0_wp)) return
-    if (real(mu, wp) > 1.0e-9_wp*abs(mu)) return
-    unit = cmplx(min(real(mu, wp), 0.0_wp), aimag(mu), wp)/abs(mu)
+    if (real(mu, wp) > 1.0e-9_wp*abs(mu) .or. aimag(mu) < 0.0_wp) return
+    c = growth_on_ray(method, cmplx(min(real(mu, wp), 0.0_wp), aimag(mu), wp)/abs(mu))
     farthest = 12.0_wp                     ! the regions end before
     if (limit < 1.0e100_wp) farthest = min(farthest, limit*abs(mu))
     do k = 1, ceiling(100*farthest)        ! steps of 0.01 find the first crossing, bisection sharpens it
       x = 0.01_wp*k
-      if (.not. grows(method, x*unit)) cycle
+      if (.not. grows(c, x)) cycle
       low = x - 0.01_wp
       high = x
       do while (high - low > 1.0e-9_wp)
         x = 0.5_wp*(low + high)
-        if (grows(method, x*unit)) then
+        if (grows(c, x)) then
           high = x
         else
           low = x
