@@ -64,17 +64,17 @@ contains
         write (*, '(3a, i0, a, i0)') 'body ', trim(s%bodies(b)%name), ' ', s%qo(b) + 1, ' ', s%bodies(b)%nf
       end do
       do b = 1, size(s%bodies)
-        associate (bo => s%bodies(b))
-          do r = 1, size(bo%runs)
-            do k = 1, bo%runs(r)%law%second
-              if (bo%modal) then
-                do i = 1, bo%nf
-                  write (*, '(3a, 3(1x, i0))') 'z mode ', trim(bo%name), ' ', i, r, k
+        associate (body => s%bodies(b))
+          do r = 1, size(body%segments)
+            do k = 1, body%segments(r)%law%second
+              if (body%modal) then
+                do i = 1, body%nf
+                  write (*, '(3a, 3(1x, i0))') 'z mode ', trim(body%name), ' ', i, r, k
                 end do
               else
-                do e = bo%runs(r)%first, bo%runs(r)%last
-                  do c = 4 - bo%nd, 3
-                    write (*, '(2a, 3(1x, i0))') 'z element ', trim(bo%name), e, c, k
+                do e = body%segments(r)%first, body%segments(r)%last
+                  do c = 4 - body%nd, 3
+                    write (*, '(2a, 3(1x, i0))') 'z element ', trim(body%name), e, c, k
                   end do
                 end do
               end if
@@ -143,11 +143,11 @@ contains
     call matrix('damping', lin%damping, nq)
     call matrix('stiffness', lin%stiffness, nq)
     call matrix('rows', lin%jacobian, lin%rows)
-    do r = 1, size(lin%runs)
-      associate (law => lin%runs(r)%law)
+    do r = 1, size(lin%segments)
+      associate (law => lin%segments(r)%law)
         call show('run', [law%alpha, 0.5_wp*law%viscosity/sqrt(law%inertia), 1/sqrt(law%inertia)])   ! alpha, zeta, omega
       end associate
-      call matrix('run_stiffness', lin%runs(r)%stiffness, nq)
+      call matrix('run_stiffness', lin%segments(r)%stiffness, nq)
     end do
   end subroutine matrices
 
@@ -170,7 +170,8 @@ contains
       do k = 1, size(m%s%constraints)
         associate (c => m%s%constraints(k)%item)
           do i = c%first, c%first + c%rows - 1
-            g(i) = -(r%extra(i) + dot_product(r%na(:, i), m%p%bias(:, c%ia)) + dot_product(r%nb(:, i), m%p%bias(:, c%ib)))
+            g(i) = -(r%acceleration_bias(i) + dot_product(r%na(:, i), m%p%bias(:, c%ia)) + dot_product(r%nb(:, i), m%p%bias(:, &
+                c%ib)))
           end do
         end associate
       end do
@@ -187,8 +188,8 @@ contains
       do k = 1, size(m%s%constraints)
         associate (c => m%s%constraints(k)%item)
           do i = c%first, c%first + c%rows - 1
-            call place_gradient(c%ia, r%na(:, i), r%sa(i), j(:, i))
-            call place_gradient(c%ib, r%nb(:, i), r%sb(i), j(:, i))
+            call marker_gradient(c%ia, r%na(:, i), r%sa(i), j(:, i))
+            call marker_gradient(c%ib, r%nb(:, i), r%sb(i), j(:, i))
           end do
         end associate
       end do
@@ -196,29 +197,29 @@ contains
     call show('jacobian', reshape(j, [size(j)]))
   end subroutine jacobian
 
-  !> Adds a unit wrench on a place as generalised forces.
-  subroutine place_gradient(p, n, s, j)
+  !> Adds a unit wrench on a marker as generalised forces.
+  subroutine marker_gradient(p, n, s, j)
     integer, intent(in) :: p
     real(wp), intent(in) :: n(2), s
     real(wp), intent(inout) :: j(:)
     real(wp) :: w(3)
     integer :: b, i, k
-    associate (m => run%sys%m, place => run%sys%m%s%places(p))
-      b = place%body
+    associate (m => run%sys%m, marker => run%sys%m%s%markers(p))
+      b = marker%body
       if (b == 0) return
       i = m%s%qo(b)
-      w = [m%c(b)*n(1) + m%sn(b)*n(2), -m%sn(b)*n(1) + m%c(b)*n(2), s]
+      w = [m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2), -m%sin_theta(b)*n(1) + m%cos_theta(b)*n(2), s]
       j(i + 1:i + 2) = j(i + 1:i + 2) + n
       j(i + 3) = j(i + 3) + s + m%p%rho(1, p)*w(2) - m%p%rho(2, p)*w(1)
-      if (allocated(place%psi)) then
-        j(i + 4:i + 3 + m%s%bodies(b)%nf) = j(i + 4:i + 3 + m%s%bodies(b)%nf) + matmul(w, place%psi)
+      if (allocated(marker%psi)) then
+        j(i + 4:i + 3 + m%s%bodies(b)%nf) = j(i + 4:i + 3 + m%s%bodies(b)%nf) + matmul(w, marker%psi)
       else
         do k = 1, 3
-          if (place%dof(k) > 0) j(i + 3 + place%dof(k)) = j(i + 3 + place%dof(k)) + w(k)
+          if (marker%dof(k) > 0) j(i + 3 + marker%dof(k)) = j(i + 3 + marker%dof(k)) + w(k)
         end do
       end if
     end associate
-  end subroutine place_gradient
+  end subroutine marker_gradient
 
   !> A named line of numbers.
   subroutine show(name, x)

@@ -103,8 +103,8 @@ contains
       do b = 1, size(run%sys%t%b)
         i = m%s%qo(b)
         associate (t => run%sys%t%b(b)%eq)
-          r(i + 1) = m%c(b)*t%frame(1) - m%sn(b)*t%frame(2)
-          r(i + 2) = m%sn(b)*t%frame(1) + m%c(b)*t%frame(2)
+          r(i + 1) = m%cos_theta(b)*t%frame(1) - m%sin_theta(b)*t%frame(2)
+          r(i + 2) = m%sin_theta(b)*t%frame(1) + m%cos_theta(b)*t%frame(2)
           r(i + 3) = t%frame(3)
           if (t%n > 0) r(i + 4:i + 3 + t%n) = t%elastic(1:t%n)
         end associate

@@ -24,7 +24,7 @@ MAY_USE = {
     ".": {"base", "analysis"},
 }
 MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
-USE = re.compile(r"^\s*use\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)
+USE = re.compile(r"^\s*use\b\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
 
 def sources(src: Path) -> dict[Path, str]:

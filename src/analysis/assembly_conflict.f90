@@ -6,7 +6,7 @@ module assembly_conflict
   use assembly_reports, only: assembly_report
   use build_scene, only: build
   use constraint, only: constraint_model
-  use deck_records, only: deck, origin, place_record
+  use deck_records, only: deck, origin, marker_record
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
   use joint_geometry, only: condense_geometry
@@ -155,10 +155,10 @@ contains
     end do
   end subroutine contradicting_angle
 
-  !> Angle of a place's body in the deck.
+  !> Angle of a marker's body in the deck.
   pure function deck_angle(d, p) result(angle)
     type(deck), intent(in) :: d
-    type(place_record), intent(in) :: p
+    type(marker_record), intent(in) :: p
     real(wp) :: angle                               !! 0 for the ground [rad]
     angle = 0.0_wp
     if (p%body > 0) angle = d%bodies(p%body)%angle

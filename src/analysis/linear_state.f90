@@ -34,8 +34,8 @@ contains
     type(run_state), intent(in) :: run
     character(*), intent(in) :: analysis            !! name
     type(failure), intent(inout) :: fail
-    if (run%sys%m%schur%lost) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
-                                              ', and the reactions cannot be computed')
+    if (run%sys%m%schur%ill_conditioned) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
+                                                         ', and the reactions cannot be computed')
   end subroutine refuse_uneven
 
   !> The dynamic stiffness about the present state, and the linearisation where it is wanted.

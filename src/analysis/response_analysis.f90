@@ -8,7 +8,7 @@ module response_analysis
   use interruption, only: stop_if_signalled
   use line_joint, only: line_model
   use linear_state, only: linear_system, refuse_uneven
-  use linearisation, only: place_jacobian
+  use linearisation, only: marker_jacobian
   use mechanism, only: conditions_of
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
@@ -136,8 +136,8 @@ contains
     real(wp) :: part(size(lambda), 2)
     part(:, 1) = lambda%re
     part(:, 2) = lambda%im
-    call run%sys%m%schur%share(part(:, 1))
-    call run%sys%m%schur%share(part(:, 2))
+    call run%sys%m%schur%minimum_norm_equivalent(part(:, 1))
+    call run%sys%m%schur%minimum_norm_equivalent(part(:, 2))
     lambda = cmplx(part(:, 1), part(:, 2), wp)
   end subroutine share_reactions
 
@@ -152,11 +152,11 @@ contains
     associate (m => run%sys%m)
       k = m%s%springs + run%d%response%force
       associate (f => m%s%forces(k)%item)
-        b = m%place_body(f%ia)
+        b = m%marker_body(f%ia)
         if (b == 0) return
         w = f%unit_wrench(m%p, conditions_of(m, k, m%t))
-        w(1:2) = [m%c(b)*w(1) + m%sn(b)*w(2), m%c(b)*w(2) - m%sn(b)*w(1)]
-        call place_jacobian(m, f%ia, cols, jac)
+        w(1:2) = [m%cos_theta(b)*w(1) + m%sin_theta(b)*w(2), m%cos_theta(b)*w(2) - m%sin_theta(b)*w(1)]
+        call marker_jacobian(m, f%ia, cols, jac)
         x(cols) = matmul(w, jac)
       end associate
     end associate

@@ -20,7 +20,7 @@ module scene_run
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, assemble_run, relax, warn
+  public :: run_state, prepare_run, assemble_segment, relax, warn
 
   !> What analyses share.
   type :: run_state
@@ -49,11 +49,11 @@ contains
     type(failure), intent(inout) :: fail
     type(scene) :: s
     call build(run%d, s, faults)
-    if (faults%count == 0) call assemble_run(run, s, fail)
+    if (faults%count == 0) call assemble_segment(run, s, fail)
   end subroutine prepare_run
 
   !> Assembles a scene that is built.
-  subroutine assemble_run(run, s, fail)
+  subroutine assemble_segment(run, s, fail)
     type(run_state), intent(inout) :: run     !! run%d is set
     type(scene), intent(in) :: s
     type(failure), intent(inout) :: fail
@@ -69,7 +69,7 @@ contains
     run%y(s%nq + 1:2*s%nq) = v
     call relax(run%sys, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
-  end subroutine assemble_run
+  end subroutine assemble_segment
 
   !> A warning, in the summary and on standard error.
   subroutine warn(run, words, text)
@@ -88,20 +88,21 @@ contains
     associate (s => sys%m%s)
       y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
       do b = 1, size(s%bodies)
-        associate (bo => s%bodies(b))
-          if (bo%nz == 0) cycle
+        associate (body => s%bodies(b))
+          if (body%nz == 0) cycle
           i = s%qo(b) + 3
-          bo%qx(1:bo%nf) = y(i + 1:i + bo%nf)
-          if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
-          do r = 1, size(bo%runs)
-            n = bo%runs(r)%width
-            do k = 1, size(bo%runs(r)%law%alpha)
-              o = 2*s%nq + bo%runs(r)%offset + (k - 1)*n
-              if (k > bo%runs(r)%law%second) o = 2*s%nq + bo%runs(r)%first_order + (k - 1 - bo%runs(r)%law%second)*n
-              if (bo%modal) then
-                y(o + 1:o + n) = bo%qx(1:n)
+          body%qx(1:body%nf) = y(i + 1:i + body%nf)
+          if (.not. body%modal) call deformations(body, body%qx, body%d)
+          do r = 1, size(body%segments)
+            n = body%segments(r)%width
+            do k = 1, size(body%segments(r)%law%alpha)
+              o = 2*s%nq + body%segments(r)%offset + (k - 1)*n
+              if (k > body%segments(r)%law%second) o = 2*s%nq + body%segments(r)%first_order &
+                  + (k - 1 - body%segments(r)%law%second)*n
+              if (body%modal) then
+                y(o + 1:o + n) = body%qx(1:n)
               else
-                y(o + 1:o + n) = reshape(bo%d(:, bo%runs(r)%first:bo%runs(r)%last), [n])
+                y(o + 1:o + n) = reshape(body%d(:, body%segments(r)%first:body%segments(r)%last), [n])
               end if
             end do
           end do

@@ -3,7 +3,7 @@
 module typical_slips
   use kinds, only: wp, pi
   use build_history, only: make_history
-  use deck_records, only: deck, origin, place_record, history_record
+  use deck_records, only: deck, origin, marker_record, history_record
   use history, only: history_model
   use posix, only: tell
   use text, only: to_text
@@ -143,12 +143,12 @@ contains
       call add(d%springs(k)%b)
     end do
     do k = 1, size(d%lumps)
-      call add(d%lumps(k)%place)
+      call add(d%lumps(k)%marker)
     end do
   contains
     !> One point.
     subroutine add(p)
-      type(place_record), intent(in) :: p
+      type(marker_record), intent(in) :: p
       reach(p%body) = max(reach(p%body), norm2(p%point))
     end subroutine add
   end subroutine reach_of
@@ -166,7 +166,7 @@ contains
     held(d%drives%b%body) = .true.
     held(d%springs%a%body) = .true.
     held(d%springs%b%body) = .true.
-    held(d%forces%place%body) = .true.
+    held(d%forces%marker%body) = .true.
     do k = 1, size(d%bodies)
       if (held(k) .or. d%bodies(k)%velocity_stated .or. d%bodies(k)%angular_velocity_stated) cycle
       call warn(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'no joint, drive, spring or force names it: it is left to itself')
@@ -208,9 +208,9 @@ contains
     text = 'it holds the same as '//kind//' "'//trim(name)//'" in line '//to_text(at%line)//': one of them is too many'
   end function twin
 
-  !> Whether two places are one.
+  !> Whether two markers are one.
   pure function same(a, b) result(yes)
-    type(place_record), intent(in) :: a, b
+    type(marker_record), intent(in) :: a, b
     logical :: yes
     yes = a%body == b%body .and. a%node == b%node .and. .not. any(abs(a%point - b%point) > 0.0_wp)
   end function same

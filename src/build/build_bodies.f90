@@ -5,9 +5,9 @@ module build_bodies
   use errors, only: fault_list
   use deck_records, only: deck, body_record, lump_record
   use beam_element, only: beam_geometry
-  use body, only: body_model, lump, ghm_run
+  use body, only: body_model, lump, viscoelastic_segment
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, &
-                        factor_mass, finish_elastic, allocate_work, body_length, sort_runs
+                        factor_mass, finish_elastic, allocate_work, body_length, sort_segments
   use modal_reduction, only: reduce_to_modes
   use text, only: to_text
   implicit none (type, external)
@@ -31,7 +31,7 @@ contains
         b%mass = r%mass
         b%i1 = r%mass*r%com
         b%i11 = r%inertia + r%mass*dot_product(r%com, r%com)
-        allocate (b%runs(0), b%elements(0), b%x(2, 0), b%en(2, 0))
+        allocate (b%segments(0), b%elements(0), b%x(2, 0), b%en(2, 0))
       else
         call lay_out_nodes(r, b)
         call set_elements(d, r, b)
@@ -45,7 +45,7 @@ contains
       if (r%kind /= 'rigid' .and. r%flexible) then
         call make_flexible(d, r, b, faults)
       else
-        if (.not. allocated(b%runs)) allocate (b%runs(0))
+        if (.not. allocated(b%segments)) allocate (b%segments(0))
         if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
           call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the mass matrix is not positive definite: '// &
                           'the body has no rotary inertia about its mass centre; expected inertia > 0 or a lump '// &
@@ -162,8 +162,8 @@ contains
     allocate (b%lumps(size(lumps)))
     do k = 1, size(lumps)
       associate (r => d%lumps(lumps(k)), l => b%lumps(k))
-        l%node = r%place%node
-        l%x = r%place%point
+        l%node = r%marker%node
+        l%x = r%marker%point
         if (l%node > 0) l%x = b%x(:, l%node)
         l%mass = r%mass
         l%inertia = r%inertia
@@ -201,10 +201,10 @@ contains
     if (r%modes > 0) then
       call reduce(d, r, b, viscoelastic, faults)
     else
-      call sort_runs(b, viscoelastic)
-      for_runs: do e = 1, size(b%runs)
-        call copy_terms(d, b%runs(e))
-      end do for_runs
+      call sort_segments(b, viscoelastic)
+      for_segments: do e = 1, size(b%segments)
+        call copy_terms(d, b%segments(e))
+      end do for_segments
       call factor_mass(b, bad)
       if (bad > 0) then
         call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
@@ -219,11 +219,11 @@ contains
   end subroutine make_flexible
 
   !> Viscoelastic terms of a run's material.
-  subroutine copy_terms(d, run)
+  subroutine copy_terms(d, segment)
     type(deck), intent(in) :: d
-    type(ghm_run), intent(inout) :: run
-    associate (m => d%materials(run%material))
-      run%law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
+    type(viscoelastic_segment), intent(inout) :: segment
+    associate (m => d%materials(segment%material))
+      segment%law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
     end associate
   end subroutine copy_terms
 
@@ -268,7 +268,7 @@ contains
     type(body_model), intent(inout) :: b
     logical, intent(in) :: viscoelastic(:)
     type(fault_list), intent(inout) :: faults
-    type(ghm_run), allocatable :: runs(:)
+    type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, n, available
     logical :: bad
     available = b%nf
@@ -278,16 +278,16 @@ contains
                       'the mesh; expected at most '//to_text(available))
       return
     end if
-    allocate (runs(b%ne))
+    allocate (segments(b%ne))
     n = 0
     do e = 1, b%ne
       if (.not. viscoelastic(e)) cycle
-      if (any(runs(1:n)%material == b%material(e))) cycle
+      if (any(segments(1:n)%material == b%material(e))) cycle
       n = n + 1
-      runs(n)%material = b%material(e)
-      call copy_terms(d, runs(n))
+      segments(n)%material = b%material(e)
+      call copy_terms(d, segments(n))
     end do
-    call reduce_to_modes(b, r%modes, runs(1:n), bad)
+    call reduce_to_modes(b, r%modes, segments(1:n), bad)
     if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
                              'the modes could not be computed: the mass matrix is not positive definite')
   end subroutine reduce

@@ -2,12 +2,12 @@
 module build_constraints
   use kinds, only: wp, pi
   use build_history, only: make_history
-  use build_places, only: place_table, find_place
+  use build_markers, only: marker_table, find_marker
   use constraint, only: constraint_model
-  use deck_records, only: deck, place_record, joint_record, drive_record
+  use deck_records, only: deck, marker_record, joint_record, drive_record
   use distance_joint, only: distance_model
   use errors, only: fault_list
-  use history, only: history_model, corner
+  use history, only: history_model, breakpoint
   use line_joint, only: line_model
   use pin_joint, only: pin_model
   use rotation_drive, only: rotation_model
@@ -22,10 +22,10 @@ module build_constraints
 contains
 
   !> Joints, then drives, with their rows numbered.
-  subroutine build_all_constraints(d, s, places, faults)
+  subroutine build_all_constraints(d, s, markers, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    type(place_table), intent(inout) :: places
+    type(marker_table), intent(inout) :: markers
     type(fault_list), intent(inout) :: faults
     integer :: k, n
     s%joints = size(d%joints)
@@ -44,12 +44,12 @@ contains
       s%rows = s%rows + s%constraints(k)%item%rows
     end do
   contains
-    !> Places of both ends.
+    !> Markers of both ends.
     subroutine find_ends(a, b, c)
-      type(place_record), intent(in) :: a, b
+      type(marker_record), intent(in) :: a, b
       class(constraint_model), intent(inout) :: c
-      c%ia = find_place(s, places, a)
-      c%ib = find_place(s, places, b)
+      c%ia = find_marker(s, markers, a)
+      c%ib = find_marker(s, markers, b)
     end subroutine find_ends
   end subroutine build_all_constraints
 
@@ -132,18 +132,18 @@ contains
     type(drive_record), intent(in) :: r
     class(history_model), intent(in) :: h
     type(fault_list), intent(inout) :: faults
-    type(corner), allocatable :: corners(:)
+    type(breakpoint), allocatable :: breakpoints(:)
     character(:), allocatable :: remedy
     integer :: k
     if (.not. d%transient%present) return            ! nothing else looks beyond t = 0
-    corners = h%corners(d%transient%t_end)
-    corners = pack(corners, corners%order <= merge(0, 1, r%rate))
+    breakpoints = h%breakpoints(d%transient%t_end)
+    breakpoints = pack(breakpoints, breakpoints%order <= merge(0, 1, r%rate))
     remedy = ''
     if (len(h%remedy) > 0) remedy = ': '//h%remedy
-    do k = 1, min(size(corners), most_shown)
+    do k = 1, min(size(breakpoints), most_shown)
       call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
-                      trim(merge(' of slope', '         ', corners(k)%order == 1))//' at t = '// &
-                      trim(adjustl(es_text(corners(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
+                      trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
+                      trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
                       'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
     end do
   end subroutine check_smooth

@@ -2,7 +2,7 @@
 module build_loads
   use body_force, only: body_force_model
   use build_history, only: make_history
-  use build_places, only: place_table, find_place
+  use build_markers, only: marker_table, find_marker
   use central_torque, only: central_torque_model
   use deck_records, only: deck, force_record, spring_record
   use force_element, only: force_model, stage_all, stage_static, stage_transient
@@ -22,21 +22,21 @@ module build_loads
 contains
 
   !> Springs, then loads.
-  subroutine build_forces(d, s, places)
+  subroutine build_forces(d, s, markers)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    type(place_table), intent(inout) :: places
+    type(marker_table), intent(inout) :: markers
     integer :: k
     s%springs = size(d%springs)
     allocate (s%forces(s%springs + size(d%forces)))
     do k = 1, size(s%forces)
       if (k <= s%springs) then
         call make_spring(d%springs(k), s%forces(k)%item)
-        s%forces(k)%item%ia = find_place(s, places, d%springs(k)%a)
-        s%forces(k)%item%ib = find_place(s, places, d%springs(k)%b)
+        s%forces(k)%item%ia = find_marker(s, markers, d%springs(k)%a)
+        s%forces(k)%item%ib = find_marker(s, markers, d%springs(k)%b)
       else
         call make_load(d, d%forces(k - s%springs), s%forces(k)%item)
-        s%forces(k)%item%ia = find_place(s, places, d%forces(k - s%springs)%place)
+        s%forces(k)%item%ia = find_marker(s, markers, d%forces(k - s%springs)%marker)
         s%forces(k)%item%ib = s%forces(k)%item%ia
       end if
     end do

@@ -5,7 +5,7 @@ module build_scene
   use build_bodies, only: build_body
   use build_constraints, only: build_all_constraints
   use build_loads, only: build_forces
-  use build_places, only: place_table, scene_size, list_loaded, sort_by_body
+  use build_markers, only: marker_table, scene_size, list_loaded, sort_by_body
   use deck_records, only: deck
   use scene_model, only: scene
   implicit none (type, external)
@@ -19,19 +19,19 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
-    type(place_table) :: places
+    type(marker_table) :: markers
     integer :: most
     s%title = d%scene%title
     s%gravity = d%scene%gravity
     call build_all_bodies(d, s, faults)
     if (faults%count > 0) return
     most = 2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces)
-    allocate (places%items(most))
-    allocate (places%next(most), places%head(0:size(s%bodies)), source=0)
+    allocate (markers%items(most))
+    allocate (markers%next(most), markers%head(0:size(s%bodies)), source=0)
     s%size = scene_size(d, s)
-    call build_all_constraints(d, s, places, faults)
-    call build_forces(d, s, places)
-    s%places = places%items(1:places%count)
+    call build_all_constraints(d, s, markers, faults)
+    call build_forces(d, s, markers)
+    s%markers = markers%items(1:markers%count)
     call list_loaded(s)
     call number_unknowns(d, s)
   end subroutine build
@@ -43,7 +43,7 @@ contains
     type(fault_list), intent(inout) :: faults
     integer, allocatable :: first(:), list(:)
     integer :: k
-    call sort_by_body(d%lumps%place%body, size(d%bodies), first, list)
+    call sort_by_body(d%lumps%marker%body, size(d%bodies), first, list)
     allocate (s%bodies(size(d%bodies)))
     do k = 1, size(d%bodies)
       call build_body(d, k, list(first(k):first(k + 1) - 1), s%bodies(k), faults)
@@ -81,10 +81,10 @@ contains
     integer :: k, r
     s%nz = 0
     do k = 1, size(s%bodies)
-      do r = 1, size(s%bodies(k)%runs)
-        associate (run => s%bodies(k)%runs(r))
-          run%offset = s%nz
-          s%nz = s%nz + run%law%second*run%width
+      do r = 1, size(s%bodies(k)%segments)
+        associate (segment => s%bodies(k)%segments(r))
+          segment%offset = s%nz
+          s%nz = s%nz + segment%law%second*segment%width
         end associate
       end do
     end do
@@ -94,10 +94,10 @@ contains
     end do
     s%nzd = s%nz
     do k = 1, size(s%bodies)
-      do r = 1, size(s%bodies(k)%runs)
-        associate (run => s%bodies(k)%runs(r))
-          run%first_order = s%nz
-          s%nz = s%nz + run%law%first*run%width
+      do r = 1, size(s%bodies(k)%segments)
+        associate (segment => s%bodies(k)%segments(r))
+          segment%first_order = s%nz
+          s%nz = s%nz + segment%law%first*segment%width
         end associate
       end do
     end do

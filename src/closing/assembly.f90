@@ -6,7 +6,7 @@ module assembly
   use directions, only: require_directions
   use errors, only: failure
   use mechanism, only: mechanism_model
-  use place_motion, only: set_frames, place_kinematics
+  use marker_motion, only: set_frames, marker_kinematics
   use position_closing, only: close_positions, closed_gap
   use redundancy, only: count_freedoms
   use velocity_closing, only: close_velocities
@@ -22,24 +22,24 @@ contains
     real(wp), intent(out) :: q(:), v(:)             !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(out) :: report
     type(failure), intent(inout) :: fail
-    real(wp) :: gap                                 ! distance up to which places coincide [m]
+    real(wp) :: gap                                 ! distance up to which markers coincide [m]
     integer :: k
     allocate (character(160) :: report%warnings(0))
     q = self%s%q0
     v = self%s%v0
     call set_frames(self, q)
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%begin(self%p)
+      call self%s%constraints(k)%item%init_from_deck(self%p)
     end do
     call close_positions(self, q, v, report, fail)
     if (fail%happened()) return
     do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%settle(self%p)
+      call self%s%constraints(k)%item%init_from_assembly(self%p)
     end do
     gap = closed_gap(self)
     do k = 1, size(self%s%forces)
-      call self%s%forces(k)%item%settle(self%p, gap)
+      call self%s%forces(k)%item%init_from_assembly(self%p, gap)
     end do
     call require_directions(self, gap, fail)
     if (fail%happened()) return

@@ -17,7 +17,7 @@ module frame_closing
 
 contains
 
-  !> Factors the frames' system at the present places; usable is false where frames cannot close the joints well, or where
+  !> Factors the frames' system at the present markers; usable is false where frames cannot close the joints well, or where
   !> there is nothing elastic to spare.
   subroutine prepare_frames(self, usable)
     type(mechanism_model), intent(inout) :: self
@@ -25,28 +25,29 @@ contains
     usable = any(self%flexible) .and. .not. self%frozen
     if (.not. usable) return
     call self%closing%clear()
-    call levers(size(self%end_row), self%end_place, self%w, size(self%place_body), self%p%rho, self%lever)
-    call add_frame_compliance(size(self%c), self%end_first, size(self%end_row), self%end_row, self%low, self%dinv, self%lever, &
+    call rigid_wrenches(size(self%side_row), self%end_marker, self%w, size(self%marker_body), self%p%rho, self%rigid_wrench)
+    call add_frame_compliance(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_l, &
+                              self%frame_dinv, self%rigid_wrench, &
                               self%g, self%s%rows, self%closing%scale, size(self%slot), self%slot, size(self%closing%s), &
                               self%closing%s)
     self%closing%weakest = well_held
     call self%closing%factor_strong(usable)
   end subroutine prepare_frames
 
-  !> Wrenches on places, moved to the frame's origin.
-  pure subroutine levers(n, place, w, np, rho, lever)
+  !> Wrenches on markers, moved to the frame's origin.
+  pure subroutine rigid_wrenches(n, marker, w, np, rho, rigid_wrench)
     integer, intent(in) :: n, np
-    integer, intent(in) :: place(n)
+    integer, intent(in) :: marker(n)
     real(wp), intent(in) :: w(3, n)            !! unit wrenches, body axes [-, m]
     real(wp), intent(in) :: rho(2, np)         !! [m]
-    real(wp), intent(out) :: lever(3, n)       !! the same on the frames [-, m]
+    real(wp), intent(out) :: rigid_wrench(3, n) !! the same on the frames [-, m]
     integer :: e
     do e = 1, n
-      lever(1, e) = w(1, e)
-      lever(2, e) = w(2, e)
-      lever(3, e) = w(3, e) + rho(1, place(e))*w(2, e) - rho(2, place(e))*w(1, e)
+      rigid_wrench(1, e) = w(1, e)
+      rigid_wrench(2, e) = w(2, e)
+      rigid_wrench(3, e) = w(3, e) + rho(1, marker(e))*w(2, e) - rho(2, marker(e))*w(1, e)
     end do
-  end subroutine levers
+  end subroutine rigid_wrenches
 
   !> Moves the frames so that the joints, open by phi, close to first order.
   subroutine close_frames(self, phi, q)
@@ -54,10 +55,11 @@ contains
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
     real(wp), intent(inout), contiguous :: q(:)        !! (nq) [m, rad]
     call self%closing%solve(phi)
-    call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%lever, self%low, self%dinv, &
+    call solve_frames(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%rigid_wrench, &
+                      self%frame_l, self%frame_dinv, &
                       self%s%rows, phi, self%push)
-    call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(self%a), self%a)
-    call add_frames(size(self%c), self%s%qo, size(q), self%a, q)
+    call turn_back(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%push, size(self%a), self%a)
+    call add_frames(size(self%cos_theta), self%s%qo, size(q), self%a, q)
   end subroutine close_frames
 
   !> Adds the corrections of the frames, and of nothing else.

@@ -7,7 +7,7 @@ module position_closing
   use joint_response, only: apply_multipliers
   use joint_system, only: constraint_values, condense_constraints
   use mechanism, only: mechanism_model
-  use place_motion, only: set_frames, place_kinematics
+  use marker_motion, only: set_frames, marker_kinematics
   use text, only: es_text
   implicit none (type, external)
   private
@@ -35,8 +35,8 @@ contains
       do pass = 1, most_newton
         if (worst <= closed_gap(self)) exit
         do b = 1, size(self%s%bodies)
-          self%low(:, b) = 0.0_wp
-          self%dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
+          self%frame_l(:, b) = 0.0_wp
+          self%frame_dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
         end do
         call condense_constraints(self)
         call self%schur%factor()
@@ -91,13 +91,13 @@ contains
     end do
   end function largest_motion
 
-  !> Places and constraints at trial positions; the largest |Phi| [m].
+  !> Markers and constraints at trial positions; the largest |Phi| [m].
   subroutine frame_positions(self, q, v, worst)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: worst       !! largest gap of a row [m]
     call set_frames(self, q)
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     call constraint_values(self, 0.0_wp)
     worst = 0.0_wp
     if (self%s%rows > 0) worst = maxval(abs(self%rows%phi))

@@ -4,7 +4,7 @@
 !> (`frame_closing`).
 module projection
   use kinds, only: wp
-  use dynamics, only: evaluate, evaluate_regular, set_frames, place_kinematics, constraint_values, row_rates, apply_multipliers
+  use dynamics, only: evaluate, evaluate_regular, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
   use frame_closing, only: prepare_frames, close_frames
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -13,7 +13,7 @@ module projection
 
   integer, parameter :: most_passes = 30             !! corrections before giving up
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
-  real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest place [-]
+  real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest marker [-]
   real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which a nearly singular position may close regularly [-]
   real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
@@ -63,7 +63,7 @@ contains
     before = huge(1.0_wp)
     do pass = 1, most_passes
       call set_frames(self, q)
-      call place_kinematics(self, q, v)
+      call marker_kinematics(self, q, v)
       call constraint_values(self, t)
       worst = largest(self%s%rows, self%rows%phi)
       if (.not. worst > goal) exit
@@ -108,7 +108,7 @@ contains
       call self%schur%solve(self%lambda)
       call apply_multipliers(self, self%lambda, self%a)
       v = v + self%a
-      call place_kinematics(self, q, v)
+      call marker_kinematics(self, q, v)
     end do
   end subroutine project_velocities
 
@@ -140,7 +140,7 @@ contains
     velocity = 0.0_wp
     if (self%s%rows == 0) return
     call set_frames(self, q)
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     call constraint_values(self, t)
     call row_rates(self, self%schur%r)
     position = largest(self%s%rows, self%rows%phi)

@@ -74,7 +74,7 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
     yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(m%rows%phi_t) > 0.0_wp) .or. &
-                                          any(abs(m%rows%extra) > 0.0_wp))
+                                          any(abs(m%rows%acceleration_bias) > 0.0_wp))
   end function held
 
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
@@ -87,7 +87,7 @@ contains
     real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
     yes = steadily(m, rate, most)
     if (.not. yes .or. m%s%rows < m%s%nq) return
-    yes = maxval(abs(m%rows%extra)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
+    yes = maxval(abs(m%rows%acceleration_bias)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
     call evaluate_regular(m, t, q, v, z, zd)
     yes = m%schur%singular .or. steadily(m, rate, most)

@@ -9,7 +9,7 @@ module velocity_closing
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
   use mechanism, only: mechanism_model, factor_frame
-  use place_motion, only: place_kinematics
+  use marker_motion, only: marker_kinematics
   use text, only: es_text
   implicit none (type, external)
   private
@@ -37,7 +37,7 @@ contains
     start = v
     call evaluate(self, 0.0_wp, q, v, none, none)
     if (self%s%rows == 0) return
-    uneven = self%schur%uneven .or. self%schur%lost
+    uneven = self%schur%uneven_masses .or. self%schur%ill_conditioned
     beyond_digits = uneven .and. self%schur%beyond_digits()
     call row_rates(self, self%lambda)
     goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
@@ -93,7 +93,7 @@ contains
       call self%schur%factor_uneven()
     end if
     do pass = 1, 6
-      call place_kinematics(self, q, v)
+      call marker_kinematics(self, q, v)
       call row_rates(self, self%lambda)
       worst = maxval(abs(self%lambda))
       if (worst <= 0.01_wp*goal) exit
@@ -101,7 +101,7 @@ contains
       call apply_multipliers(self, self%lambda, self%a)
       v = v + self%a
     end do
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     call row_rates(self, self%lambda)
     worst = maxval(abs(self%lambda))
   end subroutine correct_velocities
@@ -114,12 +114,12 @@ contains
     integer :: b, i, k
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
-      associate (bo => self%s%bodies(b))
+      associate (body => self%s%bodies(b))
         if (self%frozen) then
-          p = bo%i1
-          m = reshape([bo%mass, 0.0_wp, -p(2), 0.0_wp, bo%mass, p(1), -p(2), p(1), bo%i11], [3, 3])
+          p = body%i1
+          m = reshape([body%mass, 0.0_wp, -p(2), 0.0_wp, body%mass, p(1), -p(2), p(1), body%i11], [3, 3])
         else
-          m = unfactored(self%low(:, b), self%dinv(:, b))
+          m = unfactored(self%frame_l(:, b), self%frame_dinv(:, b))
         end if
       end associate
       if (.not. masked) then
@@ -129,18 +129,18 @@ contains
           m(:, k) = m(:, k)*weight
           where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! the others cost nothing in the end
         end do
-        call factor_masked(m, [.false., .false., .false.], self%low(:, b), self%dinv(:, b))
+        call factor_masked(m, [.false., .false., .false.], self%frame_l(:, b), self%frame_dinv(:, b))
       else
-        call factor_masked(m, self%s%stated(i + 1:i + 3), self%low(:, b), self%dinv(:, b))
+        call factor_masked(m, self%s%stated(i + 1:i + 3), self%frame_l(:, b), self%frame_dinv(:, b))
       end if
     end do
   end subroutine weigh_frames
 
   !> L D L^T of a 3 x 3 matrix; masked components do not move (1/D = 0).
-  pure subroutine factor_masked(m, fixed, low, dinv)
+  pure subroutine factor_masked(m, fixed, frame_l, frame_dinv)
     real(wp), intent(in) :: m(3, 3)
     logical, intent(in) :: fixed(3)
-    real(wp), intent(out) :: low(3), dinv(3)
+    real(wp), intent(out) :: frame_l(3), frame_dinv(3)
     real(wp) :: a(3, 3)
     integer :: k
     a = m
@@ -150,19 +150,19 @@ contains
       a(:, k) = 0.0_wp
       a(k, k) = 1.0_wp
     end do
-    call factor_frame(a(1, 1), a(2, 1), a(2, 2), a(3, 1), a(3, 2), a(3, 3), low, dinv)
-    where (fixed) dinv = 0.0_wp
+    call factor_frame(a(1, 1), a(2, 1), a(2, 2), a(3, 1), a(3, 2), a(3, 3), frame_l, frame_dinv)
+    where (fixed) frame_dinv = 0.0_wp
   end subroutine factor_masked
 
   !> The matrix of an L D L^T factor.
-  pure function unfactored(low, dinv) result(m)
-    real(wp), intent(in) :: low(3), dinv(3)
+  pure function unfactored(frame_l, frame_dinv) result(m)
+    real(wp), intent(in) :: frame_l(3), frame_dinv(3)
     real(wp) :: m(3, 3), l(3, 3), ld(3, 3)
     integer :: k
-    l = reshape([1.0_wp, low(1), low(2), 0.0_wp, 1.0_wp, low(3), 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+    l = reshape([1.0_wp, frame_l(1), frame_l(2), 0.0_wp, 1.0_wp, frame_l(3), 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
     ld = 0.0_wp
     do k = 1, 3
-      if (dinv(k) > 0.0_wp) ld(:, k) = l(:, k)/dinv(k)      ! 0: a pivot lost in rounding
+      if (frame_dinv(k) > 0.0_wp) ld(:, k) = l(:, k)/frame_dinv(k)      ! 0: a pivot lost in rounding
     end do
     m = matmul(ld, transpose(l))
   end function unfactored

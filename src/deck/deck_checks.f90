@@ -20,9 +20,9 @@ contains
     allocate (turns(size(d%bodies)))
     turns = d%bodies%kind /= 'rigid' .or. d%bodies%inertia > 0.0_wp
     do k = 1, size(d%lumps)
-      associate (l => d%lumps(k), i => d%lumps(k)%place%body)
+      associate (l => d%lumps(k), i => d%lumps(k)%marker%body)
         turns(i) = turns(i) .or. l%inertia > 0.0_wp
-        if (l%mass > 0.0_wp) turns(i) = turns(i) .or. any(abs(l%place%point - d%bodies(i)%com) > 0.0_wp)
+        if (l%mass > 0.0_wp) turns(i) = turns(i) .or. any(abs(l%marker%point - d%bodies(i)%com) > 0.0_wp)
       end associate
     end do
     do k = 1, size(d%bodies)

@@ -167,7 +167,7 @@ contains
     real(wp) :: extent                     ! largest distance of a node from node 1 [m]
     character(:), allocatable :: name, what
     integer :: k
-    call node_places(b, x, y)
+    call node_markers(b, x, y)
     extent = maxval(hypot(x - x(1), y - y(1)))
     if (extent <= 0.0_wp) return
     normal = 0.0_wp
@@ -264,7 +264,7 @@ contains
   end function motion_text
 
   !> Positions of the nodes in body axes.
-  pure subroutine node_places(b, x, y)
+  pure subroutine node_markers(b, x, y)
     type(body_record), intent(in) :: b
     real(wp), allocatable, intent(out) :: x(:), y(:)   !! (nodes) [m]
     integer :: k
@@ -275,5 +275,5 @@ contains
       x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
       allocate (y(size(x)), source=0.0_wp)
     end if
-  end subroutine node_places
+  end subroutine node_markers
 end module deck_geometry

@@ -16,7 +16,7 @@ module deck_histories
   public :: read_history, check_histories, table_files
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
-  integer, parameter :: most_corners = 1000000   !! of a periodic history over a run
+  integer, parameter :: most_breakpoints = 1000000 !! of a periodic history over a run
 
 contains
 
@@ -175,16 +175,16 @@ contains
       if (list(k)%periodic) call check_turns(k, max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Bounds the corners of a periodic history within a run: steps end at each, and each period has one a point or part.
+    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part.
     subroutine check_turns(number, until)
       integer, intent(in) :: number        !! the history
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
       real(wp) :: period
       period = sum(list(number)%durations)
       if (size(list(number)%time) > 0) period = list(number)%time(size(list(number)%time)) - list(number)%time(1)
-      if (until*max(size(list(number)%time), size(list(number)%durations)) <= most_corners*period) return
+      if (until*max(size(list(number)%time), size(list(number)%durations)) <= most_breakpoints*period) return
       call blame(number, 'a turn takes '//to_text(period)//' s, too little against '//to_text(until)//' s: more than '// &
-                 to_text(most_corners)//' corners, expected fewer turns (or kind=''sine'')')
+                 to_text(most_breakpoints)//' corners, expected fewer turns (or kind=''sine'')')
     end subroutine check_turns
 
     !> Reports a fault of a history.

@@ -5,7 +5,7 @@ module deck_joints
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
   use deck_kinds, only: in_history
-  use deck_place, only: read_place, forbid_ground, forbid_rigid_pair
+  use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
   use deck_properties, only: read_ghm, read_prony
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record
   implicit none (type, external)
@@ -20,8 +20,8 @@ contains
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(lump_record), intent(inout) :: l
     l%at = deck%at()
-    call read_place(deck, d, '', l%place, required)
-    call forbid_ground(deck, 'body', l%place%body, 'does not move, a mass on it has no effect')
+    call read_marker(deck, d, '', l%marker, required)
+    call forbid_ground(deck, 'body', l%marker%body, 'does not move, a mass on it has no effect')
     call get(deck, 'mass', l%mass, least=0.0_wp)
     call get(deck, 'inertia', l%inertia, least=0.0_wp)
   end subroutine read_lump
@@ -35,8 +35,8 @@ contains
     call get_name(deck, j%name)
     call get_choice(deck, 'type', j%type, [character(9) :: 'revolute', 'weld', 'slider', 'prismatic', 'distance'], &
       required)
-    call read_place(deck, d, '_a', j%a, required)
-    call read_place(deck, d, '_b', j%b, .not. required)
+    call read_marker(deck, d, '_a', j%a, required)
+    call read_marker(deck, d, '_b', j%b, .not. required)
     call get(deck, 'direction', j%direction, kinds='slider prismatic')
     call get(deck, 'length', j%length, above=0.0_wp, kinds='distance')
     j%has_length = deck%is_set('length')
@@ -52,8 +52,8 @@ contains
     call get_name(deck, r%name)
     r%type = 'rotation'
     call get_choice(deck, 'type', r%type, [character(8) :: 'rotation', 'position'])
-    call read_place(deck, d, '_a', r%a, required, point_kinds='position', frame_kinds='rotation')
-    call read_place(deck, d, '_b', r%b, .not. required, point_kinds='position', frame_kinds='rotation')
+    call read_marker(deck, d, '_a', r%a, required, point_kinds='position', frame_kinds='rotation')
+    call read_marker(deck, d, '_b', r%b, .not. required, point_kinds='position', frame_kinds='rotation')
     call get(deck, 'direction', r%direction, kinds='position')
     call get_reference(deck, 'history', in_history, r%history, required)
     call get(deck, 'rate', r%rate)
@@ -69,8 +69,8 @@ contains
     call get_name(deck, s%name)
     s%type = 'linear'
     call get_choice(deck, 'type', s%type, [character(9) :: 'linear', 'torsional'])
-    call read_place(deck, d, '_a', s%a, required, point_kinds='linear', frame_kinds='torsional')
-    call read_place(deck, d, '_b', s%b, .not. required, point_kinds='linear', frame_kinds='torsional')
+    call read_marker(deck, d, '_a', s%a, required, point_kinds='linear', frame_kinds='torsional')
+    call read_marker(deck, d, '_b', s%b, .not. required, point_kinds='linear', frame_kinds='torsional')
     call get(deck, 'stiffness', s%stiffness, required, least=0.0_wp)
     call get(deck, 'damping', s%damping, least=0.0_wp)
     call get(deck, 'free_length', s%free, least=0.0_wp, kinds='linear')

@@ -4,7 +4,7 @@ module deck_loads
   use deck_get, only: get, get_pair
   use deck_words, only: get_name, get_choice, get_word, get_reference
   use deck_kinds, only: in_history
-  use deck_place, only: read_place, forbid_ground
+  use deck_marker, only: read_marker, forbid_ground
   use deck_records, only: deck_record => deck, force_record
   implicit none (type, external)
   private
@@ -21,8 +21,8 @@ contains
     call get_name(deck, f%name)
     f%type = 'force'
     call get_choice(deck, 'type', f%type, [character(12) :: 'force', 'torque', 'torque_about'])
-    call read_place(deck, d, '', f%place, required, point_kinds='force torque_about', frame_kinds='torque')
-    call forbid_ground(deck, 'body', f%place%body, 'does not move, no load acts on it')
+    call read_marker(deck, d, '', f%marker, required, point_kinds='force torque_about', frame_kinds='torque')
+    call forbid_ground(deck, 'body', f%marker%body, 'does not move, no load acts on it')
     call get(deck, 'fx', f%fx, kinds='force')
     call get(deck, 'fy', f%fy, kinds='force')
     call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')

@@ -77,17 +77,17 @@ module deck_records
     integer :: modes = 0                     !! 0: nodal coordinates
   end type body_record
 
-  !> A place on a body: a node of a beam or frame, or a point of a rigid body or of the ground.
-  type, public :: place_record
+  !> A marker on a body: a node of a beam or frame, or a point of a rigid body or of the ground.
+  type, public :: marker_record
     integer :: body = 0                      !! 0: ground
     integer :: node = 0                      !! positive (-1 already resolved); 0: a point, or the body's frame itself
     real(wp) :: point(2) = 0.0_wp            !! in body axes [m]; 0 where a node is named
-  end type place_record
+  end type marker_record
 
   !> &lump
   type, public :: lump_record
     type(origin) :: at
-    type(place_record) :: place
+    type(marker_record) :: marker
     real(wp) :: mass = 0.0_wp                !! [kg]
     real(wp) :: inertia = 0.0_wp             !! [kg m2]
   end type lump_record
@@ -97,7 +97,7 @@ module deck_records
     type(origin) :: at
     character(name_length) :: name = ''
     character(10) :: type = ''               !! 'revolute', 'weld', 'slider', 'prismatic', 'distance'
-    type(place_record) :: a, b
+    type(marker_record) :: a, b
     real(wp) :: direction = 0.0_wp           !! slider, prismatic [rad]
     logical :: has_length = .false.          !! distance: false: as assembled
     real(wp) :: length = 0.0_wp              !! distance [m]
@@ -108,8 +108,8 @@ module deck_records
     type(origin) :: at
     character(name_length) :: name = ''
     character(10) :: type = ''               !! 'rotation', 'position'
-    type(place_record) :: a, b               !! rotation: node 0 is the body's frame
-    real(wp) :: direction = 0.0_wp           !! position [rad], from the section of place b like a slider's
+    type(marker_record) :: a, b              !! rotation: node 0 is the body's frame
+    real(wp) :: direction = 0.0_wp           !! position [rad], from the section of marker b like a slider's
     integer :: history = 0                   !! index, always given
     logical :: rate = .false.
   end type drive_record
@@ -146,7 +146,7 @@ module deck_records
     type(origin) :: at
     character(name_length) :: name = ''
     character(12) :: type = ''               !! 'force', 'torque', 'torque_about'
-    type(place_record) :: place              !! torque with node 0: on the body's frame
+    type(marker_record) :: marker            !! torque with node 0: on the body's frame
     real(wp) :: fx = 0.0_wp                  !! [N]
     real(wp) :: fy = 0.0_wp                  !! [N]
     character(8) :: axes = 'global'          !! 'global', 'body', 'section'
@@ -161,7 +161,7 @@ module deck_records
     type(origin) :: at
     character(name_length) :: name = ''
     character(10) :: type = ''               !! 'linear', 'torsional'
-    type(place_record) :: a, b               !! torsional: node 0 is the body's frame
+    type(marker_record) :: a, b              !! torsional: node 0 is the body's frame
     real(wp) :: stiffness = 0.0_wp           !! [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp             !! [N s/m] or [N m s/rad]
     logical :: has_free = .false.            !! false: free length or angle as assembled
@@ -178,12 +178,12 @@ module deck_records
     type(origin) :: at
     character(name_length) :: name = ''
     character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'spring'
-    type(place_record) :: place              !! body and place, where the quantity has one (frame angles: node 0)
+    type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
     integer :: joint = 0                     !! reaction: index of the joint, or
     integer :: drive = 0                     !! reaction: index of the drive
     integer :: spring = 0                    !! spring: index
-    integer :: element = 0                   !! internal: element number of place%body
-    integer :: index = 0                     !! coordinate: number of the elastic coordinate of place%body, >= 1 (upper
+    integer :: element = 0                   !! internal: element number of marker%body
+    integer :: index = 0                     !! coordinate: number of the elastic coordinate of marker%body, >= 1 (upper
                                              !! bound is checked where the body's coordinates are known)
   end type sensor_record
 

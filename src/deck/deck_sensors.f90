@@ -5,7 +5,7 @@ module deck_sensors
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
   use deck_kinds, only: in_joint, in_drive, in_spring
-  use deck_place, only: read_place, forbid_ground, body_text
+  use deck_marker, only: read_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
   implicit none (type, external)
   private
@@ -28,9 +28,9 @@ contains
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring'], &
       required)
-    call read_place(deck, d, '', s%place, required, body_kinds=points//' '//angles//' '//elastic, &
+    call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic, &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
-    call forbid_ground(deck, 'body', s%place%body, 'does not move')
+    call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
     call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction')
     call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
@@ -66,21 +66,21 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     type(sensor_record), intent(in) :: s
-    if (.not. (deck%choice_in(elastic) .and. deck%is_set('body')) .or. s%place%body == 0) return
-    if (.not. deck%body_known(s%place%body)) return
-    associate (b => d%bodies(s%place%body))
+    if (.not. (deck%choice_in(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
+    if (.not. deck%body_known(s%marker%body)) return
+    associate (b => d%bodies(s%marker%body))
       if (b%kind == 'rigid') then
         if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
-          ''' does not apply to '//body_text(d, s%place%body)//', expected a beam or frame')
+          ''' does not apply to '//body_text(d, s%marker%body)//', expected a beam or frame')
       else if (.not. b%flexible .and. s%quantity /= 'deflection') then
         call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
-          body_text(d, s%place%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
+          body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
       else if (deck%is_set('element') .and. s%element > b%elements) then
         call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
-          body_text(d, s%place%body)//', expected 1 to '//to_text(b%elements))
+          body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
       else if (deck%is_set('index') .and. s%index > elastic_coordinates(b)) then
         call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
-          body_text(d, s%place%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
+          body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
       end if
     end associate
   end subroutine check_elastic

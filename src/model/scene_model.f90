@@ -1,11 +1,11 @@
-!> A whole scene as the solver sees it: bodies, places, constraints, springs, loads, and where each one's unknowns stand
+!> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand
 !> in the state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal
 !> variables: those of second order, bodies then springs, and those of first order), z' of those of second order, then dissipated
 !> energy and work.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
-  use place, only: place_model
+  use marker, only: marker_model
   use constraint, only: constraint_box
   use force_element, only: force_box
   implicit none (type, external)
@@ -15,15 +15,15 @@ module scene_model
   type, public :: scene
     character(:), allocatable :: title
     real(wp) :: gravity(2) = 0.0_wp             !! [m/s2]
-    real(wp) :: size = 1.0_wp                   !! S: largest distance between two places of one body or of the ground [m]
+    real(wp) :: size = 1.0_wp                   !! S: largest distance between two markers of one body or of the ground [m]
     type(body_model), allocatable :: bodies(:)
     integer, allocatable :: qo(:)               !! (nb) offset of each body's x in q, from 0
-    type(place_model), allocatable :: places(:) !! of joints, drives, springs and loads
+    type(marker_model), allocatable :: markers(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, then drives
     integer :: joints = 0                       !! how many of them are joints
     type(force_box), allocatable :: forces(:)   !! springs in deck order, then loads
     integer :: springs = 0                      !! how many of them are springs
-    integer, allocatable :: loaded(:)           !! places on bodies where springs and loads act, body after body
+    integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates
     integer :: nz = 0                           !! internal variables

@@ -122,22 +122,22 @@ contains
     largest = 0.0_wp
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      d(j + 1) = m%c(b)*x(i + 1) - m%sn(b)*x(i + 2)
-      d(j + 2) = m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)
+      d(j + 1) = m%cos_theta(b)*x(i + 1) - m%sin_theta(b)*x(i + 2)
+      d(j + 2) = m%sin_theta(b)*x(i + 1) + m%cos_theta(b)*x(i + 2)
       d(j + 3) = x(i + 3)
       do k = 1, 3
         weight = merge(m%s%size, 1.0_wp, k == 3)
         if (weight*abs(d(j + k)) > abs(largest)) largest = weight*d(j + k)
       end do
       j = j + 3
-      associate (bo => m%s%bodies(b))
-        do k = 1, bo%nn
-          u = cmplx(bo%displacement(k, re(i + 4:i + 3 + bo%nf)), bo%displacement(k, im(i + 4:i + 3 + bo%nf)), wp)
-          now = bo%displacement(k, q(i + 4:i + 3 + bo%nf))
-          rho = bo%x(:, k) + now(1:2)
+      associate (body => m%s%bodies(b))
+        do k = 1, body%nn
+          u = cmplx(body%displacement(k, re(i + 4:i + 3 + body%nf)), body%displacement(k, im(i + 4:i + 3 + body%nf)), wp)
+          now = body%displacement(k, q(i + 4:i + 3 + body%nf))
+          rho = body%x(:, k) + now(1:2)
           w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
-          d(j + 1) = m%c(b)*w(1) - m%sn(b)*w(2)
-          d(j + 2) = m%sn(b)*w(1) + m%c(b)*w(2)
+          d(j + 1) = m%cos_theta(b)*w(1) - m%sin_theta(b)*w(2)
+          d(j + 2) = m%sin_theta(b)*w(1) + m%cos_theta(b)*w(2)
           if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
           if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
           j = j + 2

@@ -121,10 +121,10 @@ contains
       j = j + 3
       c = cos(q(i + 3))
       s = sin(q(i + 3))
-      associate (bo => m%s%bodies(b))
-        do k = 1, bo%nn
-          u = bo%displacement(k, q(i + 4:i + 3 + bo%nf))
-          x = bo%x(:, k) + u(1:2)
+      associate (body => m%s%bodies(b))
+        do k = 1, body%nn
+          u = body%displacement(k, q(i + 4:i + 3 + body%nf))
+          x = body%x(:, k) + u(1:2)
           row(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
           j = j + 2
         end do

@@ -1,9 +1,9 @@
-!> Where everything of the assembled scene stands, for pictures: frames and nodes of the bodies, the places of joints, drives,
+!> Where everything of the assembled scene stands, for pictures: frames and nodes of the bodies, the markers of joints, drives,
 !> springs, forces and sensors. Written as figures of the summary, one line each; words are not added.
 module scene_figures
   use growing_text, only: text_buffer
   use kinds, only: wp
-  use deck_records, only: deck, place_record
+  use deck_records, only: deck, marker_record
   use mechanism, only: mechanism_model
   use summary_text, only: json_text, summary_record
   use text, only: to_text
@@ -47,12 +47,12 @@ contains
     call add_sensors(d, m, q, text)
     call text%close()
   contains
-    !> What acts between two places, with its direction in global axes.
+    !> What acts between two markers, with its direction in global axes.
     subroutine pair(name, kind, a, b, direction)
       character(*), intent(in) :: name, kind
-      type(place_record), intent(in) :: a, b
+      type(marker_record), intent(in) :: a, b
       real(wp), intent(in) :: direction          !! from the section of b [rad]
-      call text%member('', item(name, kind)//', "a": '//place(d, m, q, a)//', "b": '//place(d, m, q, b)// &
+      call text%member('', item(name, kind)//', "a": '//marker(d, m, q, a)//', "b": '//marker(d, m, q, b)// &
                        ', "direction": '//to_text(direction + angle(m, q, b))//'}')
     end subroutine pair
   end subroutine add_scene
@@ -69,14 +69,14 @@ contains
     associate (b => m%s%bodies(k), r => d%bodies(k))
       do j = 1, b%nn
         if (j > 1) call nodes%add(', ')
-        call nodes%add(vector(position(m, q, place_record(body=k, node=j))))
+        call nodes%add(vector(position(m, q, marker_record(body=k, node=j))))
       end do
       do j = 1, b%ne
         if (j > 1) call elements%add(', ')
         call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
       end do
       call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
-        to_text(b%mass)//', "centre": '//vector(position(m, q, place_record(body=k, point=b%i1/b%mass)))// &
+        to_text(b%mass)//', "centre": '//vector(position(m, q, marker_record(body=k, point=b%i1/b%mass)))// &
         ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
     end associate
   end subroutine add_body
@@ -91,7 +91,7 @@ contains
     call text%open('forces', '[')
     do k = 1, size(d%forces)
       associate (r => d%forces(k))
-        call text%member('', item(r%name, r%type)//', "at": '//place(d, m, q, r%place)//', "force": '// &
+        call text%member('', item(r%name, r%type)//', "at": '//marker(d, m, q, r%marker)//', "force": '// &
                          vector([r%fx, r%fy])//', "axes": '//json_text(trim(r%axes))//', "moment": '//to_text(r%moment)// &
                          ', "centre": '//vector(r%centre)//'}')
       end associate
@@ -99,23 +99,23 @@ contains
     call text%close()
   end subroutine add_forces
 
-  !> Sensors, each at what it measures; those of joints, drives and springs at their place a.
+  !> Sensors, each at what it measures; those of joints, drives and springs at their marker a.
   subroutine add_sensors(d, m, q, text)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
     type(summary_record), intent(inout) :: text
-    type(place_record) :: at
+    type(marker_record) :: at
     integer :: k
     call text%open('sensors', '[')
     do k = 1, size(d%sensors)
       associate (r => d%sensors(k))
-        at = r%place
+        at = r%marker
         if (r%joint > 0) at = d%joints(r%joint)%a
         if (r%drive > 0) at = d%drives(r%drive)%a
         if (r%spring > 0) at = d%springs(r%spring)%a
         if (r%element > 0) at%node = m%s%bodies(at%body)%en(1, r%element)
-        call text%member('', item(r%name, r%quantity)//', "at": '//place(d, m, q, at)//'}')
+        call text%member('', item(r%name, r%quantity)//', "at": '//marker(d, m, q, at)//'}')
       end associate
     end do
     call text%close()
@@ -128,23 +128,23 @@ contains
     text = '{"name": '//json_text(trim(name))//', "kind": '//json_text(trim(kind))
   end function item
 
-  !> A place: its body (null: the ground), its node (0: a point), where it is.
-  function place(d, m, q, r) result(text)
+  !> A marker: its body (null: the ground), its node (0: a point), where it is.
+  function marker(d, m, q, r) result(text)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(place_record), intent(in) :: r
+    type(marker_record), intent(in) :: r
     character(:), allocatable :: text
     text = 'null'
     if (r%body > 0) text = json_text(trim(d%bodies(r%body)%name))
     text = '{"body": '//text//', "node": '//to_text(r%node)//', "at": '//vector(position(m, q, r))//'}'
-  end function place
+  end function marker
 
-  !> Where a place is.
+  !> Where a marker is.
   function position(m, q, r) result(x)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(place_record), intent(in) :: r
+    type(marker_record), intent(in) :: r
     real(wp) :: x(2)                           !! [m]
     real(wp) :: u(3), c, s
     x = r%point
@@ -160,11 +160,11 @@ contains
     end associate
   end function position
 
-  !> Angle of the section of a place, of the frame where it has none.
+  !> Angle of the section of a marker, of the frame where it has none.
   function angle(m, q, r) result(a)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(place_record), intent(in) :: r
+    type(marker_record), intent(in) :: r
     real(wp) :: a                              !! [rad]
     real(wp) :: u(3)
     a = 0.0_wp

@@ -147,10 +147,10 @@ contains
     ghm = 0
     maxwell = 0
     elements = 0
-    do r = 1, size(b%runs)
-      ghm = max(ghm, b%runs(r)%law%second)
-      maxwell = max(maxwell, b%runs(r)%law%first)
-      elements = elements + b%runs(r)%last - b%runs(r)%first + 1
+    do r = 1, size(b%segments)
+      ghm = max(ghm, b%segments(r)%law%second)
+      maxwell = max(maxwell, b%segments(r)%law%first)
+      elements = elements + b%segments(r)%last - b%segments(r)%first + 1
     end do
     kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
     if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
@@ -225,8 +225,8 @@ contains
     integer :: k
     do k = m%s%joints + 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        if (c%turns_a()) call note(c%ia, 'drive "'//trim(c%name)//'"')
-        if (c%turns_b()) call note(c%ib, 'drive "'//trim(c%name)//'"')
+        if (c%uses_angle_a()) call note(c%ia, 'drive "'//trim(c%name)//'"')
+        if (c%uses_angle_b()) call note(c%ib, 'drive "'//trim(c%name)//'"')
       end associate
     end do
     do k = 1, size(m%s%forces)
@@ -236,13 +236,13 @@ contains
       end associate
     end do
   contains
-    !> Adds the line if the place is the frame of a flexible body.
-    subroutine note(place, what)
-      integer, intent(in) :: place
+    !> Adds the line if the marker is the frame of a flexible body.
+    subroutine note(marker, what)
+      integer, intent(in) :: marker
       character(*), intent(in) :: what
       integer :: b
-      b = m%s%places(place)%body
-      if (b == 0 .or. m%s%places(place)%node > 0) return
+      b = m%s%markers(marker)%body
+      if (b == 0 .or. m%s%markers(marker)%node > 0) return
       if (.not. m%s%bodies(b)%flexible) return
       call add_line(text, '  note: '//what//' acts on the frame of flexible body "'//trim(m%s%bodies(b)%name)// &
                     '", whose angle depends on its reference conditions')

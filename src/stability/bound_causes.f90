@@ -3,7 +3,7 @@ module bound_causes
   use kinds, only: wp
   use body, only: body_model
   use deck_records, only: deck
-  use linear_matrices, only: linear_run
+  use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
   use nodal_kernel, only: deformations
   use spectrum, only: fast_mode
@@ -18,7 +18,7 @@ module bound_causes
   type, public :: bound_cause
     character(:), allocatable :: what              !! in words
     integer :: body = 0                      !! body that carries the mode or has the material, 0: none
-    integer :: run = 0                       !! GHM run whose pole it is, 0: a mode
+    integer :: segment = 0                   !! GHM run whose pole it is, 0: a mode
     logical :: rayleigh = .false.            !! Rayleigh damping of the body sets it
     integer :: material = 0                  !! material of that run, 0: none, or a spring's run
   end type bound_cause
@@ -38,9 +38,9 @@ contains
     axial = .false.
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b) + 3
-      associate (bo => m%s%bodies(b))
-        if (.not. bo%flexible) cycle
-        call strain_energies(bo, f%x(i + 1:i + bo%nf), ea, ei)
+      associate (body => m%s%bodies(b))
+        if (.not. body%flexible) cycle
+        call strain_energies(body, f%x(i + 1:i + body%nf), ea, ei)
         strained = strained + ea + ei
         if (ea + ei <= best) cycle
         best = ea + ei
@@ -72,41 +72,42 @@ contains
   end subroutine blame_damping
 
   !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
-  subroutine strain_energies(bo, x, ea, ei)
-    type(body_model), intent(inout) :: bo    !! its work space changes
+  subroutine strain_energies(body, x, ea, ei)
+    type(body_model), intent(inout) :: body    !! its work space changes
     real(wp), intent(in) :: x(:)   !! (nf) elastic part of a mass-normalised mode [m, rad, over the root of the modal mass]
     real(wp), intent(out) :: ea, ei          !! [1/s2]
     logical :: stiffening
     integer :: e
     ea = 0.0_wp
     ei = 0.0_wp
-    if (bo%modal) then
-      ei = sum(bo%omega2*x**2)
+    if (body%modal) then
+      ei = sum(body%omega2*x**2)
       return
     end if
-    bo%qx(1:bo%nf) = x
-    stiffening = bo%stiffening
-    bo%stiffening = .false.                  ! the linear strain of the mode
-    call deformations(bo, bo%qx, bo%d)
-    bo%stiffening = stiffening
-    do e = 1, bo%ne
-      if (bo%nd == 3) ea = ea + bo%elements(e)%ea_l*bo%d(1, e)**2
-      ei = ei + 4*bo%elements(e)%ei_l*(bo%d(bo%nd - 1, e)**2 + bo%d(bo%nd - 1, e)*bo%d(bo%nd, e) + bo%d(bo%nd, e)**2)
+    body%qx(1:body%nf) = x
+    stiffening = body%stiffening
+    body%stiffening = .false.                  ! the linear strain of the mode
+    call deformations(body, body%qx, body%d)
+    body%stiffening = stiffening
+    do e = 1, body%ne
+      if (body%nd == 3) ea = ea + body%elements(e)%ea_l*body%d(1, e)**2
+      ei = ei + 4*body%elements(e)%ei_l*(body%d(body%nd - 1, e)**2 + body%d(body%nd - 1, e)*body%d(body%nd, e) + body%d(body%nd, &
+          e)**2)
     end do
   end subroutine strain_energies
 
   !> The material or spring of a run's poles, with the number of its fastest term.
-  function pole_cause(d, m, runs, r) result(cause)
+  function pole_cause(d, m, segments, r) result(cause)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
-    type(linear_run), intent(in) :: runs(:)
+    type(linear_segment), intent(in) :: segments(:)
     integer, intent(in) :: r                 !! run
     type(bound_cause) :: cause
     character(:), allocatable :: name         ! of the term
     integer :: term
-    associate (t => runs(r))
+    associate (t => segments(r))
       cause%body = t%body
-      cause%run = r
+      cause%segment = r
       cause%material = t%material
       term = maxloc(abs(t%law%rates()), dim=1)
       name = trim(t%law%words(term))

@@ -111,7 +111,7 @@ contains
       end do
     end if
     do k = 1, size(d%lumps)
-      call move(d%lumps(k)%place%body, d%lumps(k)%place%node)
+      call move(d%lumps(k)%marker%body, d%lumps(k)%marker%node)
     end do
     do k = 1, size(d%joints)
       call move(d%joints(k)%a%body, d%joints(k)%a%node)
@@ -126,7 +126,7 @@ contains
       call move(d%springs(k)%b%body, d%springs(k)%b%node)
     end do
     do k = 1, size(d%forces)
-      call move(d%forces(k)%place%body, d%forces(k)%place%node)
+      call move(d%forces(k)%marker%body, d%forces(k)%marker%node)
     end do
     deallocate (d%sensors)
     allocate (d%sensors(0))

@@ -2,10 +2,10 @@
 module modal_eigenvalues
   use kinds, only: wp
   use lapack, only: dgeev
-  use linear_matrices, only: linear_run
+  use linear_matrices, only: linear_segment
   implicit none (type, external)
   private
-  public :: modal_roots, mark_mode, run_poles
+  public :: modal_roots, mark_mode, segment_poles
 
   integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
@@ -13,8 +13,8 @@ contains
 
   !> Roots of s2 + c s + k + sum of a_r g_r(s): all of them; of very many terms the mode's own pair alone, since the poles lie
   !> between ends that `material_poles` looks at.
-  subroutine modal_roots(runs, k, c, parts, small, roots)
-    type(linear_run), intent(in) :: runs(:)
+  subroutine modal_roots(segments, k, c, parts, small, roots)
+    type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
@@ -23,17 +23,17 @@ contains
     integer, allocatable :: kept(:)
     integer :: r
     logical :: ok
-    kept = pack([(r, r=1, size(runs))], parts > small)
+    kept = pack([(r, r=1, size(segments))], parts > small)
     ok = .false.
-    if (sum([(size(runs(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
-      call mode_pair(runs(kept), k, c, parts(kept), roots, ok)
+    if (sum([(size(segments(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
+      call mode_pair(segments(kept), k, c, parts(kept), roots, ok)
     end if
-    if (.not. ok) call all_roots(runs(kept), k, c, parts(kept), roots)
+    if (.not. ok) call all_roots(segments(kept), k, c, parts(kept), roots)
   end subroutine modal_roots
 
   !> The two roots that the instantaneous stiffness leads to, by Newton's method.
-  subroutine mode_pair(runs, k, c, parts, roots, ok)
-    type(linear_run), intent(in) :: runs(:)
+  subroutine mode_pair(segments, k, c, parts, roots, ok)
+    type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
@@ -43,8 +43,8 @@ contains
     integer :: i, r, pass
     allocate (roots(2))
     s = k
-    do r = 1, size(runs)
-      s = s + parts(r)*sum(runs(r)%law%alpha)
+    do r = 1, size(segments)
+      s = s + parts(r)*sum(segments(r)%law%alpha)
     end do
     s = sqrt(c**2/4 - s)
     roots = [-c/2 + s, -c/2 - s]
@@ -53,9 +53,9 @@ contains
         s = roots(i)
         f = s**2 + c*s + k
         df = 2*s + c
-        do r = 1, size(runs)
-          f = f + parts(r)*runs(r)%law%ratio(s)
-          df = df + parts(r)*runs(r)%law%slope(s)
+        do r = 1, size(segments)
+          f = f + parts(r)*segments(r)%law%ratio(s)
+          df = df + parts(r)*segments(r)%law%slope(s)
         end do
         step = f/df
         roots(i) = s - step
@@ -68,8 +68,8 @@ contains
   end subroutine mode_pair
 
   !> All of them, by the eigenvalues of the equivalent first-order system (each term: z and, of second order, its rate).
-  subroutine all_roots(runs, k, c, parts, roots)
-    type(linear_run), intent(in) :: runs(:)
+  subroutine all_roots(segments, k, c, parts, roots)
+    type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
@@ -77,15 +77,15 @@ contains
     real(wp), allocatable :: a(:, :)
     real(wp) :: scale, omega                             ! [1/s]
     integer :: n, r, j, i
-    n = 2 + sum([(runs(r)%law%order(), r=1, size(runs))])
+    n = 2 + sum([(segments(r)%law%order(), r=1, size(segments))])
     allocate (a(n, n), source=0.0_wp)
     scale = sqrt(max(k + sum(parts), tiny(1.0_wp)))      ! of time, so that positions and rates are alike
     a(1, 2) = scale
     a(2, 1) = -k/scale
     a(2, 2) = -c
     i = 2
-    do r = 1, size(runs)
-      associate (t => runs(r)%law)
+    do r = 1, size(segments)
+      associate (t => segments(r)%law)
         do j = 1, size(t%alpha)
           a(2, 1) = a(2, 1) - t%alpha(j)*parts(r)/scale
           a(2, i + 1) = t%alpha(j)*parts(r)/scale
@@ -120,16 +120,16 @@ contains
   end subroutine mark_mode
 
   !> Poles of a run's terms in a motion that its material or spring alone makes.
-  subroutine run_poles(run, lambda, poles)
-    type(linear_run), intent(in) :: run
+  subroutine segment_poles(segment, lambda, poles)
+    type(linear_segment), intent(in) :: segment
     real(wp), intent(in) :: lambda             !! static stiffness over mass [1/s2]
     complex(wp), allocatable, intent(out) :: poles(:)    !! [1/s]
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
-    call all_roots([run], lambda, 0.0_wp, [lambda], roots)
-    call mark_mode(roots, sqrt(lambda*(1 + sum(run%law%alpha))), is_mode)
+    call all_roots([segment], lambda, 0.0_wp, [lambda], roots)
+    call mark_mode(roots, sqrt(lambda*(1 + sum(segment%law%alpha))), is_mode)
     poles = pack(roots, .not. is_mode)
-  end subroutine run_poles
+  end subroutine segment_poles
 
   !> Eigenvalues of a small dense matrix.
   subroutine eigenvalues(a, roots)

@@ -4,7 +4,7 @@
 !>   mu2 + c mu + k = 0,   c = x* C x,  k = x* K x,
 !> for C and K symmetric; and for all x, p c + q k <= largest eigenvalue of p C + q K, whatever p and q. Straight lines in the
 !> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. The lines are
-!> placed more densely where a corner between two limits the step. Of springs that turn p C + q K counts what raises it.
+!> placed more densely where a breakpoint between two limits the step. Of springs that turn p C + q K counts what raises it.
 module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
@@ -19,8 +19,8 @@ module safe_bound
   public :: find_safe_bound
 
   integer, parameter :: most_lines = 18            !! that enclose c and k
-  integer, parameter :: pieces = 8                 !! of the stretch of a line between its corners
-  real(wp), parameter :: narrow = pi/90            !! angle between lines whose corner is not cut any more [rad]
+  integer, parameter :: pieces = 8                 !! of the stretch of a line between its breakpoints
+  real(wp), parameter :: narrow = pi/90            !! angle between lines whose breakpoint is not cut any more [rad]
 
   !> A line c cos(angle)/c0 + k sin(angle)/k0 = reach, and the bound from its stretch between its neighbours.
   type :: enclosing_line
@@ -95,7 +95,7 @@ contains
     call material_poles(d, m, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
-  !> Starts with a box and cuts corners that limit the step, in turn for each method.
+  !> Starts with a box and cuts breakpoints that limit the step, in turn for each method.
   subroutine enclose(d, m, fast, e)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
@@ -114,7 +114,7 @@ contains
     end do
     do round = 1, most_lines - 4
       method = 1 + mod(round, size(method_names))
-      i = corner_that_limits(e, method)
+      i = breakpoint_that_limits(e, method)
       if (i == 0) cycle
       e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
       e%lines = e%lines + 1
@@ -126,8 +126,8 @@ contains
     end do
   end subroutine enclose
 
-  !> The number of the line before the corner that is nearest to what limits a method; 0: cut enough.
-  pure integer function corner_that_limits(e, method) result(i)
+  !> The number of the line before the breakpoint that is nearest to what limits a method; 0: cut enough.
+  pure integer function breakpoint_that_limits(e, method) result(i)
     type(enclosure), intent(in) :: e
     integer, intent(in) :: method
     integer :: k
@@ -137,7 +137,7 @@ contains
     end do
     if (2*e%line(i)%limit(method) <= pieces) i = i - 1
     if (e%line(i + 1)%angle - e%line(i)%angle < narrow) i = 0
-  end function corner_that_limits
+  end function breakpoint_that_limits
 
   !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
   subroutine find_line(m, fast, e, i)
@@ -152,8 +152,8 @@ contains
       call fast%mode(m, 1, l%mode)
       call mode_cause(m, l%mode, l%cause)
       l%at = [l%mode%damping, l%mode%stiffness]
-      do r = 1, size(l%mode%runs)
-        l%at(2) = l%at(2) + l%mode%runs(r)*sum(fast%lin%runs(r)%law%alpha)
+      do r = 1, size(l%mode%segments)
+        l%at(2) = l%at(2) + l%mode%segments(r)*sum(fast%lin%segments(r)%law%alpha)
       end do
       l%at = l%at/[e%c0, e%k0]
       l%exists = .true.
@@ -172,18 +172,18 @@ contains
     real(wp) :: first(2), last(2), now(2), apart(-1:1)   ! [-]
     integer :: j, k
     if (.not. e%line(i)%exists) return
-    first = corner(e%line(i - 1), e%line(i))
-    last = corner(e%line(i), e%line(i + 1))
+    first = breakpoint(e%line(i - 1), e%line(i))
+    last = breakpoint(e%line(i), e%line(i + 1))
     do j = 0, pieces
       now = max((first*(pieces - j) + last*j)/pieces, 0.0_wp)
       apart = [(merge(norm2(now - e%line(k)%at), huge(1.0_wp), e%line(k)%exists), k=i - 1, i + 1)]
       associate (l => e%line(i - 2 + minloc(apart, dim=1)))
         f = l%mode
         f%stiffness = now(2)*e%k0
-        f%runs = 0.0_wp
+        f%segments = 0.0_wp
         if (l%at(2) > 0.0_wp) then
           f%stiffness = now(2)*(l%mode%stiffness/l%at(2))
-          f%runs = now(2)*(l%mode%runs/l%at(2))
+          f%segments = now(2)*(l%mode%segments/l%at(2))
         end if
         f%damping = now(1)*e%c0
         f%springs = f%damping
@@ -197,9 +197,9 @@ contains
   end subroutine find_steps
 
   !> Where two lines meet: c and k in units of the largest.
-  pure function corner(a, b) result(x)
+  pure function breakpoint(a, b) result(x)
     type(enclosing_line), intent(in) :: a, b
     real(wp) :: x(2)                               !! [-]
     x = [a%reach*sin(b%angle) - b%reach*sin(a%angle), b%reach*cos(a%angle) - a%reach*cos(b%angle)]/sin(b%angle - a%angle)
-  end function corner
+  end function breakpoint
 end module safe_bound

@@ -23,7 +23,7 @@ module spectrum
     real(wp) :: stiffness = 0.0_wp             !! x^T K x at E_R, springs static [1/s2]
     real(wp) :: damping = 0.0_wp               !! x^T C x [1/s]
     real(wp) :: springs = 0.0_wp               !! part of springs in x^T C x [1/s]
-    real(wp), allocatable :: runs(:)           !! x^T K_r x of each GHM run [1/s2]
+    real(wp), allocatable :: segments(:)       !! x^T K_r x of each GHM segment [1/s2]
     real(wp), allocatable :: x(:)              !! (n) the mode
   end type fast_mode
 
@@ -42,11 +42,11 @@ module spectrum
     real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
     real(wp), allocatable :: t(:, :), e(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
-    integer :: only = 0                        !! GHM run whose material or spring alone counts as stiffness, 0: everything
+    integer :: only = 0                        !! GHM segment whose material or spring alone counts as stiffness, 0: everything
   contains
     procedure :: set_up
     procedure :: largest
-    procedure :: largest_of_run
+    procedure :: largest_of_segment
     procedure :: mode
   end type fast_spectrum
 
@@ -87,8 +87,8 @@ contains
     n = self%lin%n
     allocate (self%first(n + 1), source=0)
     call count_rows(self%lin%stiffness, self%first)
-    do r = 1, size(self%lin%runs)
-      call count_rows(self%lin%runs(r)%stiffness, self%first)
+    do r = 1, size(self%lin%segments)
+      call count_rows(self%lin%segments(r)%stiffness, self%first)
     end do
     self%first(1) = 1
     do k = 1, n
@@ -97,8 +97,8 @@ contains
     allocate (self%col(self%first(n + 1) - 1), self%value(self%first(n + 1) - 1))
     fill = self%first(1:n)
     call put_rows(self%lin%stiffness, 1.0_wp, fill, self%col, self%value)
-    do r = 1, size(self%lin%runs)
-      call put_rows(self%lin%runs(r)%stiffness, sum(self%lin%runs(r)%law%alpha), fill, self%col, self%value)
+    do r = 1, size(self%lin%segments)
+      call put_rows(self%lin%segments(r)%stiffness, sum(self%lin%segments(r)%law%alpha), fill, self%col, self%value)
     end do
   end subroutine gather_rows
 
@@ -178,17 +178,17 @@ contains
     end do
   end subroutine largest
 
-  !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM run's material or spring [rad2/s2].
-  subroutine largest_of_run(self, m, held, run, lambda)
+  !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM segment's material or spring [rad2/s2].
+  subroutine largest_of_segment(self, m, held, segment, lambda)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held              !! joints and drives held
-    integer, intent(in) :: run
+    integer, intent(in) :: segment
     real(wp), intent(out) :: lambda
-    self%only = run
+    self%only = segment
     call self%largest(m, held, only_stiffness, most_vectors, lambda)
     self%only = 0
-  end subroutine largest_of_run
+  end subroutine largest_of_segment
 
   !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
   subroutine mode(self, m, k, f)
@@ -199,22 +199,22 @@ contains
     real(wp) :: square                       ! of a spring's deformation [m2] or [rad2]
     integer :: j, r
     f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
-    allocate (f%runs(size(self%lin%runs)))
+    allocate (f%segments(size(self%lin%segments)))
     f%stiffness = self%lin%stiffness%quadratic_form(f%x)
     do j = 1, size(self%turning)
       f%stiffness = f%stiffness + self%turning(j)*f%x(m%s%qo(j) + 3)**2
     end do
     f%damping = self%lin%damping%quadratic_form(f%x)
-    do r = 1, size(self%lin%runs)
-      f%runs(r) = self%lin%runs(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
+    do r = 1, size(self%lin%segments)
+      f%segments(r) = self%lin%segments(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
     end do
     do j = 1, size(m%s%forces)
       if (.not. (self%spring_static(j) > 0.0_wp .or. self%spring_damping(j) > 0.0_wp)) cycle
       square = spring_square(m, j, self%ends(:, j), f%x)
       f%stiffness = f%stiffness + self%spring_static(j)*square
       f%springs = f%springs + self%spring_damping(j)*square
-      do r = 1, size(self%lin%runs)
-        if (self%lin%runs(r)%element == j) f%runs(r) = self%spring_static(j)*square
+      do r = 1, size(self%lin%segments)
+        if (self%lin%segments(r)%element == j) f%segments(r) = self%spring_static(j)*square
       end do
     end do
     f%damping = f%damping + f%springs
@@ -231,7 +231,7 @@ contains
     real(wp) :: s
     integer :: i, k
     if (self%only > 0) then
-      call multiply_run(self, m, x, y)
+      call multiply_segment(self, m, x, y)
       return
     end if
     y = 0.0_wp
@@ -256,22 +256,22 @@ contains
     end do
   end subroutine multiply
 
-  !> y = K_r x, the static stiffness of the chosen run's material wherever it is, or of its spring.
-  subroutine multiply_run(self, m, x, y)
+  !> y = K_r x, the static stiffness of the chosen segment's material wherever it is, or of its spring.
+  subroutine multiply_segment(self, m, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: y(:)
     integer :: k
     y = 0.0_wp
-    associate (runs => self%lin%runs, r => self%lin%runs(self%only))
+    associate (segments => self%lin%segments, r => self%lin%segments(self%only))
       if (r%element > 0) then
         call spring_pull(m, r%element, self%spring_static(r%element), self%ends(:, r%element), x, y)
         return
       end if
-      do k = 1, size(runs)
-        if (runs(k)%element == 0 .and. runs(k)%material == r%material) call runs(k)%stiffness%times(1.0_wp, x, y)
+      do k = 1, size(segments)
+        if (segments(k)%element == 0 .and. segments(k)%material == r%material) call segments(k)%stiffness%times(1.0_wp, x, y)
       end do
     end associate
-  end subroutine multiply_run
+  end subroutine multiply_segment
 end module spectrum

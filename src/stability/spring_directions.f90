@@ -44,15 +44,15 @@ contains
   pure function turning_stiffness(m) result(stiffness)
     type(mechanism_model), intent(in) :: m       !! evaluated
     real(wp) :: stiffness(size(m%s%bodies))      !! [N m/rad]
-    integer :: k, i, b, place
+    integer :: k, i, b, marker
     stiffness = 0.0_wp
     do k = 1, size(m%s%forces)
       if (.not. m%s%forces(k)%item%along_line()) cycle
       do i = 1, 2
-        place = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
-        b = m%s%places(place)%body
+        marker = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
+        b = m%s%markers(marker)%body
         if (b == 0) cycle
-        stiffness(b) = stiffness(b) + abs(m%action(k)%force)*norm2(m%p%rho(:, place) - m%pin(:, b)/m%s%bodies(b)%mass)
+        stiffness(b) = stiffness(b) + abs(m%action(k)%force)*norm2(m%p%rho(:, marker) - m%pin(:, b)/m%s%bodies(b)%mass)
       end do
     end do
   end function turning_stiffness
@@ -68,8 +68,8 @@ contains
     call m%s%forces(k)%item%deformation(m%p, now, rate, e)
     do j = 1, m%s%joints
       associate (c => m%s%constraints(j)%item)
-        a = group(m%s%places(c%ia)%body)
-        b = group(m%s%places(c%ib)%body)
+        a = group(m%s%markers(c%ia)%body)
+        b = group(m%s%markers(c%ib)%body)
         welded = c%rows == 3
         associate (last => c%first + c%rows - 1)
           if (norm2(m%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
@@ -77,20 +77,20 @@ contains
         if (welded .or. abs(dot_product(m%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
       end associate
     end do
-    is_guided = group(m%s%places(m%s%forces(k)%item%ia)%body) == group(m%s%places(m%s%forces(k)%item%ib)%body)
+    is_guided = group(m%s%markers(m%s%forces(k)%item%ia)%body) == group(m%s%markers(m%s%forces(k)%item%ib)%body)
   end function is_guided
 
-  !> How a place yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
+  !> How a marker yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
   real(wp) function yield(m, k) result(rho)
     type(mechanism_model), intent(inout) :: m
-    integer, intent(in) :: k                     !! place
+    integer, intent(in) :: k                     !! marker
     real(wp), allocatable :: f(:), u(:)
     real(wp) :: c(2, 2), w(3)
     integer :: b, j
     rho = 0.0_wp
-    b = m%s%places(k)%body
+    b = m%s%markers(k)%body
     if (b == 0) return
-    associate (p => m%s%places(k), n => m%s%bodies(b)%nf)
+    associate (p => m%s%markers(k), n => m%s%bodies(b)%nf)
       allocate (f(3 + n), u(3 + n))
       do j = 1, 2
         f = 0.0_wp

@@ -70,8 +70,8 @@ contains
     call fast%largest(work, .false., only_stiffness, 100, straight)
     bent = q
     do b = 1, size(m%s%bodies)
-      associate (i => m%s%qo(b) + 3, bo => m%s%bodies(b))
-        if (bo%flexible) call bend_to_limit(bo, bent(i + 1:i + bo%nf))
+      associate (i => m%s%qo(b) + 3, body => m%s%bodies(b))
+        if (body%flexible) call bend_to_limit(body, bent(i + 1:i + body%nf))
       end associate
     end do
     call evaluate(work, 0.0_wp, bent, rest, none, none)
@@ -159,7 +159,7 @@ contains
     associate (cause => advice%safe%cause(1))
       if (cause%body == 0) return
       call advice%text%open('remedies', '[')
-      if (cause%run > 0) then
+      if (cause%segment > 0) then
         if (cause%material > 0) call try(d, m, without_ghm, advice)
       else if (cause%rayleigh) then
         call try(d, m, without_rayleigh, advice)
@@ -191,7 +191,7 @@ contains
     do k = 1, rounds
       if (.not. can_change(d, b, change)) return
       do c = 1, size(changed)
-        if (changed(c) .or. .not. (c == b .or. m%like(c) == m%like(b))) cycle
+        if (changed(c) .or. .not. (c == b .or. m%prototype(c) == m%prototype(b))) cycle
         if (.not. can_change(d, c, change)) cycle
         call change_body(other, c, change)
         changed(c) = .true.

@@ -2,10 +2,10 @@
 !> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
 module step_bounds
   use kinds, only: wp
-  use linear_matrices, only: linear_run
+  use linear_matrices, only: linear_segment
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use deck_records, only: deck
-  use modal_eigenvalues, only: modal_roots, mark_mode, run_poles
+  use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use stability_region, only: largest_step, method_names
@@ -88,15 +88,15 @@ contains
     type(bound_cause) :: cause
     real(wp) :: total
     integer :: body
-    total = f%stiffness + sum(f%runs)
-    call modal_roots(fast%lin%runs, f%stiffness, f%damping, f%runs, 1.0e-6_wp*total, roots)
+    total = f%stiffness + sum(f%segments)
+    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*total, roots)
     cause = carrier
     if (damping_limits(fast, f, roots)) call blame_damping(f, f%springs, cause)
-    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%runs), 0.0_wp)), is_mode)
+    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
     call take(pack(roots, is_mode), cause, bound)
     if (all(is_mode)) return
     body = cause%body
-    cause = pole_cause(d, m, fast%lin%runs, maxloc(f%runs, dim=1))
+    cause = pole_cause(d, m, fast%lin%segments, maxloc(f%segments, dim=1))
     cause%body = body
     call take(pack(roots, .not. is_mode), cause, bound)
   end subroutine look_at
@@ -109,7 +109,7 @@ contains
     complex(wp), allocatable :: without(:)     ! [1/s]
     yes = f%damping > 0.0_wp
     if (.not. yes) return
-    call modal_roots(fast%lin%runs, f%stiffness, 0.0_wp, f%runs, 1.0e-6_wp*(f%stiffness + sum(f%runs)), without)
+    call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), without)
     yes = step_of(1, roots) < 0.99_wp*step_of(1, without)
   end function damping_limits
 
@@ -126,14 +126,14 @@ contains
   end function step_of
 
   !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
-  pure function extra(fast, runs) result(k)
+  pure function extra(fast, segments) result(k)
     type(fast_spectrum), intent(in) :: fast
-    real(wp), intent(in) :: runs(:)            !! [1/s2]
+    real(wp), intent(in) :: segments(:)        !! [1/s2]
     real(wp) :: k
     integer :: r
     k = 0.0_wp
-    do r = 1, size(runs)
-      k = k + runs(r)*sum(fast%lin%runs(r)%law%alpha)
+    do r = 1, size(segments)
+      k = k + segments(r)*sum(fast%lin%segments(r)%law%alpha)
     end do
   end function extra
 
@@ -171,12 +171,12 @@ contains
     real(wp), allocatable :: least(:, :)       ! steps that the poles surely allow [s]
     real(wp) :: lambda
     integer :: i, k
-    firsts = distinct_runs(fast%lin%runs)
+    firsts = distinct_segments(fast%lin%segments)
     allocate (least(size(method_names), size(firsts)))
     do i = 1, size(firsts)
-      associate (t => fast%lin%runs(firsts(i)))
-        call take(t%law%rates(), pole_cause(d, m, fast%lin%runs, firsts(i)), bound)
-        call run_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
+      associate (t => fast%lin%segments(firsts(i)))
+        call take(t%law%rates(), pole_cause(d, m, fast%lin%segments, firsts(i)), bound)
+        call segment_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
         least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
       end associate
     end do
@@ -185,26 +185,26 @@ contains
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
       if (all(least(:, k) >= bound%step)) cycle
-      call fast%largest_of_run(m, held, firsts(k), lambda)
+      call fast%largest_of_segment(m, held, firsts(k), lambda)
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
-      call run_poles(fast%lin%runs(firsts(k)), lambda, roots)
-      call take(roots, pole_cause(d, m, fast%lin%runs, firsts(k)), bound)
+      call segment_poles(fast%lin%segments(firsts(k)), lambda, roots)
+      call take(roots, pole_cause(d, m, fast%lin%segments, firsts(k)), bound)
     end do
   end subroutine material_poles
 
-  !> The springs' runs and the first run of every material.
-  pure function distinct_runs(runs) result(firsts)
-    type(linear_run), intent(in) :: runs(:)
+  !> The springs' segments and the first segment of every material.
+  pure function distinct_segments(segments) result(firsts)
+    type(linear_segment), intent(in) :: segments(:)
     integer, allocatable :: firsts(:)
-    logical :: seen(0:maxval([0, runs%material]))
-    logical :: new(size(runs))
+    logical :: seen(0:maxval([0, segments%material]))
+    logical :: new(size(segments))
     integer :: r
     seen = .false.
-    do r = 1, size(runs)
-      new(r) = runs(r)%element > 0 .or. .not. seen(runs(r)%material)
-      seen(runs(r)%material) = .true.
+    do r = 1, size(segments)
+      new(r) = segments(r)%element > 0 .or. .not. seen(segments(r)%material)
+      seen(segments(r)%material) = .true.
     end do
-    firsts = pack([(r, r=1, size(runs))], new)
-  end function distinct_runs
+    firsts = pack([(r, r=1, size(segments))], new)
+  end function distinct_segments
 end module step_bounds

@@ -46,10 +46,10 @@ contains
     allocate (self%figures(5, size(m%s%bodies)), source=0.0_wp)
     self%weight = [(1.0_wp, b=1, m%s%nq)]
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b), i => m%s%qo(b) + 3)
-        if (.not. bo%flexible .or. bo%modal) cycle
-        do k = 1, bo%nn
-          if (bo%dof(3, k) > 0) self%weight(i + bo%dof(3, k)) = (0.5_wp*bo%elements(1)%length)**2
+      associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
+        if (.not. body%flexible .or. body%modal) cycle
+        do k = 1, body%nn
+          if (body%dof(3, k) > 0) self%weight(i + body%dof(3, k)) = (0.5_wp*body%elements(1)%length)**2
         end do
       end associate
     end do
@@ -63,12 +63,12 @@ contains
     real(wp) :: u(3)
     integer :: b, k, i, n
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b), f => self%figures(:, b))
-        if (.not. bo%flexible) cycle
+      associate (body => m%s%bodies(b), f => self%figures(:, b))
+        if (.not. body%flexible) cycle
         i = m%s%qo(b) + 3
-        n = bo%nf
-        do k = 1, bo%nn
-          u = bo%displacement(k, q(i + 1:i + n))
+        n = body%nf
+        do k = 1, body%nn
+          u = body%displacement(k, q(i + 1:i + n))
           f(deflection) = max(f(deflection), hypot(u(1), u(2)))
           f(rotation) = max(f(rotation), abs(u(3)))
         end do
@@ -98,43 +98,44 @@ contains
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b), f => self%figures(:, b))
-        if (.not. bo%flexible) cycle
-        if (f(deflection) > large_deflection*bo%length) call say(bo, 'deflects by', f(deflection)/bo%length*100, &
+      associate (body => m%s%bodies(b), f => self%figures(:, b))
+        if (.not. body%flexible) cycle
+        if (f(deflection) > large_deflection*body%length) call say(body, 'deflects by', f(deflection)/body%length*100, &
           '% of its length: beyond about 10 % the linear floating frame no longer holds (more bodies, each with its own frame)')
-        if (f(rotation) > large_rotation) call say(bo, 'turns a section by', f(rotation), &
+        if (f(rotation) > large_rotation) call say(body, 'turns a section by', f(rotation), &
                                             'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
-        if (.not. bo%stiffening .and. f(spin) > 0.0_wp) then
-          first = lowest_frequency(bo)
-          if (f(spin) > fast_spin*first) call say(bo, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
+        if (.not. body%stiffening .and. f(spin) > 0.0_wp) then
+          first = lowest_frequency(body)
+          if (f(spin) > fast_spin*first) call say(body, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
-        if (max(f(deflection), f(rotation)*bo%length) > 1.0e-13_wp*bo%length) then
-          shear = shear_correction(bo)
-          if (shear > slender) call say(bo, 'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
+        if (max(f(deflection), f(rotation)*body%length) > 1.0e-13_wp*body%length) then
+          shear = shear_correction(body)
+          if (shear > slender) call say(body, &
+                                        'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
             'lower its lowest frequency by', 100*shear, '%, and higher ones by more')
         end if
-        carried = highest_carried(bo)
+        carried = highest_carried(body)
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
-        bent = max(f(deflection), f(rotation)*bo%length)
-        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent*merge(sqrt(bo%mass), 1.0_wp, bo%modal) &
-            .and. bent > 1.0e-13_wp*bo%length .and. m%t*carried >= 2*pi) then
+        bent = max(f(deflection), f(rotation)*body%length)
+        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent*merge(sqrt(body%mass), 1.0_wp, body%modal) &
+            .and. bent > 1.0e-13_wp*body%length .and. m%t*carried >= 2*pi) then
           moving = sqrt(f(accelerations)/f(rates))
-          if (moving > carried) call say(bo, 'moves elastically at', moving, 'rad/s, faster than its '// &
+          if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
       end associate
     end do
   contains
     !> Adds a sentence.
-    subroutine say(bo, what, x, rest)
-      type(body_model), intent(in) :: bo
+    subroutine say(body, what, x, rest)
+      type(body_model), intent(in) :: body
       character(*), intent(in) :: what, rest
       real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
       character(:), allocatable :: number
       number = trim(adjustl(es_text(x, 2)))
       if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-      text = text//'warning: '//stage//'body "'//trim(bo%name)//'" '//what//' '//number//' '//rest//new_line('a')
+      text = text//'warning: '//stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
     end subroutine say
   end function warnings
 

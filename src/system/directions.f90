@@ -1,4 +1,4 @@
-!> Lines between two places that need a direction at the start: distance joints, torques about a centre, springs under load.
+!> Lines between two markers that need a direction at the start: distance joints, torques about a centre, springs under load.
 module directions
   use kinds, only: wp
   use errors, only: failure, status_bad_input
@@ -13,7 +13,7 @@ contains
   !> Refuses an assembled scene in which the ends of such a line coincide, by name.
   subroutine require_directions(self, gap, fail)
     type(mechanism_model), intent(in) :: self
-    real(wp), intent(in) :: gap              !! distance up to which places coincide [m]
+    real(wp), intent(in) :: gap              !! distance up to which markers coincide [m]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text
     integer :: k

@@ -9,11 +9,11 @@ module dynamics
   use joint_response, only: push_frames, push_elastic, apply_multipliers
   use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations
   use mechanism, only: mechanism_model
-  use place_forces, only: applied_forces, load_frames
-  use place_motion, only: set_frames, place_kinematics, one_place
+  use marker_forces, only: applied_forces, load_frames
+  use marker_motion, only: set_frames, marker_kinematics, one_marker
   implicit none (type, external)
   private
-  public :: evaluate, evaluate_regular, place_kinematics, one_place, constraint_values, row_rates, condense_constraints, &
+  public :: evaluate, evaluate_regular, marker_kinematics, one_marker, constraint_values, row_rates, condense_constraints, &
             apply_multipliers, applied_forces, set_frames
 
 contains
@@ -27,19 +27,19 @@ contains
     self%evaluations = self%evaluations + 1
     self%t = t
     call set_frames(self, q)
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     self%dissipated_power = 0.0_wp
     self%input_power = 0.0_wp
     call applied_forces(self, t, z, zd)
     call condense_bodies(self, q, v, z, zd)
     call load_frames(self)
-    call free_accelerations(size(self%c), self%rhs, self%low, self%dinv, self%free)
+    call free_accelerations(size(self%cos_theta), self%rhs, self%frame_l, self%frame_dinv, self%free)
     call constraint_values(self, t)
     call condense_constraints(self)
     call factor_joints(self)
     call multiplier_forces(self)
     call accelerations(self)
-    if (self%schur%uneven) call correct_accelerations(self)
+    if (self%schur%uneven_masses) call correct_accelerations(self)
     call drive_powers(self)
     if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
   end subroutine evaluate
@@ -50,23 +50,23 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
-    self%schur%regular = .true.
+    self%schur%accept_weak_pivots = .true.
     call evaluate(self, t, q, v, z, zd)
-    self%schur%regular = .false.
+    self%schur%accept_weak_pivots = .false.
   end subroutine evaluate_regular
 
   !> Accelerations of the condensed frames without multipliers.
-  pure subroutine free_accelerations(nb, rhs, low, dinv, free)
+  pure subroutine free_accelerations(nb, rhs, frame_l, frame_dinv, free)
     integer, intent(in) :: nb
-    real(wp), intent(in) :: rhs(3, nb), low(3, nb), dinv(3, nb)
+    real(wp), intent(in) :: rhs(3, nb), frame_l(3, nb), frame_dinv(3, nb)
     real(wp), intent(out) :: free(3, nb)    !! body axes
     real(wp) :: x2, x3
     integer :: b
     do b = 1, nb
-      x2 = rhs(2, b) - low(1, b)*rhs(1, b)
-      x3 = (rhs(3, b) - low(2, b)*rhs(1, b) - low(3, b)*x2)*dinv(3, b)
-      x2 = x2*dinv(2, b) - low(3, b)*x3
-      free(1, b) = rhs(1, b)*dinv(1, b) - low(1, b)*x2 - low(2, b)*x3
+      x2 = rhs(2, b) - frame_l(1, b)*rhs(1, b)
+      x3 = (rhs(3, b) - frame_l(2, b)*rhs(1, b) - frame_l(3, b)*x2)*frame_dinv(3, b)
+      x2 = x2*frame_dinv(2, b) - frame_l(3, b)*x3
+      free(1, b) = rhs(1, b)*frame_dinv(1, b) - frame_l(1, b)*x2 - frame_l(2, b)*x3
       free(2, b) = x2
       free(3, b) = x3
     end do
@@ -105,13 +105,15 @@ contains
     type(mechanism_model), intent(inout) :: self
     integer :: b, i, n
     call push_frames(self, self%lambda)
-    call frame_accelerations(size(self%c), self%s%qo, self%c, self%sn, self%free, self%push, size(self%a), self%a)
-    do b = 1, size(self%c)
+    call frame_accelerations(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%free, self%push, &
+                             size(self%a), self%a)
+    do b = 1, size(self%cos_theta)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
-      associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
-        n = like%nf
-        call elastic_accelerations(n, bo%fx(1:n), like%pmat, bo%tx(1:n), self%push(:, b), self%a(i + 4:i + 3 + n))
+      associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
+        n = prototype%nf
+        call elastic_accelerations(n, body%elastic_force(1:n), prototype%pmat, body%angle_coupling(1:n), self%push(:, b), self%a(i &
+            + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
     end do
@@ -142,14 +144,14 @@ contains
   end subroutine frame_accelerations
 
   !> m_ff^-1 (Q_f - m_fR a' - m_f_theta theta'').
-  pure subroutine elastic_accelerations(n, fx, pmat, tx, x, a)
+  pure subroutine elastic_accelerations(n, elastic_force, pmat, angle_coupling, x, a)
     integer, intent(in) :: n
-    real(wp), intent(in) :: fx(n), pmat(n, 2), tx(n)
+    real(wp), intent(in) :: elastic_force(n), pmat(n, 2), angle_coupling(n)
     real(wp), intent(in) :: x(3)            !! accelerations of the frame, body axes
     real(wp), intent(out) :: a(n)
     integer :: k
     do k = 1, n
-      a(k) = fx(k) - pmat(k, 1)*x(1) - pmat(k, 2)*x(2) - tx(k)*x(3)
+      a(k) = elastic_force(k) - pmat(k, 1)*x(1) - pmat(k, 2)*x(2) - angle_coupling(k)*x(3)
     end do
   end subroutine elastic_accelerations
 end module dynamics

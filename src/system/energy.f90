@@ -2,7 +2,7 @@
 module energy
   use kinds, only: wp
   use body_energy, only: kinetic_energy, strain_energy
-  use dynamics, only: set_frames, place_kinematics
+  use dynamics, only: set_frames, marker_kinematics
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -20,22 +20,23 @@ contains
     real(wp) :: p(2)
     integer :: b, i, n, k
     call set_frames(self, q)
-    call place_kinematics(self, q, v)
+    call marker_kinematics(self, q, v)
     kinetic = 0.0_wp
     potential = 0.0_wp
     do b = 1, size(self%s%bodies)
-      associate (bo => self%s%bodies(b))
+      associate (body => self%s%bodies(b))
         i = self%s%qo(b)
-        n = bo%nf
-        kinetic = kinetic + kinetic_energy(bo, self%c(b), self%sn(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i + 4:i + 3 + n))
-        p = bo%i1
+        n = body%nf
+        kinetic = kinetic + kinetic_energy(body, self%cos_theta(b), self%sin_theta(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i &
+            + 4:i + 3 + n))
+        p = body%i1
         do k = 1, n
-          p(1) = p(1) + bo%sbar(k, 1)*q(i + 3 + k)
-          p(2) = p(2) + bo%sbar(k, 2)*q(i + 3 + k)
+          p(1) = p(1) + body%sbar(k, 1)*q(i + 3 + k)
+          p(2) = p(2) + body%sbar(k, 2)*q(i + 3 + k)
         end do
-        p = [self%c(b)*p(1) - self%sn(b)*p(2), self%sn(b)*p(1) + self%c(b)*p(2)]
-        strain(b) = strain_energy(bo, q(i + 4:i + 3 + n), z, zd)
-        potential = potential - dot_product(self%s%gravity, bo%mass*q(i + 1:i + 2) + p) + strain(b)
+        p = [self%cos_theta(b)*p(1) - self%sin_theta(b)*p(2), self%sin_theta(b)*p(1) + self%cos_theta(b)*p(2)]
+        strain(b) = strain_energy(body, q(i + 4:i + 3 + n), z, zd)
+        potential = potential - dot_product(self%s%gravity, body%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate
     end do
     do k = 1, size(self%s%forces)

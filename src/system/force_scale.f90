@@ -15,7 +15,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer :: b, k
     force = 0.0_wp
-    do k = 1, size(m%s%places)
+    do k = 1, size(m%s%markers)
       force = max(force, norm2(m%wrench(1:2, k)), abs(m%wrench(3, k))/m%s%size)
     end do
     do b = 1, size(m%s%bodies)

@@ -4,18 +4,18 @@ module mechanism
   use kinds, only: wp, ip
   use scene_model, only: scene
   use force_element, only: conditions, element_action
-  use place, only: place_states
+  use marker, only: marker_states
   use constraint, only: constraint_rows
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
   public :: mechanism_model, flexible_attachments, factor_frame, conditions_of
 
-  !> Attached places of a flexible body: columns m_ff^-1 E_k^T and the compliances between them (constant).
+  !> Attached markers of a flexible body: columns m_ff^-1 E_k^T and the compliances between them (constant).
   type :: flexible_attachments
-    integer, allocatable :: place(:)            !! attached places (indices in the scene's list)
+    integer, allocatable :: marker(:)           !! attached markers (indices in the scene's list)
     real(wp), allocatable :: columns(:, :)      !! (nf, nc) m_ff^-1 E^T [1/kg ...]
-    integer, allocatable :: column(:, :)        !! (3, na) column of each place's u, v, rotation, 0: none needed
+    integer, allocatable :: column(:, :)        !! (3, na) column of each marker's u, v, rotation, 0: none needed
     real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i m_ff^-1 E_j^T
     real(wp), allocatable :: ep(:, :, :)        !! (3, 2, na) E_k m_ff^-1 S-bar^T
     real(wp), allocatable :: ex(:, :)           !! (3, na) E_k m_ff^-1 Q_f, this evaluation
@@ -26,45 +26,45 @@ module mechanism
   !> Scene and work space.
   type :: mechanism_model
     type(scene) :: s
-    type(place_states) :: p                     !! states of the scene's places
+    type(marker_states) :: p                    !! states of the scene's markers
     type(constraint_rows) :: rows
     type(multiplier_system) :: schur
     type(flexible_attachments), allocatable :: attached(:)   !! (nb), empty for rigid bodies
     ! what loops over many bodies need, apart from the bulky models
     logical, allocatable :: flexible(:)         !! (nb)
-    integer, allocatable :: like(:)             !! (nb) the first body with the same elastic constants (like_bodies)
-    integer, allocatable :: held_like(:)        !! (nb) the first that is also attached in the same way
+    integer, allocatable :: prototype(:)        !! (nb) the first body with the same elastic constants (prototypes)
+    integer, allocatable :: attached_prototype(:) !! (nb) the first that is also attached in the same way
     real(wp), allocatable :: rigid(:, :)        !! (9, nb) rigid bodies: mass [kg], I1 [kg m], L and 1/D of the frame's mass
-    integer, allocatable :: place_body(:)       !! (places) body of each place, 0: the ground
-    integer, allocatable :: place_dof(:, :)     !! (3, places) elastic coordinates (u, v, rotation) of each place, 0: none
-    real(wp), allocatable :: place_x(:, :)      !! (2, places) undeformed positions, body axes [m]
-    integer, allocatable :: nodal_places(:)     !! places on flexible bodies in nodal coordinates
-    integer, allocatable :: modal_places(:)     !! places on flexible bodies in modal coordinates
-    integer, allocatable :: rigid_places(:)     !! places on rigid bodies
-    integer, allocatable :: row_place(:, :)     !! (2, rows) places a and b of each row
-    ! ends of constraint rows on moving bodies, grouped by body
-    integer, allocatable :: end_first(:)        !! (nb+1) first end of each body
-    integer, allocatable :: end_row(:)          !! row of each end
-    integer, allocatable :: end_place(:)        !! its place
-    integer, allocatable :: end_body(:)         !! its body
-    integer, allocatable :: end_local(:)        !! its place's number among the body's attachments (flexible bodies)
-    logical, allocatable :: end_is_a(:)         !! side of the row
-    integer, allocatable :: of_row(:, :)        !! (2, rows) ends of each row, 0: on the ground
-    integer, allocatable :: slot(:)             !! entry of S for each pair of ends f <= e of one body, body by body; negative
-                                                !! where both are ends of one row, whose entry gets the pair twice
-    real(wp), allocatable :: w(:, :)            !! (3, ends) wrench of a unit multiplier, body axes
-    real(wp), allocatable :: jw(:, :)           !! (3, ends) the same on the condensed frame, J^T w
-    real(wp), allocatable :: g(:, :)            !! (3, ends) L^-1 J^T w
+    integer, allocatable :: marker_body(:)      !! (markers) body of each marker, 0: the ground
+    integer, allocatable :: marker_dof(:, :)    !! (3, markers) elastic coordinates (u, v, rotation) of each marker, 0: none
+    real(wp), allocatable :: marker_x(:, :)     !! (2, markers) undeformed positions, body axes [m]
+    integer, allocatable :: nodal_markers(:)    !! markers on flexible bodies in nodal coordinates
+    integer, allocatable :: modal_markers(:)    !! markers on flexible bodies in modal coordinates
+    integer, allocatable :: rigid_markers(:)    !! markers on rigid bodies
+    integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
+    ! sides of constraint rows on moving bodies, grouped by body
+    integer, allocatable :: side_first(:)       !! (nb+1) first side of each body
+    integer, allocatable :: side_row(:)         !! row of each side
+    integer, allocatable :: end_marker(:)       !! its place
+    integer, allocatable :: side_body(:)        !! its body
+    integer, allocatable :: side_attachment(:)  !! its marker's number among the body's attachments (flexible bodies)
+    logical, allocatable :: side_is_a(:)        !! side of the row
+    integer, allocatable :: of_row(:, :)        !! (2, rows) sides of each row, 0: on the ground
+    integer, allocatable :: slot(:)             !! entry of S for each pair of sides f <= e of one body, body by body; negative
+                                                !! where both are sides of one row, whose entry gets the pair twice
+    real(wp), allocatable :: w(:, :)            !! (3, sides) wrench of a unit multiplier, body axes
+    real(wp), allocatable :: frame_wrench(:, :) !! (3, sides) the same on the condensed frame, J^T w
+    real(wp), allocatable :: g(:, :)            !! (3, sides) L^-1 J^T w
     type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
-    real(wp), allocatable :: lever(:, :)        !! (3, ends) wrench of a unit multiplier on the frame, elastic coordinates held
+    real(wp), allocatable :: rigid_wrench(:, :) !! (3, sides) wrench of a unit multiplier on the frame, elastic coordinates held
     ! frames
-    real(wp), allocatable :: c(:), sn(:)        !! (nb) cosine and sine of the frame angle [-]
-    real(wp), allocatable :: low(:, :)          !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32
-    real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it
+    real(wp), allocatable :: cos_theta(:), sin_theta(:) !! (nb) cosine and sine of the frame angle [-]
+    real(wp), allocatable :: frame_l(:, :)      !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32
+    real(wp), allocatable :: frame_dinv(:, :)   !! (3, nb) 1/D of it
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes
     real(wp), allocatable :: push(:, :)         !! (3, nb) what the multipliers take from them
-    real(wp), allocatable :: wrench(:, :)       !! (3, places) force in body axes and moment of force elements
+    real(wp), allocatable :: wrench(:, :)       !! (3, markers) force in body axes and moment of force elements
     real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
     ! results of the last evaluation
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
@@ -77,8 +77,8 @@ module mechanism
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
     real(wp) :: t = 0.0_wp                      !! time of the last evaluation [s]
     integer :: stage = 2                        !! stage_static or stage_transient of `force_element`
-    logical :: left = .false.                   !! jumps of histories at t are not yet felt
-    real(wp) :: last = huge(1.0_wp)             !! time after which drives lead nowhere: the end of the run [s]
+    logical :: left_limit = .false.             !! jumps of histories at t are not yet felt
+    real(wp) :: t_end = huge(1.0_wp)            !! time after which drives lead nowhere: the end of the run [s]
     logical :: frozen = .false.                 !! assembly: elastic coordinates do not move
     real(wp) :: load_factor = 1.0_wp            !! static analysis: fraction of the loads
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
@@ -93,17 +93,17 @@ module mechanism
 contains
 
   !> L D L^T of the condensed 3 x 3 mass matrix [[a, b, d], [b, c, e], [d, e, f]].
-  pure subroutine factor_frame(a, b, c, d, e, f, low, dinv)
+  pure subroutine factor_frame(a, b, c, d, e, f, frame_l, frame_dinv)
     real(wp), intent(in) :: a, b, c, d, e, f
-    real(wp), intent(out) :: low(3), dinv(3)   !! l21, l31, l32 and 1/D
+    real(wp), intent(out) :: frame_l(3), frame_dinv(3) !! l21, l31, l32 and 1/D
     real(wp) :: d2
-    dinv(1) = reciprocal(a)
-    low(1) = b*dinv(1)
-    low(2) = d*dinv(1)
-    d2 = c - low(1)*b
-    dinv(2) = reciprocal(d2)
-    low(3) = (e - low(2)*b)*dinv(2)
-    dinv(3) = reciprocal(f - low(2)*d - low(3)**2*d2)
+    frame_dinv(1) = reciprocal(a)
+    frame_l(1) = b*frame_dinv(1)
+    frame_l(2) = d*frame_dinv(1)
+    d2 = c - frame_l(1)*b
+    frame_dinv(2) = reciprocal(d2)
+    frame_l(3) = (e - frame_l(2)*b)*frame_dinv(2)
+    frame_dinv(3) = reciprocal(f - frame_l(2)*d - frame_l(3)**2*d2)
   end subroutine factor_frame
 
   !> 1/x of a pivot; 0 where the pivot is none, since the mass that makes it is lost in rounding.
@@ -119,8 +119,8 @@ contains
     integer, intent(in) :: k
     real(wp), intent(in) :: t                  !! [s]
     integer :: b
-    with = conditions(t, self%left, self%stage, self%load_factor)
-    b = self%place_body(self%s%forces(k)%item%ia)
-    if (b > 0) with%axes = [self%c(b), self%sn(b)]
+    with = conditions(t, self%left_limit, self%stage, self%load_factor)
+    b = self%marker_body(self%s%forces(k)%item%ia)
+    if (b > 0) with%axes = [self%cos_theta(b), self%sin_theta(b)]
   end function conditions_of
 end module mechanism

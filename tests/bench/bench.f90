@@ -147,11 +147,11 @@ contains
       seconds(r) = -clock()
       do i = 1, steps
         do b = 1, size(run%sys%m%s%bodies)
-          associate (bo => run%sys%m%s%bodies(b))
-            if (.not. bo%flexible .or. bo%modal) cycle
-            bo%fx(1:bo%nf) = bo%c0
-            bo%tx(1:bo%nf) = bo%i1f
-            call band_solve_two(bo%mff, bo%fx(1:bo%nf), bo%tx(1:bo%nf))
+          associate (body => run%sys%m%s%bodies(b))
+            if (.not. body%flexible .or. body%modal) cycle
+            body%elastic_force(1:body%nf) = body%c0
+            body%angle_coupling(1:body%nf) = body%i1f
+            call band_solve_two(body%mff, body%elastic_force(1:body%nf), body%angle_coupling(1:body%nf))
           end associate
         end do
       end do
@@ -201,18 +201,18 @@ contains
     if (.not. any(run%sys%m%s%bodies%flexible .and. .not. run%sys%m%s%bodies%modal)) return
     seconds = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
-      associate (bo => run%sys%m%s%bodies(b))
-        if (.not. bo%flexible .or. bo%modal) cycle
-        call mass_band(bo, ab, kd)
-        n = bo%nf
+      associate (body => run%sys%m%s%bodies(b))
+        if (.not. body%flexible .or. body%modal) cycle
+        call mass_band(body, ab, kd)
+        n = body%nf
         call dpbtrf('L', n, kd, ab, kd + 1, info)
-        x = bo%c0
-        y = bo%i1f
+        x = body%c0
+        y = body%i1f
         do r = 1, repetitions
           seconds(r) = seconds(r) - clock()
           do i = 1, steps
             do k = 1, 2
-              x = bo%c0
+              x = body%c0
               call dpbtrs('L', n, kd, 1, ab, kd + 1, x, n, info)
             end do
             do k = 1, 3
@@ -228,16 +228,16 @@ contains
   end subroutine time_floor
 
   !> m_ff in LAPACK's band storage, in the order of the nodes.
-  subroutine mass_band(bo, ab, kd)
-    type(body_model), intent(in) :: bo
+  subroutine mass_band(body, ab, kd)
+    type(body_model), intent(in) :: body
     real(wp), allocatable, intent(out) :: ab(:, :)
     integer, intent(out) :: kd
     integer, allocatable :: rows(:), cols(:)
     real(wp), allocatable :: values(:)
     integer :: k, i, j
-    call mass_triplets(bo, rows, cols, values)
+    call mass_triplets(body, rows, cols, values)
     kd = maxval(abs(rows - cols))
-    allocate (ab(0:kd, bo%nf), source=0.0_wp)
+    allocate (ab(0:kd, body%nf), source=0.0_wp)
     do k = 1, size(values)
       i = max(rows(k), cols(k))
       j = min(rows(k), cols(k))
@@ -252,10 +252,10 @@ contains
     integer, allocatable :: pivot(:)
     real(wp) :: t
     integer :: r, i, n, f, calls, stage
-    associate (bo => run%sys%m%s%bodies(1), rows => run%sys%m%s%rows)
-      f = bo%nf
-      n = 3 + f*(1 + terms(bo)) + rows
-      call dense_matrices(bo, mass, stiff)
+    associate (body => run%sys%m%s%bodies(1), rows => run%sys%m%s%rows)
+      f = body%nf
+      n = 3 + f*(1 + terms(body)) + rows
+      call dense_matrices(body, mass, stiff)
       allocate (m(n, n), c(n, n), k(n, n), x(n), y(n), pivot(n))
       y = 1.0e-3_wp
       calls = 0
@@ -291,22 +291,22 @@ contains
   end subroutine dense_stage
 
   !> GHM terms of a body whose elements share one material.
-  pure integer function terms(bo)
-    type(body_model), intent(in) :: bo
+  pure integer function terms(body)
+    type(body_model), intent(in) :: body
     terms = 0
-    if (size(bo%runs) > 0) terms = bo%runs(1)%law%second
+    if (size(body%segments) > 0) terms = body%segments(1)%law%second
   end function terms
 
   !> m_ff and K_ff as full matrices.
-  subroutine dense_matrices(bo, mass, stiff)
-    type(body_model), intent(in) :: bo
+  subroutine dense_matrices(body, mass, stiff)
+    type(body_model), intent(in) :: body
     real(wp), allocatable, intent(out) :: mass(:, :), stiff(:, :)
     integer, allocatable :: rows(:), cols(:)
     real(wp), allocatable :: values(:)
-    call mass_triplets(bo, rows, cols, values)
-    call fill(bo%nf, rows, cols, values, mass)
-    call stiffness_triplets(bo, rows, cols, values)
-    call fill(bo%nf, rows, cols, values, stiff)
+    call mass_triplets(body, rows, cols, values)
+    call fill(body%nf, rows, cols, values, mass)
+    call stiffness_triplets(body, rows, cols, values)
+    call fill(body%nf, rows, cols, values, stiff)
   end subroutine dense_matrices
 
   !> Sums the triplets of one triangle into both.
@@ -323,30 +323,30 @@ contains
   end subroutine fill
 
   !> The augmented matrices at the undeformed state, frame in body axes, constraint rows as a border.
-  subroutine augment(bo, rows, mass, stiff, m, c, k)
-    type(body_model), intent(in) :: bo
+  subroutine augment(body, rows, mass, stiff, m, c, k)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: rows
     real(wp), intent(in) :: mass(:, :), stiff(:, :)
     real(wp), intent(out) :: m(:, :), c(:, :), k(:, :)
     integer :: f, j, o, i
-    f = bo%nf
+    f = body%nf
     m = 0.0_wp
     c = 0.0_wp
     k = 0.0_wp
-    m(1, 1) = bo%mass
-    m(2, 2) = bo%mass
-    m(3, 3) = bo%i11
-    m(3, 1:2) = [-bo%i1(2), bo%i1(1)]
+    m(1, 1) = body%mass
+    m(2, 2) = body%mass
+    m(3, 3) = body%i11
+    m(3, 1:2) = [-body%i1(2), body%i1(1)]
     m(1:2, 3) = m(3, 1:2)
-    m(4:3 + f, 1:2) = bo%sbar
-    m(4:3 + f, 3) = bo%c0
-    m(1:2, 4:3 + f) = transpose(bo%sbar)
-    m(3, 4:3 + f) = bo%c0
+    m(4:3 + f, 1:2) = body%sbar
+    m(4:3 + f, 3) = body%c0
+    m(1:2, 4:3 + f) = transpose(body%sbar)
+    m(3, 4:3 + f) = body%c0
     m(4:3 + f, 4:3 + f) = mass
     k(4:3 + f, 4:3 + f) = stiff
-    do j = 1, terms(bo)
+    do j = 1, terms(body)
       o = 3 + j*f
-      associate (run => bo%runs(1)%law)
+      associate (run => body%segments(1)%law)
         m(o + 1:o + f, o + 1:o + f) = run%alpha(j)*run%inertia(j)*stiff
         c(o + 1:o + f, o + 1:o + f) = run%alpha(j)*run%viscosity(j)*stiff
         k(o + 1:o + f, o + 1:o + f) = run%alpha(j)*stiff
@@ -355,7 +355,7 @@ contains
         k(4:3 + f, 4:3 + f) = k(4:3 + f, 4:3 + f) + run%alpha(j)*stiff
       end associate
     end do
-    o = 3 + f*(1 + terms(bo))
+    o = 3 + f*(1 + terms(body))
     do i = 1, rows                             ! rows on the frame's own coordinates
       m(o + i, i) = 1.0_wp
       m(i, o + i) = 1.0_wp

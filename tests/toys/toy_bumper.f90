@@ -2,9 +2,9 @@
 !> spring: toy_bumper DECK FOLDER GAP STIFFNESS runs the deck's analyses with it.
 module bumper
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action
-  use place, only: place_states
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -24,14 +24,14 @@ contains
   !> How far a is below the gap.
   pure real(wp) function depth(self, p)     ! [m]
     class(bumper_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     depth = max(0.0_wp, self%gap - (p%r(2, self%ia) - p%r(2, self%ib)))
   end function depth
 
   !> The force up on a and down on b.
   pure subroutine act(self, p, with, z, zd, zdd, x)
     class(bumper_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: z(*), zd(*)     !! not used [-]
     real(wp), intent(inout) :: zdd(*)       !! not used [-]
@@ -44,11 +44,11 @@ contains
   !> Twice the hardness times the depth, between the heights.
   pure subroutine tangent(self, p, with, part, force, k)
     class(bumper_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: part(2)         !! [-]
     real(wp), intent(in) :: force           !! [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     k%k = 0.0_wp
     k%c = 0.0_wp
     k%k([2, 5], 2) = 2*self%hardness*depth(self, p)*[1, -1]
@@ -65,7 +65,7 @@ contains
   !> A third of the hardness times the cube of the depth.
   pure real(wp) function energy(self, p, z, zd)   ! [J]
     class(bumper_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: z(*), zd(*)     !! not used [-]
     energy = self%hardness*depth(self, p)**3/3
   end function energy
@@ -81,7 +81,7 @@ program toy_bumper
   use modal_analysis, only: run_modal
   use posix, only: make_folder
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_run
+  use scene_run, only: run_state, assemble_segment
   use static_analysis, only: run_static
   use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
@@ -111,7 +111,7 @@ program toy_bumper
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_run(run, s, fail)
+  call assemble_segment(run, s, fail)
   if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%m%stage = stage_transient

@@ -1,9 +1,9 @@
 !> A joint that the program does not have, from one file: a guide along the parabola y = x2/(2 R) that is fixed to the ground. It
-!> takes the place of a deck's first joint, which has one row: toy_guide DECK FOLDER R runs the deck's analyses with it.
+!> takes the marker of a deck's first joint, which has one row: toy_guide DECK FOLDER R runs the deck's analyses with it.
 module parabola
   use kinds, only: wp
-  use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use place, only: place_states
+  use constraint, only: constraint_model, constraint_rows, marker_stiffness
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -13,7 +13,7 @@ module parabola
   contains
     procedure :: evaluate
     procedure :: geometric
-    procedure :: curved
+    procedure :: has_geometric_stiffness
   end type parabola_model
 
 contains
@@ -22,7 +22,7 @@ contains
   pure subroutine evaluate(self, t, p, r)
     class(parabola_model), intent(in) :: self
     real(wp), intent(in) :: t               !! [s]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     associate (i => self%first, x => p%r(:, self%ia))
       r%na(:, i) = [-x(1)/self%radius, 1.0_wp]
@@ -31,25 +31,25 @@ contains
       r%sb(i) = 0.0_wp
       r%phi(i) = x(2) - x(1)**2/(2*self%radius)
       r%phi_t(i) = 0.0_wp
-      r%extra(i) = -p%v(1, self%ia)**2/self%radius
+      r%acceleration_bias(i) = -p%v(1, self%ia)**2/self%radius
     end associate
   end subroutine evaluate
 
   !> -lambda/R along x.
   pure subroutine geometric(self, p, lambda, k)
     class(parabola_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)       !! [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     k%k = 0.0_wp
     k%k(1, 1) = -lambda(self%first)/self%radius
   end subroutine geometric
 
   !> A parabola is not a line.
-  pure logical function curved(self)
+  pure logical function has_geometric_stiffness(self)
     class(parabola_model), intent(in) :: self
-    curved = .true.
-  end function curved
+    has_geometric_stiffness = .true.
+  end function has_geometric_stiffness
 end module parabola
 
 !> Runs a deck with the guide in place of its first joint.
@@ -62,7 +62,7 @@ program toy_guide
   use parabola, only: parabola_model
   use posix, only: make_folder
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_run
+  use scene_run, only: run_state, assemble_segment
   use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
   implicit none (type, external)
@@ -95,7 +95,7 @@ program toy_guide
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_run(run, s, fail)
+  call assemble_segment(run, s, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%m%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)

@@ -1,6 +1,6 @@
 !> Equilibrium of the elastic coordinates and of bodies at rest, under given loads, by Newton's method with the structured
 !> tangent. The frames keep their velocities as seen from themselves, as far as drives and joints let them, and have the
-!> accelerations that follow, so that centrifugal forces act and bodies held by springs on a turning one find the place at
+!> accelerations that follow, so that centrifugal forces act and bodies held by springs on a turning one find the marker at
 !> which they turn with it; the elastic coordinates have neither. GHM is relaxed.
 !>
 !> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p. The tangent
@@ -9,12 +9,12 @@
 module equilibrium
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use dynamics, only: place_kinematics, set_frames
+  use dynamics, only: marker_kinematics, set_frames
   use force_scale, only: largest_force
   use frame_axes, only: to_global, to_body
   use linear_state, only: evaluate_state, linear_system
   use linear_matrices, only: linear_mechanism
-  use place, only: turn
+  use marker, only: turn
   use prescribed_motion, only: prescribe, rotations
   use process, only: caught_signal
   use scene_run, only: run_state, relax
@@ -120,7 +120,7 @@ contains
     integer :: nq
     nq = run%sys%m%s%nq
     call set_frames(run%sys%m, run%y(1:nq))
-    call place_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
+    call marker_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
     call relax(run%sys, run%y)
     call evaluate_state(run)
     allocate (steady(nq), source=0.0_wp)
@@ -150,7 +150,7 @@ contains
     integer :: nq
     nq = run%sys%m%s%nq
     yes = any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. any(abs(run%sys%m%rows%phi_t) > 0.0_wp) &
-          .or. any(abs(run%sys%m%rows%extra) > 0.0_wp)
+          .or. any(abs(run%sys%m%rows%acceleration_bias) > 0.0_wp)
   end function moves
 
   !> Residual (moments over the size) and gap, relative to the largest force and to the size.
@@ -169,11 +169,11 @@ contains
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b) + 3
       weight(i) = 1.0_wp/size_s
-      associate (bo => run%sys%m%s%bodies(b))
-        if (allocated(bo%dof) .and. .not. bo%modal) call rotations(bo%dof, i, 1.0_wp/size_s, weight)
+      associate (body => run%sys%m%s%bodies(b))
+        if (allocated(body%dof) .and. .not. body%modal) call rotations(body%dof, i, 1.0_wp/size_s, weight)
         x(i - 2:i - 1) = size_s                        ! positions are known to rounding of the size
         x(i) = 1.0_wp
-        x(i + 1:i + bo%nf) = abs(run%y(i + 1:i + bo%nf))
+        x(i + 1:i + body%nf) = abs(run%y(i + 1:i + body%nf))
       end associate
     end do
     scale = maxval([least_force, largest_force(run%sys%m), abs(weight*force)])

@@ -6,7 +6,7 @@ module prescribed_motion
   use dynamics, only: row_rates
   use frame_axes, only: to_global, to_body
   use linear_state, only: evaluate_state
-  use place, only: turn
+  use marker, only: turn
   use scene_run, only: run_state
   implicit none (type, external)
   private
@@ -43,7 +43,7 @@ contains
     do k = 1, size(run%sys%m%s%constraints)
       associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
         do i = c%first, c%first + c%rows - 1
-          rate(i) = rate(i) + (m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
+          rate(i) = rate(i) + (m%rows%acceleration_bias(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
                                + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib)))
         end do
       end associate
@@ -119,11 +119,11 @@ contains
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b) + 3
       unit(i) = run%sys%m%s%size
-      associate (bo => run%sys%m%s%bodies(b))
-        if (bo%modal) then
-          unit(i + 1:i + bo%nf) = 1.0_wp/sqrt(bo%mass)
-        else if (allocated(bo%dof)) then
-          call rotations(bo%dof, i, run%sys%m%s%size, unit)
+      associate (body => run%sys%m%s%bodies(b))
+        if (body%modal) then
+          unit(i + 1:i + body%nf) = 1.0_wp/sqrt(body%mass)
+        else if (allocated(body%dof)) then
+          call rotations(body%dof, i, run%sys%m%s%size, unit)
         end if
       end associate
     end do

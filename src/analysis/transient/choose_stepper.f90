@@ -3,11 +3,11 @@ module choose_stepper
   use kinds, only: wp
   use adaptive_dopri5, only: adaptive_stepper
   use alpha_stepper, only: implicit_stepper
-  use corner_list, only: scene_corners
+  use breakpoint_list, only: scene_breakpoints
   use deck_records, only: transient_record
   use error_groups, only: group_unknowns
   use fixed_step, only: fixed_stepper
-  use history, only: corner
+  use history, only: breakpoint
   use runge_kutta, only: classical_rk4, dormand_prince
   use scene_model, only: scene
   use time_stepper, only: stepper
@@ -21,7 +21,7 @@ module choose_stepper
 
 contains
 
-  !> Order of a method, for corners that matter to it.
+  !> Order of a method, for breakpoints that matter to it.
   pure function method_order(method) result(order)
     character(*), intent(in) :: method         !! the deck's word
     integer :: order
@@ -83,7 +83,7 @@ contains
     call move_alloc(fixed, march)
   end subroutine make_fixed
 
-  !> The adaptive method, which stops at every corner.
+  !> The adaptive method, which stops at every breakpoint.
   subroutine make_adaptive(r, s, fastest, march)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
@@ -100,16 +100,16 @@ contains
     call move_alloc(adaptive, march)
   end subroutine make_adaptive
 
-  !> Times that end a step, the corners of histories and the end of the run, and whether accelerations jump there.
+  !> Times that end a step, the breakpoints of histories and the end of the run, and whether accelerations jump there.
   subroutine stop_times(r, s, stops, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
     real(wp), allocatable, intent(out) :: stops(:)     !! [s]
     logical, allocatable, intent(out) :: jumps(:)
-    type(corner), allocatable :: corners(:)
+    type(breakpoint), allocatable :: breakpoints(:)
     integer :: k
-    call scene_corners(s, r%t_end, method_order(r%method), corners)
-    stops = [(corners(k)%time, k=1, size(corners)), r%t_end]
-    jumps = [(corners(k)%order == 0, k=1, size(corners)), .false.]
+    call scene_breakpoints(s, r%t_end, method_order(r%method), breakpoints)
+    stops = [(breakpoints(k)%time, k=1, size(breakpoints)), r%t_end]
+    jumps = [(breakpoints(k)%order == 0, k=1, size(breakpoints)), .false.]
   end subroutine stop_times
 end module choose_stepper

@@ -202,6 +202,6 @@ contains
     call self%balance%exchange(a)
     call self%method%exchange(a)
     call a%exchange(self%sys%m%evaluations)
-    call a%exchange(self%sys%m%schur%was_lost)
+    call a%exchange(self%sys%m%schur%was_ill_conditioned)
   end subroutine exchange
 end module error_check

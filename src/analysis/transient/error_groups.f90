@@ -62,37 +62,37 @@ contains
     type(error_norm), intent(inout) :: norm
     integer :: i, k, c, r, o, e, j
     i = s%qo(b)
-    associate (bo => s%bodies(b))
+    associate (body => s%bodies(b))
       call floors(number(b, angle), least)
       call floors(number(b, rotation), least)
       call floors(number(b, bending), least)
       call assign(s, norm, number(b, translation), 1, i + 1, i + 2)
       call assign(s, norm, number(b, angle), 1, i + 3, i + 3)
-      if (.not. bo%flexible) return
-      if (bo%modal) then                       ! mass-normalised modes: displacements times the root of a mass
-        call floors(number(b, deflection), least*s%size*sqrt(bo%mass))
-        call floors(number(b, bending), least*s%size*sqrt(bo%mass))
-        call assign(s, norm, number(b, deflection), 1, i + 4, i + 3 + bo%nf)
-        do r = 1, size(bo%runs)
-          associate (run => bo%runs(r))
+      if (.not. body%flexible) return
+      if (body%modal) then                       ! mass-normalised modes: displacements times the root of a mass
+        call floors(number(b, deflection), least*s%size*sqrt(body%mass))
+        call floors(number(b, bending), least*s%size*sqrt(body%mass))
+        call assign(s, norm, number(b, deflection), 1, i + 4, i + 3 + body%nf)
+        do r = 1, size(body%segments)
+          associate (run => body%segments(r))
             call assign(s, norm, number(b, bending), 0, run%offset + 1, run%offset + run%law%second*run%width)
             call assign(s, norm, number(b, bending), 0, run%first_order + 1, run%first_order + run%law%first*run%width)
           end associate
         end do
         return
       end if
-      do k = 1, bo%nn
+      do k = 1, body%nn
         do c = 1, 3
-          if (bo%dof(c, k) == 0) cycle
-          j = i + 3 + bo%dof(c, k)
+          if (body%dof(c, k) == 0) cycle
+          j = i + 3 + body%dof(c, k)
           call assign(s, norm, number(b, merge(rotation, deflection, c == 3)), 1, j, j)
         end do
       end do
-      do r = 1, size(bo%runs)
-        o = bo%runs(r)%offset
-        do e = 1, size(bo%runs(r)%law%alpha)*bo%runs(r)%width/bo%nd
-          if (e == bo%runs(r)%law%second*bo%runs(r)%width/bo%nd + 1) o = bo%runs(r)%first_order
-          do c = 4 - bo%nd, 3
+      do r = 1, size(body%segments)
+        o = body%segments(r)%offset
+        do e = 1, size(body%segments(r)%law%alpha)*body%segments(r)%width/body%nd
+          if (e == body%segments(r)%law%second*body%segments(r)%width/body%nd + 1) o = body%segments(r)%first_order
+          do c = 4 - body%nd, 3
             o = o + 1
             call assign(s, norm, number(b, merge(extension, bending, c == 1)), 0, o, o)
           end do

@@ -40,7 +40,7 @@ contains
       call explain_shape(m, b, march%tried, last, adaptive, fail)
       return
     end if
-    select case (merge(trouble_masses, march%trouble, m%schur%was_lost .and. march%trouble /= trouble_size))
+    select case (merge(trouble_masses, march%trouble, m%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m)
     case (trouble_manifold)

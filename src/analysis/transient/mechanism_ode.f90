@@ -11,7 +11,7 @@ module mechanism_ode
                             scene_reach
   use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
   use newton_system, only: newton_matrix, set_up_newton
-  use ode_system, only: largest_value, sane
+  use ode_system, only: largest_value, is_bounded
   use projection, only: project
   use second_order_system, only: second_order_ode, sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
@@ -54,19 +54,19 @@ module mechanism_ode
     procedure :: nearly_dependent => mechanism_dependent
     procedure :: factors => mechanism_factors
     procedure :: derivative => mechanism_derivative
-    procedure :: accept => mechanism_accept
+    procedure :: project => mechanism_accept
   end type mechanism_system
 
 contains
 
   !> Rates of the whole state (theory.md, sections 3 to 6).
-  subroutine mechanism_derivative(self, t, y, left, dy)
+  subroutine mechanism_derivative(self, t, y, left_limit, dy)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    logical, intent(in) :: left
+    logical, intent(in) :: left_limit
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
-    self%m%left = left
+    self%m%left_limit = left_limit
     self%m%broken = .false.
     call state_rates(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
   end subroutine mechanism_derivative
@@ -95,7 +95,7 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    ok = sane(y) .and. .not. self%m%broken
+    ok = is_bounded(y) .and. .not. self%m%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
     call project_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
   end subroutine mechanism_accept
@@ -108,7 +108,7 @@ contains
     real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
-    if (ok) ok = sane(y(1:2*nq))
+    if (ok) ok = is_bounded(y(1:2*nq))
   end subroutine project_state
 
   !> Makes ready for an implicit method.
@@ -143,13 +143,13 @@ contains
   end subroutine mechanism_predict
 
   !> Residuals at a trial state.
-  subroutine mechanism_residual(self, t, q, v, a, lambda, left)
+  subroutine mechanism_residual(self, t, q, v, a, lambda, left_limit)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-    logical, intent(in) :: left
-    self%m%left = left
+    logical, intent(in) :: left_limit
+    self%m%left_limit = left_limit
     call residual(self%t, self%m, t, q, v, a, lambda)
   end subroutine mechanism_residual
 
@@ -163,9 +163,9 @@ contains
     logical, intent(in) :: exact, hold
     logical, intent(out) :: ok
     logical :: bad
-    if (hold .and. self%m%left) self%t%rows%shift = strong_shift
+    if (hold .and. self%m%left_limit) self%t%rows%shift = strong_shift
     call renew(self%t, self%m, t, q, v, a, lambda, exact, bad)
-    if (hold .and. .not. self%m%left) call hold_weak_rows(self%t%rows)
+    if (hold .and. .not. self%m%left_limit) call hold_weak_rows(self%t%rows)
     self%t%rows%shift = light_shift
     ok = .not. bad
   end subroutine mechanism_renew
@@ -220,7 +220,7 @@ contains
     real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
     real(wp), intent(out) :: powers(2)        !! dissipated, put in [W]
     logical :: ok
-    self%m%left = end_of_step
+    self%m%left_limit = end_of_step
     self%rates = v
     if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
       call closing_rates(self%t, self%m, t, q, v, self%closed)
@@ -245,7 +245,7 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    self%m%left = .false.
+    self%m%left_limit = .false.
     self%m%broken = .false.
     call report_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
     ok = ok .and. .not. self%m%broken
@@ -274,7 +274,7 @@ contains
     logical, intent(out) :: ok
     logical :: bad
     integer :: k
-    self%m%left = .false.
+    self%m%left_limit = .false.
     call smooth_accelerations(self%t, self%m, t, q, v, lambda, a(1:self%nq), bad)
     ok = .not. bad
     if (bad) return

@@ -76,7 +76,7 @@ contains
     self%mode_step = bound%step(self%method)
     call material_poles(d, work, .false., self%fast, self%start_lambda, poles)
     self%pole_step = poles%step(self%method)
-    if (bound%cause(self%method)%run > 0) then
+    if (bound%cause(self%method)%segment > 0) then
       self%mode_step = huge(1.0_wp)
       self%pole_step = bound%step(self%method)
     end if

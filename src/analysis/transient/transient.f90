@@ -6,7 +6,7 @@ module transient
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
   use choose_stepper, only: make_stepper, method_order
-  use corner_list, only: off_step
+  use breakpoint_list, only: off_step
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
@@ -29,7 +29,7 @@ module transient
   private
   public :: run_transient
 
-  integer, parameter :: portion = 64           !! steps between looks at signals and checkpoints
+  integer, parameter :: steps_per_call = 64    !! steps between looks at signals and checkpoints
 
   !> A transient on its way, and what the summary says of it.
   type, public :: transient_march
@@ -43,7 +43,7 @@ module transient
     real(wp) :: last = 0.0_wp                  !! time of the last row [s]
     real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
     integer :: restarts = 0
-    character(:), allocatable :: warning       !! about corners between steps
+    character(:), allocatable :: warning       !! about breakpoints between steps
   contains
     procedure :: exchange
   end type transient_march
@@ -83,7 +83,7 @@ contains
     type(failure), intent(inout) :: fail
     associate (r => run%d%transient, s => run%sys%m%s)
       call choose_stabilisation(run)
-      run%sys%m%last = r%t_end - 16*spacing(r%t_end)
+      run%sys%m%t_end = r%t_end - 16*spacing(r%t_end)
       call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
@@ -96,7 +96,7 @@ contains
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
-      if (run%sys%m%broken .or. run%sys%m%schur%lost) then
+      if (run%sys%m%broken .or. run%sys%m%schur%ill_conditioned) then
         call fail%raise(status_failed, 'the transient cannot start: '//too_uneven)
         return
       end if
@@ -118,7 +118,7 @@ contains
     case default
       run%sys%stabilisation = stabilise_none
     end select
-    run%sys%bound = run%sys%stabilisation == stabilise_projection .and. run%sys%m%s%rows > 0
+    run%sys%has_manifold = run%sys%stabilisation == stabilise_projection .and. run%sys%m%s%rows > 0
   end subroutine choose_stabilisation
 
   !> Opens the result files and writes the row of t = 0.
@@ -164,7 +164,7 @@ contains
       to = min(real(march%done + 1, wp)*r%output_step, r%t_end)
       if (march%done + 1 == march%outputs) to = r%t_end
       do while (march%check%behind(march%done + 1))   ! the second run goes first: a pause leaves the first one whole
-        call march%check%advance(run%list, from, to, portion)
+        call march%check%advance(run%list, from, to, steps_per_call)
         if (march%check%behind(march%done + 1)) call interrupt(run, march, fail)
         if (fail%happened()) return
       end do
@@ -195,7 +195,7 @@ contains
     integer(ip) :: before
     integer :: most, next                      ! accepted steps
     associate (monitor => run%monitor, method => march%method)
-      most = portion
+      most = steps_per_call
       before = method%steps
       if (monitor%active) next = monitor%until_next(before)
       if (monitor%active) most = min(most, next)
@@ -317,7 +317,7 @@ contains
     call a%exchange(run%sys%m%evaluations)
     call a%exchange(run%sys%m%solves)
     call a%exchange(run%sys%m%factorisations)
-    call a%exchange(run%sys%m%schur%was_lost)
+    call a%exchange(run%sys%m%schur%was_ill_conditioned)
   end subroutine exchange
 
   !> Results that cannot be written.

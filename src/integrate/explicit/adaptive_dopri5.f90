@@ -1,4 +1,4 @@
-!> Dormand-Prince 5(4) with step control, continuous output and stops at the corners of histories (Dormand and Prince 1980;
+!> Dormand-Prince 5(4) with step control, continuous output and stops at the breakpoints of histories (Dormand and Prince 1980;
 !> Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected
 !> before its derivative is taken: the seventh stage is then the first of the next step also where states are projected.
 !>
@@ -11,7 +11,7 @@
 module adaptive_dopri5
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use ode_system, only: ode, sane
+  use ode_system, only: ode, is_bounded
   use runge_kutta, only: dormand_prince, explicit_stepper
   use step_control, only: error_norm, step_controller
   use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, &
@@ -130,9 +130,9 @@ contains
     if (self%t > to) then
       s = (to - self%dense_start)/self%dense_step
       y = self%dense(:, 1) + s*(self%dense(:, 2) + (1 - s)*(self%dense(:, 3) + s*(self%dense(:, 4) + (1 - s)*self%dense(:, 5))))
-      if (system%bound) then                  ! the projection uses the factors of an evaluation at this very state
+      if (system%has_manifold) then                  ! the projection uses the factors of an evaluation at this very state
         call system%derivative(to, y, .false., self%error)
-        call system%accept(to, y, ok)
+        call system%project(to, y, ok)
         if (.not. ok) then
           call self%give_back(to, y, trouble_manifold)
           outcome = lost
@@ -193,12 +193,12 @@ contains
     call self%stages%step(system, self%t, h, self%trial, ok)
     self%trouble = trouble_size
     if (.not. ok) return
-    call system%accept(self%tried, self%trial, ok)
-    if (.not. ok .and. sane(self%trial)) self%trouble = trouble_manifold
+    call system%project(self%tried, self%trial, ok)
+    if (.not. ok .and. is_bounded(self%trial)) self%trouble = trouble_manifold
     if (.not. ok) return
     call system%derivative(self%tried, self%trial, .true., self%k7)
     self%trouble = trouble_size
-    if (.not. sane(self%k7)) return
+    if (.not. is_bounded(self%k7)) return
     do k = 1, size(self%y)
       self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
                          + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
@@ -263,9 +263,9 @@ contains
       if (d1*h > 0.01_wp*d0 .and. d0 > 1.0e-5_wp) h = 0.01_wp*d0/d1
       self%trial = self%y + h*k1
       self%h = h*1.0e-3_wp
-      if (.not. sane(self%trial)) return
+      if (.not. is_bounded(self%trial)) return
       call system%derivative(self%t + h, self%trial, .true., self%k7)
-      if (.not. sane(self%k7)) return
+      if (.not. is_bounded(self%k7)) return
       self%error = self%k7 - k1
       d2 = self%norm%measure(self%error, self%y, h, self%tolerance)
       self%h = min(100*h, rest, self%max_step)

@@ -2,7 +2,7 @@
 module fixed_step
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use ode_system, only: ode, sane
+  use ode_system, only: ode, is_bounded
   use runge_kutta, only: tableau, explicit_stepper
   use step_counts, only: step_count
   use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold
@@ -76,8 +76,8 @@ contains
     call self%stages%step(system, t, h, self%trial, ok)
     self%trouble = trouble_size
     if (ok) then
-      call system%accept(self%tried, self%trial, ok)
-      if (.not. ok) self%trouble = merge(trouble_manifold, trouble_size, sane(self%trial))
+      call system%project(self%tried, self%trial, ok)
+      if (.not. ok) self%trouble = merge(trouble_manifold, trouble_size, is_bounded(self%trial))
     end if
     if (.not. ok) then
       outcome = lost

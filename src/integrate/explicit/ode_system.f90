@@ -4,7 +4,7 @@ module ode_system
   use, intrinsic :: iso_fortran_env, only: int64
   implicit none (type, external)
   private
-  public :: sane
+  public :: is_bounded
 
   real(wp), parameter, public :: largest_value = 1.0e40_wp   !! beyond it a state is lost; products of several still fit [any]
   integer, parameter :: lanes = 8, many = 128   !! values compared side by side; least size of a state for which that pays
@@ -12,20 +12,20 @@ module ode_system
   !> The system.
   type, abstract, public :: ode
     integer :: n = 0                          !! unknowns
-    logical :: bound = .true.                 !! accept may move a state (projection)
+    logical :: has_manifold = .true.          !! accept may move a state (projection)
   contains
     procedure(right_hand_side), deferred :: derivative
-    procedure(onto_manifold), deferred :: accept
+    procedure(onto_manifold), deferred :: project
   end type ode
 
   abstract interface
     !> f(t, y). With left = .true. jumps of the loads at t are not yet felt: the end of a step belongs to the step.
-    subroutine right_hand_side(self, t, y, left, dy)
+    subroutine right_hand_side(self, t, y, left_limit, dy)
       import :: ode, wp
       class(ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: y(:)    !! (n) [unit of each unknown]
-      logical, intent(in) :: left
+      logical, intent(in) :: left_limit
       real(wp), intent(out), contiguous :: dy(:)  !! (n) [the same per second]
     end subroutine right_hand_side
     !> Puts the end of a step onto the manifold; ok is false where that fails or y is not finite.
@@ -41,7 +41,7 @@ module ode_system
 contains
 
   !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite.
-  pure function sane(y) result(yes)
+  pure function is_bounded(y) result(yes)
     real(wp), intent(in), contiguous :: y(:)  !! [any]
     logical :: yes
     integer :: n
@@ -49,7 +49,7 @@ contains
     if (n < many) n = 0
     yes = bounded(size(y) - n, y(n + 1:))
     if (yes .and. n > 0) yes = many_bounded(n, y)
-  end function sane
+  end function is_bounded
 
   !> The same by comparing bit patterns as integers, which processors do several at a time: those of positive reals have the
   !> order of the reals, with infinity and NaN above all.

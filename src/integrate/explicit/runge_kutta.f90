@@ -1,7 +1,7 @@
 !> Explicit Runge-Kutta methods: tableaux as data, one stepping loop.
 module runge_kutta
   use kinds, only: wp
-  use ode_system, only: ode, sane
+  use ode_system, only: ode, is_bounded
   implicit none (type, external)
   private
   public :: tableau, classical_rk4, dormand_prince, explicit_stepper
@@ -79,13 +79,13 @@ contains
     integer :: i
     do i = 2, self%method%stages
       call combine(size(y), i - 1, self%method%stages, self%method%a(:, i), h, y, self%k, self%y)
-      ok = sane(self%y)
+      ok = is_bounded(self%y)
       if (.not. ok) exit
       call system%derivative(t + self%method%c(i)*h, self%y, self%method%c(i) >= 1.0_wp, self%k(:, i))
     end do
     if (ok) then
       call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
-      ok = sane(self%y)
+      ok = is_bounded(self%y)
     end if
     y = self%y
   end subroutine step

@@ -8,7 +8,7 @@ module alpha_adaptive
   use alpha_start, only: start_method
   use alpha_state, only: pack_state, pack_rates
   use second_order_system, only: second_order_ode
-  use ode_system, only: sane
+  use ode_system, only: is_bounded
   use time_stepper, only: step_end, paused, lost, trouble_none, trouble_accuracy
   implicit none (type, external)
   private
@@ -149,7 +149,7 @@ contains
     do i = 1, size(y)
       y(i) = w(1)*self%dense(i, 1) + w(2)*self%dense(i, 2) + w(3)*self%dense(i, 3) + w(4)*self%dense(i, 4)
     end do
-    ok = sane(y)
+    ok = is_bounded(y)
     if (ok) call system%report(to, y, ok)
     call hand_over(self, to, y, ok, outcome)
   end subroutine output_adaptive

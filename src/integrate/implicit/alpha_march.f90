@@ -8,7 +8,7 @@ module alpha_march
   use alpha_start, only: start_method, change_step
   use alpha_state, only: alpha_solver, same_step, pack_state, exchange_alpha
   use second_order_system, only: second_order_ode, sensible, out_of_shape
-  use ode_system, only: sane
+  use ode_system, only: is_bounded
   use step_control, only: error_norm
   use summary_text, only: summary_record
   use text, only: to_text
@@ -27,7 +27,7 @@ module alpha_march
     real(wp) :: tolerance = 0.0_wp            !! adaptive [-]
     real(wp) :: first_step = 0.0_wp           !! adaptive [s], 0: chosen by the method
     real(wp) :: max_step = huge(1.0_wp)       !! adaptive [s]
-    real(wp), allocatable :: stops(:)         !! times of corners, ascending; the last is the end of the run [s]
+    real(wp), allocatable :: stops(:)         !! times of breakpoints, ascending; the last is the end of the run [s]
     logical, allocatable :: jumps(:)          !! whether accelerations jump there
     type(alpha_solver) :: solver
     logical :: started = .false.              !! the method's own variables stand
@@ -103,11 +103,11 @@ contains
     real(wp), intent(in) :: y(:)
     logical, intent(in) :: ok                 !! whether the joints could be closed
     integer, intent(out) :: outcome
-    if (ok .and. sane(y)) then
+    if (ok .and. is_bounded(y)) then
       self%removed = self%solver%removed
       outcome = reached
     else
-      call self%give_back(to, y, merge(trouble_manifold, trouble_size, sane(y)))
+      call self%give_back(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
       outcome = lost
     end if
   end subroutine hand_over

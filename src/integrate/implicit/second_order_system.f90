@@ -66,13 +66,13 @@ module second_order_system
       real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) [m, rad] and per second
     end subroutine take_past
     !> Residuals at a trial state, kept in the system; jumps at t are not yet felt where left.
-    subroutine trial_residual(self, t, q, v, a, lambda, left)
+    subroutine trial_residual(self, t, q, v, a, lambda, left_limit)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
       real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-      logical, intent(in) :: left
+      logical, intent(in) :: left_limit
     end subroutine trial_residual
     !> The matrix at the state of the last residual; exact: every term renewed, else only those that cost little. Rows that are
     !> nearly dependent are held back where hold asks for it.

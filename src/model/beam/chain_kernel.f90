@@ -46,14 +46,15 @@ contains
   end subroutine chain_deformations
 
   !> Adds theta'^2 m q + 2 theta' Z q' - dV/dq to fx and -Z q to tx (theory.md, sections 2 to 4); one node a turn.
-  pure subroutine chain_forces(ne, nd, nf, edof, factors, ds, thetad, qx, vx, fx, tx, qmq, qmv)
+  pure subroutine chain_forces(ne, nd, nf, edof, factors, ds, thetad, qx, vx, elastic_force, angle_coupling, qmq, qmv)
     integer, intent(in) :: ne, nd, nf
     integer, intent(in) :: edof(6, ne)
     real(wp), intent(in) :: factors(10, ne) !! constants of the elements, units in the header [m, kg, N m, ...]
     real(wp), intent(in) :: ds(nd, ne)      !! deformations with GHM differences [m, rad, rad]
     real(wp), intent(in) :: thetad          !! [rad/s]
     real(wp), intent(in) :: qx(0:nf), vx(0:nf)          !! coordinates and rates, entry 0 is zero [m, rad], [m/s, rad/s]
-    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)       !! Q_f and m_theta_f, entry 0 is thrown away [N, N m], [kg m, kg m2]
+    real(wp), intent(inout) :: elastic_force(0:nf)   !! Q_f, entry 0 is thrown away [N, N m]
+    real(wp), intent(inout) :: angle_coupling(0:nf)  !! m_theta_f, likewise [kg m, kg m2]
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2], q^T m q' [kg m2/s]
     real(wp) :: q1(3), q2(3), v1(3), v2(3)  ! coordinates of both nodes and their rates
     real(wp) :: m(3), m2(3), f(3), f2(3), z(3), z2(3)   ! m q, other forces and Z q of both nodes
@@ -76,9 +77,9 @@ contains
       call gyroscopic_products(1.0_wp, factors(:, e), q1, q2, z, z2)
       call gyroscopic_products(2*thetad, factors(:, e), v1, v2, f, f2)
       call add_elastic(nd, factors(:, e), ds(:, e), f, f2)
-      call add_node(nf, edof(1, e), w2, q1, v1, m, f, z, fx, tx, qmq, qmv)
+      call add_node(nf, edof(1, e), w2, q1, v1, m, f, z, elastic_force, angle_coupling, qmq, qmv)
     end do
-    call add_node(nf, edof(4, ne), w2, q2, v2, m2, f2, z2, fx, tx, qmq, qmv)
+    call add_node(nf, edof(4, ne), w2, q2, v2, m2, f2, z2, elastic_force, angle_coupling, qmq, qmv)
   end subroutine chain_forces
 
   !> Adds to the sums of the element's first node, which the element before began, and begins those of its second: m x.
@@ -139,20 +140,21 @@ contains
   end subroutine add_elastic
 
   !> Adds a node's sums to the body's vectors.
-  pure subroutine add_node(nf, dof, w2, q, v, m, f, z, fx, tx, qmq, qmv)
+  pure subroutine add_node(nf, dof, w2, q, v, m, f, z, elastic_force, angle_coupling, qmq, qmv)
     integer, intent(in) :: nf
     integer, intent(in) :: dof(3)
     real(wp), intent(in) :: w2              !! theta'^2 [rad2/s2]
     real(wp), intent(in) :: q(3), v(3), m(3), f(3), z(3)   !! of the node [m, rad], [m/s, rad/s], [kg m], [N], [kg m]
-    real(wp), intent(inout) :: fx(0:nf), tx(0:nf)          !! Q_f and m_theta_f, entry 0 is thrown away [N, N m], [kg m, kg m2]
+    real(wp), intent(inout) :: elastic_force(0:nf)   !! Q_f, entry 0 is thrown away [N, N m]
+    real(wp), intent(inout) :: angle_coupling(0:nf)  !! m_theta_f, likewise [kg m, kg m2]
     real(wp), intent(inout) :: qmq, qmv                    !! sums q^T m q [kg m2], q^T m q' [kg m2/s]
     qmq = qmq + (q(1)*m(1) + q(2)*m(2) + q(3)*m(3))
     qmv = qmv + (v(1)*m(1) + v(2)*m(2) + v(3)*m(3))
-    fx(dof(1)) = fx(dof(1)) + (w2*m(1) + f(1))
-    fx(dof(2)) = fx(dof(2)) + (w2*m(2) + f(2))
-    fx(dof(3)) = fx(dof(3)) + (w2*m(3) + f(3))
-    tx(dof(1)) = tx(dof(1)) - z(1)
-    tx(dof(2)) = tx(dof(2)) - z(2)
-    tx(dof(3)) = tx(dof(3)) - z(3)
+    elastic_force(dof(1)) = elastic_force(dof(1)) + (w2*m(1) + f(1))
+    elastic_force(dof(2)) = elastic_force(dof(2)) + (w2*m(2) + f(2))
+    elastic_force(dof(3)) = elastic_force(dof(3)) + (w2*m(3) + f(3))
+    angle_coupling(dof(1)) = angle_coupling(dof(1)) - z(1)
+    angle_coupling(dof(2)) = angle_coupling(dof(2)) - z(2)
+    angle_coupling(dof(3)) = angle_coupling(dof(3)) - z(3)
   end subroutine add_node
 end module chain_kernel

@@ -5,7 +5,7 @@ module nodal_kernel
   use kinds, only: wp
   use body, only: body_model
   use chain_kernel, only: chain_deformations, chain_forces
-  use ghm_kernel, only: advance_run, relax_run, run_dissipation, copy_values
+  use ghm_kernel, only: advance_segment, relax_segment, segment_dissipation, copy_values
   implicit none (type, external)
   private
   public :: nodal_forces, deformations, element_stress, stress_forces
@@ -31,16 +31,18 @@ contains
     else
       call deformations(b, b%qx, b%d)
     end if
-    if (size(b%runs) > 0) then
+    if (size(b%segments) > 0) then
       call copy_values(size(b%d), b%d, b%ds)
-      do r = 1, size(b%runs)
-        associate (run => b%runs(r))
-          call advance_run(run, run%width, b%d(1, run%first), z(run%offset + 1), zd(run%offset + 1), &
-                           zdd(run%offset + 1), b%ds(1, run%first))
-          power = power + run_dissipation(b, run, 1, run%law%second, zd(run%offset + 1))
-          if (run%law%first == 0) cycle
-          call relax_run(run, run%width, b%d(1, run%first), z(run%first_order + 1), zdd(run%first_order + 1), b%ds(1, run%first))
-          power = power + run_dissipation(b, run, run%law%second + 1, run%law%second + run%law%first, zdd(run%first_order + 1))
+      do r = 1, size(b%segments)
+        associate (segment => b%segments(r))
+          call advance_segment(segment, segment%width, b%d(1, segment%first), z(segment%offset + 1), zd(segment%offset + 1), &
+                               zdd(segment%offset + 1), b%ds(1, segment%first))
+          power = power + segment_dissipation(b, segment, 1, segment%law%second, zd(segment%offset + 1))
+          if (segment%law%first == 0) cycle
+          call relax_segment(segment, segment%width, b%d(1, segment%first), z(segment%first_order + 1), zdd(segment%first_order &
+              + 1), b%ds(1, segment%first))
+          power = power + segment_dissipation(b, segment, segment%law%second + 1, segment%law%second + segment%law%first, &
+                                              zdd(segment%first_order + 1))
         end associate
       end do
       call element_forces(b, edof, factors, b%ds, thetad, qmq, qmv)
@@ -138,7 +140,7 @@ contains
     real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il
     integer :: e, k
     if (b%chain) then
-      call chain_forces(b%ne, b%nd, b%nf, edof, factors, ds, thetad, b%qx, b%vx, b%fx, b%tx, qmq, qmv)
+      call chain_forces(b%ne, b%nd, b%nf, edof, factors, ds, thetad, b%qx, b%vx, b%elastic_force, b%angle_coupling, qmq, qmv)
       return
     end if
     w2 = thetad**2
@@ -170,8 +172,8 @@ contains
         call to_element(b%elements(e)%c, -b%elements(e)%s, za)
       end if
       do k = 1, 6
-        b%fx(b%edof(k, e)) = b%fx(b%edof(k, e)) + f(k)
-        b%tx(b%edof(k, e)) = b%tx(b%edof(k, e)) - za(k)
+        b%elastic_force(b%edof(k, e)) = b%elastic_force(b%edof(k, e)) + f(k)
+        b%angle_coupling(b%edof(k, e)) = b%angle_coupling(b%edof(k, e)) - za(k)
       end do
     end do
   end subroutine element_forces
@@ -247,7 +249,7 @@ contains
       power = power + dot_product(v, f)
       if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, f)
       do k = 1, 6
-        b%fx(b%edof(k, e)) = b%fx(b%edof(k, e)) - f(k)
+        b%elastic_force(b%edof(k, e)) = b%elastic_force(b%edof(k, e)) - f(k)
       end do
     end do
   end subroutine rayleigh_forces
@@ -294,10 +296,10 @@ contains
       v(2) = b%vx(j)
       qmq = qmq + mu*dot_product(u, u)
       qmv = qmv + mu*dot_product(u, v)
-      b%fx(i) = b%fx(i) + mu*(thetad**2*u(1) + 2*thetad*v(2))
-      b%fx(j) = b%fx(j) + mu*(thetad**2*u(2) - 2*thetad*v(1))
-      b%tx(i) = b%tx(i) - mu*u(2)
-      b%tx(j) = b%tx(j) + mu*u(1)
+      b%elastic_force(i) = b%elastic_force(i) + mu*(thetad**2*u(1) + 2*thetad*v(2))
+      b%elastic_force(j) = b%elastic_force(j) + mu*(thetad**2*u(2) - 2*thetad*v(1))
+      b%angle_coupling(i) = b%angle_coupling(i) - mu*u(2)
+      b%angle_coupling(j) = b%angle_coupling(j) + mu*u(1)
     end do
   end subroutine lump_forces
 end module nodal_kernel

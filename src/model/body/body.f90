@@ -8,9 +8,9 @@ module body
   implicit none (type, external)
   private
 
-  !> A run of neighbouring elements that share one viscoelastic material, or (modal bodies) one distinct material.
+  !> A segment of neighbouring elements that share one viscoelastic material, or (modal bodies) one distinct material.
   !> Internal variables of a run: z(component, element, term), those of second order contiguous, and those of first order.
-  type, public :: ghm_run
+  type, public :: viscoelastic_segment
     integer :: first = 0, last = 0            !! elements
     integer :: offset = 0                     !! of its internal variables of second order among the scene's, from 0
     integer :: first_order = 0                !! of those of first order
@@ -18,7 +18,7 @@ module body
     integer :: material = 0                   !! index of the material, for messages
     type(viscoelastic_terms) :: law
     real(wp), allocatable :: stiffness(:, :)  !! modal bodies: the material's modal stiffness (k x k) [N/m scaled]
-  end type ghm_run
+  end type viscoelastic_segment
 
   !> A point mass and rotary inertia at a node or at a point of a rigid body.
   type, public :: lump
@@ -75,10 +75,10 @@ module body
     real(wp), allocatable :: cmodal(:, :)     !! (nf, nf) Rayleigh damping [1/s]
     logical :: rotary = .false.               !! lumps carry rotary inertia (modal: jmodal matters)
     ! viscoelasticity
-    type(ghm_run), allocatable :: runs(:)
+    type(viscoelastic_segment), allocatable :: segments(:)
     ! work space of one evaluation
     real(wp), allocatable :: qx(:), vx(:)     !! (0:nf) coordinates and rates, entry 0 is zero
-    real(wp), allocatable :: fx(:), tx(:)     !! (0:nf) Q_f and m_theta_f, entry 0 is thrown away
+    real(wp), allocatable :: elastic_force(:), angle_coupling(:) !! (0:nf) Q_f and m_theta_f, entry 0 is thrown away
     real(wp), allocatable :: d(:, :)          !! nodal: (nd, ne) deformations; modal: (nf, 1) work
     real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added
   contains

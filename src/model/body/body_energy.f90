@@ -1,8 +1,8 @@
 !> Energies of one body (theory.md, sections 2, 4, 5). Used at output times only.
 module body_energy
   use kinds, only: wp
-  use body, only: body_model, ghm_run
-  use ghm_kernel, only: run_product
+  use body, only: body_model, viscoelastic_segment
+  use ghm_kernel, only: segment_product
   use nodal_kernel, only: deformations, gather, mass_times, gyroscopic_times
   implicit none (type, external)
   private
@@ -111,25 +111,26 @@ contains
         end associate
       end do
     end if
-    do r = 1, size(b%runs)
-      associate (run => b%runs(r), law => b%runs(r)%law)
-        n = run%width
+    do r = 1, size(b%segments)
+      associate (segment => b%segments(r), law => b%segments(r)%law)
+        n = segment%width
         do k = 1, law%second
-          energy = energy + 0.5_wp*law%alpha(k)*(difference_product(b, run, z(run%offset + (k - 1)*n + 1:run%offset + k*n)) &
-                   + law%inertia(k)*twice_energy(b, run, zd(run%offset + (k - 1)*n + 1:run%offset + k*n)))
+          energy = energy + 0.5_wp*law%alpha(k)*(difference_product(b, segment, z(segment%offset + (k - 1)*n + 1:segment%offset &
+              + k*n)) &
+                   + law%inertia(k)*twice_energy(b, segment, zd(segment%offset + (k - 1)*n + 1:segment%offset + k*n)))
         end do
         do k = 1, law%first
           energy = energy + 0.5_wp*law%alpha(law%second + k) &
-                   *difference_product(b, run, z(run%first_order + (k - 1)*n + 1:run%first_order + k*n))
+                   *difference_product(b, segment, z(segment%first_order + (k - 1)*n + 1:segment%first_order + k*n))
         end do
       end associate
     end do
   end function strain_energy
 
-  !> (d - z)^T D (d - z) over a run, whose deformations the body holds [J].
-  pure function difference_product(b, run, z) result(product)
+  !> (d - z)^T D (d - z) over a segment, whose deformations the body holds [J].
+  pure function difference_product(b, segment, z) result(product)
     type(body_model), intent(in) :: b
-    type(ghm_run), intent(in) :: run
+    type(viscoelastic_segment), intent(in) :: segment
     real(wp), intent(in), contiguous :: z(:)  !! (width) [m, rad]
     real(wp) :: product                       !! [J]
     real(wp) :: x(3)                          ! differences of an element [m, rad]
@@ -137,31 +138,31 @@ contains
     product = 0.0_wp
     if (b%modal) then
       do j = 1, b%nf
-        product = product + (b%qx(j) - z(j))*dot_product(run%stiffness(:, j), b%qx(1:b%nf) - z)
+        product = product + (b%qx(j) - z(j))*dot_product(segment%stiffness(:, j), b%qx(1:b%nf) - z)
       end do
     else
-      do e = run%first, run%last
-        j = (e - run%first)*b%nd
+      do e = segment%first, segment%last
+        j = (e - segment%first)*b%nd
         x(1:b%nd) = b%d(:, e) - z(j + 1:j + b%nd)
-        product = product + run_product(b%nd, 1, b%factors(:, e), x, x)
+        product = product + segment_product(b%nd, 1, b%factors(:, e), x, x)
       end do
     end if
   end function difference_product
 
-  !> x^T D x over a run, or x^T K x of a material's modal stiffness [J for deformations].
-  pure function twice_energy(b, run, x) result(product)
+  !> x^T D x over a segment, or x^T K x of a material's modal stiffness [J for deformations].
+  pure function twice_energy(b, segment, x) result(product)
     type(body_model), intent(in) :: b
-    type(ghm_run), intent(in) :: run
+    type(viscoelastic_segment), intent(in) :: segment
     real(wp), intent(in), contiguous :: x(:)  !! (width) [m, rad] or per second
     real(wp) :: product                       !! [J]
     integer :: j
     product = 0.0_wp
     if (b%modal) then
       do j = 1, b%nf
-        product = product + x(j)*dot_product(run%stiffness(:, j), x)
+        product = product + x(j)*dot_product(segment%stiffness(:, j), x)
       end do
     else
-      product = run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), x, x)
+      product = segment_product(b%nd, segment%last - segment%first + 1, b%factors(:, segment%first:segment%last), x, x)
     end if
   end function twice_energy
 end module body_energy

@@ -4,13 +4,13 @@ module body_setup
   use kinds, only: wp
   use banded, only: factor_symmetric, band_solve_two
   use beam_element, only: beam_geometry, shape_integral, shape_moment
-  use body, only: body_model, lump, ghm_run
+  use body, only: body_model, lump, viscoelastic_segment
   use body_matrices, only: mass_triplets
   use chain_kernel, only: element_factors
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
-  public :: finish_elastic, allocate_work, body_length, sort_runs
+  public :: finish_elastic, allocate_work, body_length, sort_segments
 
 contains
 
@@ -183,9 +183,9 @@ contains
     type(body_model), intent(inout) :: b
     integer :: k
     b%nz = 0
-    do k = 1, size(b%runs)
-      b%runs(k)%width = merge(b%nf, b%nd*(b%runs(k)%last - b%runs(k)%first + 1), b%modal)
-      b%nz = b%nz + b%runs(k)%width*size(b%runs(k)%law%alpha)
+    do k = 1, size(b%segments)
+      b%segments(k)%width = merge(b%nf, b%nd*(b%segments(k)%last - b%segments(k)%first + 1), b%modal)
+      b%nz = b%nz + b%segments(k)%width*size(b%segments(k)%law%alpha)
     end do
     b%chain = b%straight .and. .not. b%stiffening
     allocate (b%factors(10, b%ne))
@@ -195,7 +195,7 @@ contains
       end associate
       if (k > 1) b%chain = b%chain .and. b%en(1, k) == b%en(2, k - 1)
     end do
-    allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%fx(0:b%nf), b%tx(0:b%nf), source=0.0_wp)
+    allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%elastic_force(0:b%nf), b%angle_coupling(0:b%nf), source=0.0_wp)
     if (b%modal) then
       allocate (b%d(b%nf, 1), b%ds(b%nf, 1), source=0.0_wp)
     else
@@ -203,29 +203,29 @@ contains
     end if
   end subroutine allocate_work
 
-  !> Splits the elements into runs of one viscoelastic material.
-  pure subroutine sort_runs(b, has_ghm)
+  !> Splits the elements into segments of one viscoelastic material.
+  pure subroutine sort_segments(b, has_ghm)
     type(body_model), intent(inout) :: b
     logical, intent(in) :: has_ghm(:)      !! (ne) whether the element is viscoelastic
-    type(ghm_run), allocatable :: runs(:)
+    type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, n
-    allocate (runs(b%ne))
+    allocate (segments(b%ne))
     n = 0
     do e = 1, b%ne
       if (.not. has_ghm(e)) cycle
       if (n > 0) then
-        if (runs(n)%last == e - 1 .and. runs(n)%material == b%material(e)) then
-          runs(n)%last = e
+        if (segments(n)%last == e - 1 .and. segments(n)%material == b%material(e)) then
+          segments(n)%last = e
           cycle
         end if
       end if
       n = n + 1
-      runs(n)%first = e
-      runs(n)%last = e
-      runs(n)%material = b%material(e)
+      segments(n)%first = e
+      segments(n)%last = e
+      segments(n)%material = b%material(e)
     end do
-    b%runs = runs(1:n)
-  end subroutine sort_runs
+    b%segments = segments(1:n)
+  end subroutine sort_segments
 
   !> Largest distance between two points [m].
   pure function body_length(x) result(length)

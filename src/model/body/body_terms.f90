@@ -21,8 +21,8 @@ module body_terms
   type, public :: body_equations
     integer :: n = 0                         !! elastic coordinates
     type(elastic_operator) :: op
-    real(wp), allocatable :: factor(:)       !! (runs) 1 + sum of alpha (1 - g) over a run's terms [-]
-    real(wp), allocatable :: past(:, :)      !! sum of alpha times the terms' offsets: as the deformations, or (n, runs) [m, rad]
+    real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
+    real(wp), allocatable :: past(:, :) !! sum of alpha times the terms' offsets: as the deformations, or (n, segments) [m, rad]
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
     real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame [N/m, N, N m]
@@ -35,23 +35,23 @@ module body_terms
 contains
 
   !> Work space of a body.
-  subroutine set_up_terms(t, bo)
+  subroutine set_up_terms(t, body)
     type(body_equations), intent(out) :: t
-    type(body_model), intent(in) :: bo
-    if (.not. bo%flexible) return
-    t%n = bo%nf
-    call elastic_operators_of(bo, t%op)
-    allocate (t%factor(size(bo%runs)), source=1.0_wp)
-    if (bo%modal) allocate (t%past(bo%nf, size(bo%runs)), source=0.0_wp)
-    if (.not. bo%modal) allocate (t%past(bo%nd, bo%ne), source=0.0_wp)
-    allocate (t%elastic(0:bo%nf), t%column(0:bo%nf), t%row(0:bo%nf), t%x(2, bo%nf), t%y(2, bo%nf), t%mx(2, bo%nf), &
-              t%zy(2, bo%nf), source=0.0_wp)
+    type(body_model), intent(in) :: body
+    if (.not. body%flexible) return
+    t%n = body%nf
+    call elastic_operators_of(body, t%op)
+    allocate (t%factor(size(body%segments)), source=1.0_wp)
+    if (body%modal) allocate (t%past(body%nf, size(body%segments)), source=0.0_wp)
+    if (.not. body%modal) allocate (t%past(body%nd, body%ne), source=0.0_wp)
+    allocate (t%elastic(0:body%nf), t%column(0:body%nf), t%row(0:body%nf), t%x(2, body%nf), t%y(2, body%nf), t%mx(2, body%nf), &
+              t%zy(2, body%nf), source=0.0_wp)
   end subroutine set_up_terms
 
   !> The residual without what acts on markers.
-  subroutine body_residual(t, bo, q, v, a, b)
+  subroutine body_residual(t, body, q, v, a, b)
     type(body_equations), intent(inout) :: t
-    type(body_model), intent(inout) :: bo        !! its work space changes
+    type(body_model), intent(inout) :: body        !! its work space changes
     real(wp), intent(in), contiguous :: q(:)     !! (3 + n) the body's coordinates [m, rad, ...]
     real(wp), intent(in), contiguous :: v(:)     !! (3 + n) rates [m/s, rad/s, ...]
     real(wp), intent(in), contiguous :: a(:)     !! (3 + n) accelerations [m/s2, rad/s2, ...]
@@ -60,10 +60,10 @@ contains
     integer :: k
     w = v(3)
     wd = a(3)
-    p = bo%i1
+    p = body%i1
     sv = 0.0_wp
     sa = 0.0_wp
-    turning = bo%i11*wd
+    turning = body%i11*wd
     if (t%n > 0) then
       do k = 1, t%n
         t%y(1, k) = 2*w*v(3 + k) + wd*q(3 + k)
@@ -73,57 +73,57 @@ contains
       end do
       call inertia_products(t%op, t%n, t%x, t%y, t%mx, t%zy)
       do k = 1, t%n
-        p = p + bo%sbar(k, :)*q(3 + k)
-        sv = sv + bo%sbar(k, :)*v(3 + k)
-        sa = sa + bo%sbar(k, :)*a(3 + k)
-        turning = turning + bo%i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k)) + bo%c0(k)*a(3 + k) + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
-        t%elastic(k) = bo%sbar(k, 1)*b(1) + bo%sbar(k, 2)*b(2) + bo%c0(k)*wd - w**2*bo%i1f(k) + t%mx(1, k) - t%zy(1, k)
+        p = p + body%sbar(k, :)*q(3 + k)
+        sv = sv + body%sbar(k, :)*v(3 + k)
+        sa = sa + body%sbar(k, :)*a(3 + k)
+        turning = turning + body%i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k)) + body%c0(k)*a(3 + k) + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
+        t%elastic(k) = body%sbar(k, 1)*b(1) + body%sbar(k, 2)*b(2) + body%c0(k)*wd - w**2*body%i1f(k) + t%mx(1, k) - t%zy(1, k)
       end do
       if (t%op%rotary) call add_product(t%op%even, t%op%j, a(4:), t%elastic(1:))
-      if (bo%rayleigh) call add_product(t%op%even, t%op%c, v(4:), t%elastic(1:))
-      call add_elastic(t, bo, q(4:))
+      if (body%rayleigh) call add_product(t%op%even, t%op%c, v(4:), t%elastic(1:))
+      call add_elastic(t, body, q(4:))
     end if
-    t%frame(1) = bo%mass*b(1) - wd*p(2) - w**2*p(1) - 2*w*sv(2) + sa(1)
-    t%frame(2) = bo%mass*b(2) + wd*p(1) - w**2*p(2) + 2*w*sv(1) + sa(2)
+    t%frame(1) = body%mass*b(1) - wd*p(2) - w**2*p(1) - 2*w*sv(2) + sa(1)
+    t%frame(2) = body%mass*b(2) + wd*p(1) - w**2*p(2) + 2*w*sv(1) + sa(2)
     t%frame(3) = p(1)*b(2) - p(2)*b(1) + turning
   end subroutine body_residual
 
   !> Adds the elastic forces with those of the GHM terms, condensed.
-  subroutine add_elastic(t, bo, q)
+  subroutine add_elastic(t, body, q)
     type(body_equations), intent(inout) :: t
-    type(body_model), intent(inout) :: bo
+    type(body_model), intent(inout) :: body
     real(wp), intent(in) :: q(:)                 !! (n) elastic coordinates [m, rad, ...]
     integer :: k, r, e
-    if (bo%modal) then
+    if (body%modal) then
       do k = 1, t%n
-        t%elastic(k) = t%elastic(k) + bo%omega2(k)*q(k)
+        t%elastic(k) = t%elastic(k) + body%omega2(k)*q(k)
       end do
-      do r = 1, size(bo%runs)
+      do r = 1, size(body%segments)
         do k = 1, t%n
-          t%elastic(1:) = t%elastic(1:) + bo%runs(r)%stiffness(:, k)*((t%factor(r) - 1)*q(k) - t%past(k, r))
+          t%elastic(1:) = t%elastic(1:) + body%segments(r)%stiffness(:, k)*((t%factor(r) - 1)*q(k) - t%past(k, r))
         end do
       end do
       return
     end if
-    bo%qx(1:t%n) = q
-    call deformations(bo, bo%qx, bo%d)
-    if (size(bo%runs) == 0) then
-      call stress_forces(bo, bo%d, bo%qx, t%elastic)
+    body%qx(1:t%n) = q
+    call deformations(body, body%qx, body%d)
+    if (size(body%segments) == 0) then
+      call stress_forces(body, body%d, body%qx, t%elastic)
       return
     end if
-    bo%ds = bo%d
-    do r = 1, size(bo%runs)
-      do e = bo%runs(r)%first, bo%runs(r)%last
-        bo%ds(:, e) = t%factor(r)*bo%d(:, e) - t%past(:, e)
+    body%ds = body%d
+    do r = 1, size(body%segments)
+      do e = body%segments(r)%first, body%segments(r)%last
+        body%ds(:, e) = t%factor(r)*body%d(:, e) - t%past(:, e)
       end do
     end do
-    call stress_forces(bo, bo%ds, bo%qx, t%elastic)
+    call stress_forces(body, body%ds, body%qx, t%elastic)
   end subroutine add_elastic
 
   !> The tangent a2 M + a1 C + a0 K of the frame, and of what couples the angle and the elastic coordinates; markers' parts not.
-  subroutine body_tangent(t, bo, a2, a1, a0, q, v, a, b)
+  subroutine body_tangent(t, body, a2, a1, a0, q, v, a, b)
     type(body_equations), intent(inout) :: t
-    type(body_model), intent(in) :: bo
+    type(body_model), intent(in) :: body
     real(wp), intent(in) :: a2                   !! [1/s2] where the tangent is to be a stiffness
     real(wp), intent(in) :: a1                   !! [1/s] likewise
     real(wp), intent(in) :: a0                   !! [-] likewise
@@ -133,10 +133,10 @@ contains
     integer :: k
     w = v(3)
     wd = a(3)
-    p = bo%i1
+    p = body%i1
     sv = 0.0_wp
     sa = 0.0_wp
-    mtt = bo%i11
+    mtt = body%i11
     mttd = 0.0_wp
     t%origin = [a2 - a0*w**2, 2*a1*w + a0*wd]
     if (t%n > 0) then
@@ -148,20 +148,21 @@ contains
       end do
       call inertia_products(t%op, t%n, t%x, t%y, t%mx, t%zy)
       do k = 1, t%n
-        p = p + bo%sbar(k, :)*q(3 + k)
-        sv = sv + bo%sbar(k, :)*v(3 + k)
-        sa = sa + bo%sbar(k, :)*a(3 + k)
-        mtt = mtt + q(3 + k)*(2*bo%i1f(k) + t%mx(1, k))
-        mttd = mttd + 2*(bo%i1f(k)*v(3 + k) + q(3 + k)*t%mx(2, k))
-        associate (both => a2*bo%c0(k) + a0*(bo%sbar(k, 1)*b(2) - bo%sbar(k, 2)*b(1)), centrifugal => bo%i1f(k) + t%mx(1, k))
+        p = p + body%sbar(k, :)*q(3 + k)
+        sv = sv + body%sbar(k, :)*v(3 + k)
+        sa = sa + body%sbar(k, :)*a(3 + k)
+        mtt = mtt + q(3 + k)*(2*body%i1f(k) + t%mx(1, k))
+        mttd = mttd + 2*(body%i1f(k)*v(3 + k) + q(3 + k)*t%mx(2, k))
+        associate (both => a2*body%c0(k) + a0*(body%sbar(k, 1)*b(2) - body%sbar(k, 2)*b(1)), centrifugal => body%i1f(k) &
+                   + t%mx(1, k))
           t%column(k) = both - 2*a1*w*centrifugal - t%zy(1, k)
           t%row(k) = both + 2*(a1*w + a0*wd)*centrifugal + 2*a0*w*t%mx(2, k) + t%zy(2, k)
         end associate
       end do
     end if
     t%block = 0.0_wp
-    t%block(1, 1) = a2*bo%mass
-    t%block(2, 2) = a2*bo%mass
+    t%block(1, 1) = a2*body%mass
+    t%block(2, 2) = a2*body%mass
     t%block(1, 3) = -t%origin(1)*p(2) - t%origin(2)*p(1) - 2*a1*sv(2) - a0*(2*w*sv(1) + sa(2))
     t%block(2, 3) = t%origin(1)*p(1) - t%origin(2)*p(2) + 2*a1*sv(1) - a0*(2*w*sv(2) - sa(1))
     t%block(3, 1) = -a2*p(2)

@@ -21,7 +21,7 @@ contains
     power = 0.0_wp
     call inertia_forces(b, thetad, qmq, qmv)
     if (b%rayleigh) call rayleigh_forces(b, power)
-    do r = 1, size(b%runs)
+    do r = 1, size(b%segments)
       call term_forces(b, r, z, zd, zdd, power)
     end do
   end subroutine modal_forces
@@ -37,19 +37,19 @@ contains
     qmq = dot_product(b%qx(1:n), b%qx(1:n))
     qmv = dot_product(b%qx(1:n), b%vx(1:n))
     do i = 1, n
-      b%fx(i) = b%fx(i) + (thetad**2 - b%omega2(i))*b%qx(i)
+      b%elastic_force(i) = b%elastic_force(i) + (thetad**2 - b%omega2(i))*b%qx(i)
     end do
     do j = 1, n
       do i = 1, n
-        b%fx(i) = b%fx(i) + 2*thetad*b%zmodal(i, j)*b%vx(j)
-        b%tx(i) = b%tx(i) - b%zmodal(i, j)*b%qx(j)
+        b%elastic_force(i) = b%elastic_force(i) + 2*thetad*b%zmodal(i, j)*b%vx(j)
+        b%angle_coupling(i) = b%angle_coupling(i) - b%zmodal(i, j)*b%qx(j)
       end do
     end do
     if (.not. b%rotary) return
     do j = 1, n                             ! the rotary inertia of lumps does not multiply theta'
       do i = 1, n
         s = b%jmodal(i, j)*b%qx(j)
-        b%fx(i) = b%fx(i) - thetad**2*s
+        b%elastic_force(i) = b%elastic_force(i) - thetad**2*s
         qmq = qmq - b%qx(i)*s
         qmv = qmv - b%vx(i)*s
       end do
@@ -65,7 +65,7 @@ contains
     do j = 1, b%nf
       do i = 1, b%nf
         s = b%cmodal(i, j)*b%vx(j)
-        b%fx(i) = b%fx(i) - s
+        b%elastic_force(i) = b%elastic_force(i) - s
         power = power + b%vx(i)*s
       end do
     end do
@@ -74,7 +74,7 @@ contains
   !> Highest derivatives of one material's internal variables, the force -K sum of alpha_k (q - z_k), and the power of the terms.
   pure subroutine term_forces(b, r, z, zd, zdd, power)
     type(body_model), intent(inout) :: b
-    integer, intent(in) :: r                !! run
+    integer, intent(in) :: r                !! segment
     real(wp), intent(in) :: z(*), zd(*)     !! (nz), (nzd) internal variables and rates [m kg^1/2] and per second
     real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m kg^1/2/s2], [m kg^1/2/s]
     real(wp), intent(inout) :: power        !! dissipated [W]
@@ -82,28 +82,28 @@ contains
     integer :: n, k, i, j
     n = b%nf
     b%ds(:, 1) = 0.0_wp
-    associate (run => b%runs(r), law => b%runs(r)%law)
+    associate (segment => b%segments(r), law => b%segments(r)%law)
       do k = 1, law%second
-        i = run%offset + (k - 1)*n
+        i = segment%offset + (k - 1)*n
         do j = 1, n
           s = b%qx(j) - z(i + j)
           zdd(i + j) = (s - law%viscosity(k)*zd(i + j))/law%inertia(k)
           b%ds(j, 1) = b%ds(j, 1) + law%alpha(k)*s
         end do
-        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, run%stiffness, zd(i + 1:i + n))
+        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, segment%stiffness, zd(i + 1:i + n))
       end do
       do k = law%second + 1, law%second + law%first
-        i = run%first_order + (k - law%second - 1)*n
+        i = segment%first_order + (k - law%second - 1)*n
         do j = 1, n
           s = b%qx(j) - z(i + j)
           zdd(i + j) = s/law%viscosity(k)
           b%ds(j, 1) = b%ds(j, 1) + law%alpha(k)*s
         end do
-        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, run%stiffness, zdd(i + 1:i + n))
+        power = power + law%alpha(k)*law%viscosity(k)*modal_product(n, segment%stiffness, zdd(i + 1:i + n))
       end do
       do j = 1, n
         do i = 1, n
-          b%fx(i) = b%fx(i) - run%stiffness(i, j)*b%ds(j, 1)
+          b%elastic_force(i) = b%elastic_force(i) - segment%stiffness(i, j)*b%ds(j, 1)
         end do
       end do
     end associate

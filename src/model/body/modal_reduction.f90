@@ -3,7 +3,7 @@
 module modal_reduction
   use kinds, only: wp
   use beam_element, only: element_stiffness, element_mass, element_gyroscopic
-  use body, only: body_model, ghm_run
+  use body, only: body_model, viscoelastic_segment
   use body_modes, only: lowest_modes
   implicit none (type, external)
   private
@@ -15,7 +15,7 @@ contains
   subroutine reduce_to_modes(b, modes, viscoelastic, bad)
     type(body_model), intent(inout) :: b                !! nodal integrals are set
     integer, intent(in) :: modes                        !! modes kept
-    type(ghm_run), intent(in) :: viscoelastic(:)        !! one entry a distinct viscoelastic material
+    type(viscoelastic_segment), intent(in) :: viscoelastic(:) !! one entry a distinct viscoelastic material
     logical, intent(out) :: bad                         !! the eigenvalue problem failed
     real(wp), allocatable :: x(:, :), w(:)
     call lowest_modes(b, modes, x, w, bad)
@@ -32,7 +32,7 @@ contains
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     real(wp), intent(in) :: w(:)                         !! (modes) squared frequencies [rad2/s2]
-    type(ghm_run), intent(in) :: viscoelastic(:)
+    type(viscoelastic_segment), intent(in) :: viscoelastic(:)
     real(wp) :: xe(6, size(w)), m(6, 6), k(6, 6)
     integer :: e, r, i, n
     n = size(w)
@@ -40,10 +40,10 @@ contains
     b%i1f = matmul(b%i1f, x)
     b%c0 = matmul(b%c0, x)
     b%omega2 = w
-    b%runs = viscoelastic
+    b%segments = viscoelastic
     allocate (b%zmodal(n, n), b%jmodal(n, n), b%cmodal(n, n), source=0.0_wp)
-    do r = 1, size(b%runs)
-      allocate (b%runs(r)%stiffness(n, n), source=0.0_wp)
+    do r = 1, size(b%segments)
+      allocate (b%segments(r)%stiffness(n, n), source=0.0_wp)
     end do
     do e = 1, b%ne
       do i = 1, 6
@@ -56,8 +56,8 @@ contains
         m = element_mass(b%elements(e))
         b%cmodal = b%cmodal + sandwich(xe, b%elements(e)%ray_m*m + b%elements(e)%ray_k*k)
       end if
-      do r = 1, size(b%runs)
-        if (b%runs(r)%material == b%material(e)) b%runs(r)%stiffness = b%runs(r)%stiffness + sandwich(xe, k)
+      do r = 1, size(b%segments)
+        if (b%segments(r)%material == b%material(e)) b%segments(r)%stiffness = b%segments(r)%stiffness + sandwich(xe, k)
       end do
     end do
     call project_lumps(b, x)

@@ -2,7 +2,7 @@
 module body_force
   use kinds, only: wp
   use force_element, only: conditions
-  use place, only: place_states
+  use marker, only: marker_states
   use point_force, only: point_force_model
   implicit none (type, external)
   private
@@ -18,7 +18,7 @@ contains
   !> Turned with the frame.
   pure function unit_wrench(self, p, with) result(w)
     class(body_force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3)                       !! [N, N m]
     associate (c => with%axes(1), s => with%axes(2))

@@ -2,7 +2,7 @@
 module central_torque
   use kinds, only: wp
   use force_element, only: conditions
-  use place, only: place_states, turn
+  use marker, only: marker_states, turn
   use torque, only: torque_model
   implicit none (type, external)
   private
@@ -22,7 +22,7 @@ contains
   !> The force across.
   pure function unit_wrench(self, p, with) result(w)
     class(central_torque_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3), arm(2)               !! [N, N m]
     arm = p%r(:, self%ia) - self%centre
@@ -32,7 +32,7 @@ contains
   !> The force turns and changes with the arm.
   pure function unit_tangent(self, p, with) result(k)
     class(central_torque_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: k(3, 3), d(2), n2          !! [N/m, N]
     d = p%r(:, self%ia) - self%centre
@@ -52,8 +52,8 @@ contains
   !> It needs an arm.
   pure function fault(self, p, gap) result(text)
     class(central_torque_model), intent(in) :: self
-    type(place_states), intent(in) :: p
-    real(wp), intent(in) :: gap            !! distance up to which places coincide [m]
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
     character(:), allocatable :: text
     text = ''
     if (norm2(p%r(:, self%ia) - self%centre) <= gap) text = 'its place is at the centre, where the torque has no arm; '// &

@@ -2,9 +2,9 @@
 !> its wrenches with their powers; its tangent, energy and the rest where these are not zero.
 module force_element
   use kinds, only: wp
-  use constraint, only: place_stiffness
-  use history, only: corner
-  use place, only: place_states
+  use constraint, only: marker_stiffness
+  use history, only: breakpoint
+  use marker, only: marker_states
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -14,7 +14,7 @@ module force_element
   !> What an element may depend on beside the motion of its markers and its internal variables.
   type, public :: conditions
     real(wp) :: t = 0.0_wp                !! time [s]
-    logical :: left = .false.             !! a jump of a history at t is not yet felt
+    logical :: left_limit = .false.       !! a jump of a history at t is not yet felt
     integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
     real(wp) :: factor = 1.0_wp           !! fraction of the loads that acts [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
@@ -52,10 +52,10 @@ module force_element
     procedure :: relax => keep_coordinates        !! internal variables of an element at rest
     procedure :: every_way => never               !! it pulls its markers together whatever direction they part in
     procedure :: along_line => never              !! it acts along the line between its markers, which turns
-    procedure :: settle => no_settling            !! told the markers as assembled
+    procedure :: init_from_assembly => no_settling !! told the markers as assembled
     procedure :: prestress => no_prestress        !! the part of its prestress that acts in the static analysis
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
-    procedure :: corners => no_corners            !! times at which its force is not smooth
+    procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -66,9 +66,9 @@ module force_element
   abstract interface
     !> Wrenches, powers and highest derivatives of the internal variables at a state.
     pure subroutine state_to_action(self, p, with, z, zd, zdd, x)
-      import :: force_model, place_states, conditions, element_action, wp
+      import :: force_model, marker_states, conditions, element_action, wp
       class(force_model), intent(in) :: self
-      type(place_states), intent(in) :: p
+      type(marker_states), intent(in) :: p
       type(conditions), intent(in) :: with
       real(wp), intent(in) :: z(*)          !! (nz) all internal variables [m, rad]
       real(wp), intent(in) :: zd(*)         !! (nzd) rates of those of second order [m/s, rad/s]
@@ -83,11 +83,11 @@ contains
   !> by displacements and turns of the markers (global axes) and by their rates.
   pure subroutine no_tangent(self, p, with, part, force, k)
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: part(2)         !! factors of the deformation's stiffness and damping [-]
     real(wp), intent(in) :: force           !! present force along the deformation [N] or [N m]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     k%k = 0.0_wp
     k%c = 0.0_wp
   end subroutine no_tangent
@@ -102,7 +102,7 @@ contains
   !> Most elements do not follow a history.
   pure function no_wrench(self, p, with) result(w)
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3)                        !! [N, N m]
     w = 0.0_wp
@@ -111,7 +111,7 @@ contains
   !> Deformation, its rate, and how it grows with displacement and turn of a (of b: with the other sign).
   pure subroutine no_deformation(self, p, d, dd, e)
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(out) :: d              !! [m] or [rad]
     real(wp), intent(out) :: dd             !! its rate [m/s] or [rad/s]
     real(wp), intent(out) :: e(3)           !! global axes [-]
@@ -123,7 +123,7 @@ contains
   !> Most elements store nothing.
   pure real(wp) function no_energy(self, p, z, zd) result(energy)   ! [J]
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: z(*), zd(*)     !! all internal variables [m, rad] and rates
     energy = 0.0_wp
   end function no_energy
@@ -131,7 +131,7 @@ contains
   !> Without internal variables there is nothing to set.
   pure subroutine keep_coordinates(self, p, z)
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
   end subroutine keep_coordinates
 
@@ -144,7 +144,7 @@ contains
   !> Most elements take nothing from the assembled positions.
   subroutine no_settling(self, p, gap)
     class(force_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
   end subroutine no_settling
 
@@ -157,17 +157,17 @@ contains
   !> Most elements can act wherever their markers are.
   pure function no_fault(self, p, gap) result(text)
     class(force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
     character(:), allocatable :: text
     text = ''
   end function no_fault
 
   !> Most elements do not depend on time.
-  pure function no_corners(self, until) result(list)
+  pure function no_breakpoints(self, until) result(list)
     class(force_model), intent(in) :: self
     real(wp), intent(in) :: until           !! end of the run [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-  end function no_corners
+  end function no_breakpoints
 end module force_element

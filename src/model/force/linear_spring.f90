@@ -2,9 +2,9 @@
 !> markers together whatever direction they part in.
 module linear_spring
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use force_element, only: conditions
-  use place, only: place_states
+  use marker, only: marker_states
   use small_matrices, only: outer
   use spring, only: spring_model
   implicit none (type, external)
@@ -27,7 +27,7 @@ contains
   !> Stretch, its rate, and the direction from b to a.
   pure subroutine stretch(self, p, d, dd, e)
     class(linear_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(out) :: d             !! [m]
     real(wp), intent(out) :: dd            !! [m/s]
     real(wp), intent(out) :: e(3)          !! [-]
@@ -43,11 +43,11 @@ contains
   !> Stiffness and damping along the spring, force over length across it; in every direction where the markers of a bush coincide.
   pure subroutine line_tangent(self, p, with, part, force, k)
     class(linear_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: part(2)        !! factors of stiffness and damping [-]
     real(wp), intent(in) :: force          !! present force [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     real(wp) :: g(6), across(6), e(3), d, dd, length, c
     call self%deformation(p, d, dd, e)
     g = [e, -e]
@@ -95,7 +95,7 @@ contains
   !> A spring with a free length needs a direction.
   pure function no_direction(self, p, gap) result(text)
     class(linear_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! [m]
     character(:), allocatable :: text
     text = ''

@@ -2,10 +2,10 @@
 !> wrench of a unit factor and its tangent.
 module load
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, stage_all, stage_transient
-  use history, only: corner, history_model
-  use place, only: place_states
+  use history, only: breakpoint, history_model
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -17,7 +17,7 @@ module load
     procedure :: act => load_act
     procedure :: tangent => load_tangent
     procedure :: unit_tangent => no_unit_tangent  !! of minus the wrench by displacement and turn of the marker, global axes
-    procedure :: corners => load_corners
+    procedure :: breakpoints => load_breakpoints
     procedure :: present_factor
   end type load_model
 
@@ -32,14 +32,14 @@ contains
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     s = with%factor
     if (.not. allocated(self%factor)) return
-    call self%factor%evaluate(with%t, with%left, h)
+    call self%factor%evaluate(with%t, with%left_limit, h)
     s = h(0)*with%factor
   end function present_factor
 
   !> The wrench and what it puts in.
   pure subroutine load_act(self, p, with, z, zd, zdd, x)
     class(load_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
     real(wp), intent(inout) :: zdd(*)      !! left as they are [-]
@@ -51,11 +51,11 @@ contains
   !> The tangent of minus the wrench.
   pure subroutine load_tangent(self, p, with, part, force, k)
     class(load_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: part(2)        !! not used [-]
     real(wp), intent(in) :: force          !! not used [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     k%k = 0.0_wp
     k%c = 0.0_wp
     k%k(1:3, 1:3) = self%present_factor(with)*self%unit_tangent(p, with)
@@ -64,18 +64,18 @@ contains
   !> Most loads do not change with the motion of their marker.
   pure function no_unit_tangent(self, p, with) result(k)
     class(load_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: k(3, 3)                    !! [N/m, N]
     k = 0.0_wp
   end function no_unit_tangent
 
   !> Those of its history, where it acts in a run.
-  pure function load_corners(self, until) result(list)
+  pure function load_breakpoints(self, until) result(list)
     class(load_model), intent(in) :: self
     real(wp), intent(in) :: until          !! end of the run [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-    if (allocated(self%factor) .and. any(self%stage == [stage_all, stage_transient])) list = self%factor%corners(until)
-  end function load_corners
+    if (allocated(self%factor) .and. any(self%stage == [stage_all, stage_transient])) list = self%factor%breakpoints(until)
+  end function load_breakpoints
 end module load

@@ -2,7 +2,7 @@
 module section_force
   use kinds, only: wp
   use force_element, only: conditions
-  use place, only: place_states, turn
+  use marker, only: marker_states, turn
   use point_force, only: point_force_model
   implicit none (type, external)
   private
@@ -20,7 +20,7 @@ contains
   !> Turned with the section.
   pure function unit_wrench(self, p, with) result(w)
     class(section_force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3), c, s                 !! [N, N m]
     c = cos(p%angle(self%ia))
@@ -31,7 +31,7 @@ contains
   !> It turns with the section's angle.
   pure function unit_tangent(self, p, with) result(k)
     class(section_force_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: k(3, 3), w(3)              !! [N/m, N]
     w = self%unit_wrench(p, with)

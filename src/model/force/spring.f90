@@ -2,9 +2,9 @@
 !> Kinds say what the deformation is. theory.md, section 5.
 module spring
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action
-  use place, only: place_states
+  use marker, only: marker_states
   use small_matrices, only: outer
   implicit none (type, external)
   private
@@ -20,7 +20,7 @@ module spring
     procedure :: tangent => spring_tangent
     procedure :: energy => spring_energy
     procedure :: relax => spring_relax
-    procedure :: settle => spring_settle
+    procedure :: init_from_assembly => spring_settle
     procedure :: prestress => spring_prestress
   end type spring_model
 
@@ -29,7 +29,7 @@ contains
   !> Force (tension > 0) or moment that opposes the deformation, accelerations of the dissipative coordinates, power.
   pure subroutine spring_act(self, p, with, z, zd, zdd, x)
     class(spring_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: z(*)           !! (nz) all internal variables [m, rad]
     real(wp), intent(in) :: zd(*)          !! (nzd) rates of those of second order [m/s, rad/s]
@@ -62,11 +62,11 @@ contains
   !> Stiffness and damping along the deformation, which grows linearly with the markers' motion.
   pure subroutine spring_tangent(self, p, with, part, force, k)
     class(spring_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: part(2)        !! factors of stiffness and damping [-]
     real(wp), intent(in) :: force          !! present force [N] or [N m]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     real(wp) :: d, dd, e(3)
     call self%deformation(p, d, dd, e)
     k%k = part(1)*self%stiffness*outer([e, -e], [e, -e])
@@ -76,7 +76,7 @@ contains
   !> Energy stored in the spring and its viscoelastic terms [J].
   pure real(wp) function spring_energy(self, p, z, zd) result(energy)
     class(spring_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: z(*), zd(*)    !! all internal variables [m, rad] and rates
     real(wp) :: d, dd, e(3)
     integer :: k, i
@@ -96,7 +96,7 @@ contains
   !> Viscoelastic terms at rest follow the deformation.
   pure subroutine spring_relax(self, p, z)
     class(spring_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(inout) :: z(*)        !! (nz) all internal variables [m, rad]
     real(wp) :: d, dd, e(3)
     call self%deformation(p, d, dd, e)
@@ -107,7 +107,7 @@ contains
   !> Takes a free length or angle that the deck leaves open from the assembled positions: 0 where markers coincide, a bush.
   subroutine spring_settle(self, p, gap)
     class(spring_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
     real(wp) :: d, dd, e(3)
     if (self%pending) then

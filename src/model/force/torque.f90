@@ -3,7 +3,7 @@ module torque
   use kinds, only: wp
   use force_element, only: conditions
   use load, only: load_model
-  use place, only: place_states
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -19,7 +19,7 @@ contains
   !> The moment alone.
   pure function unit_wrench(self, p, with) result(w)
     class(torque_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3)                       !! [N, N m]
     w = [0.0_wp, 0.0_wp, self%moment]

@@ -1,7 +1,7 @@
 !> Torsional springs: angle of section a minus that of section b minus the free angle.
 module torsional_spring
   use kinds, only: wp
-  use place, only: place_states
+  use marker, only: marker_states
   use spring, only: spring_model
   implicit none (type, external)
   private
@@ -18,7 +18,7 @@ contains
   !> Relative angle and its rate.
   pure subroutine turn_of_sections(self, p, d, dd, e)
     class(torsional_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(out) :: d             !! [rad]
     real(wp), intent(out) :: dd            !! [rad/s]
     real(wp), intent(out) :: e(3)          !! [-]

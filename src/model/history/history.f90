@@ -4,27 +4,28 @@ module history
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: history_model, history_box, corner, drive_corners, evaluate_shifted, rounding_of, reached, merged, corner_order
+  public :: history_model, history_box, breakpoint, drive_breakpoints, evaluate_shifted, rounding_of, reached, merged, &
+      breakpoint_order
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
   !> A time at which a history is not smooth: order 0 a jump, 1 a jump of slope, 2 of curvature, 3 of the third derivative.
-  type :: corner
+  type :: breakpoint
     real(wp) :: time = 0.0_wp   !! [s]
     integer :: order = 0        !! derivative that jumps
-  end type corner
+  end type breakpoint
 
   !> A history. Values carry the unit of what it scales.
   type, abstract :: history_model
     character(32) :: name = ''               !! that of the deck
     character(:), allocatable :: remedy      !! what a user can do where a drive cannot follow it
-    type(corner), allocatable :: breaks(:)   !! times at which it is not smooth, ascending; not allocated: none
+    type(breakpoint), allocatable :: breaks(:) !! times at which it is not smooth, ascending; not allocated: none
     real(wp) :: period = 0.0_wp              !! after which it, and they, repeat; 0: never [s]
   contains
     procedure(value_and_slopes), deferred :: evaluate
     procedure(area_function), deferred :: antiderivative
     procedure :: integral
-    procedure :: corners => repeated_breaks
+    procedure :: breakpoints => repeated_breaks
   end type history_model
 
   !> Makes an array of different kinds possible.
@@ -35,11 +36,11 @@ module history
   abstract interface
     !> Value and two derivatives at t. With left = .true. a jump at t (of the value or a derivative) is not yet felt: the limit
     !> from below.
-    pure subroutine value_and_slopes(self, t, left, h)
+    pure subroutine value_and_slopes(self, t, left_limit, h)
       import :: history_model, wp
       class(history_model), intent(in) :: self
       real(wp), intent(in) :: t           !! [s]
-      logical, intent(in) :: left         !! limit from below
+      logical, intent(in) :: left_limit   !! limit from below
       real(wp), intent(out) :: h(0:2)     !! value, first and second derivative [unit, unit/s, unit/s2]
     end subroutine value_and_slopes
     !> An antiderivative, continuous in time.
@@ -61,11 +62,11 @@ contains
     area = self%antiderivative(t) - self%antiderivative(0.0_wp)
   end function integral
 
-  !> Corners inside (0, until), ascending.
+  !> Breakpoints inside (0, until), ascending.
   pure function repeated_breaks(self, until) result(list)
     class(history_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     integer(ip) :: first, last, k
     integer :: i
     allocate (list(0))
@@ -76,19 +77,19 @@ contains
       first = floor(-maxval(self%breaks%time)/self%period, ip)
       last = ceiling((until - minval(self%breaks%time))/self%period, ip)
     end if
-    list = [((corner(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
+    list = [((breakpoint(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
     list = pack(list, list%time > 0.0_wp .and. list%time < until)
   end function repeated_breaks
 
-  !> Corners of what a drive imposes: the accelerations jump two orders below the quantity, one below its rate.
-  pure function drive_corners(self, rate, until) result(list)
+  !> Breakpoints of what a drive imposes: the accelerations jump two orders below the quantity, one below its rate.
+  pure function drive_breakpoints(self, rate, until) result(list)
     class(history_model), intent(in) :: self
     logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
     real(wp), intent(in) :: until       !! end of the run [s]
-    type(corner), allocatable :: list(:)
-    list = self%corners(until)
+    type(breakpoint), allocatable :: list(:)
+    list = self%breakpoints(until)
     list%order = max(0, list%order - merge(1, 2, rate))
-  end function drive_corners
+  end function drive_breakpoints
 
   !> What a time that is a sum of steps may be off by [s].
   elemental function rounding_of(t) result(slack)
@@ -97,44 +98,44 @@ contains
     slack = 16*spacing(abs(t))
   end function rounding_of
 
-  !> Whether time t has reached a corner, within the rounding of times that are sums of steps.
-  pure function reached(t, at, left) result(yes)
+  !> Whether time t has reached a breakpoint, within the rounding of times that are sums of steps.
+  pure function reached(t, at, left_limit) result(yes)
     real(wp), intent(in) :: t, at       !! [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     logical :: yes
-    yes = merge(t - at >= rounding_of(max(abs(t), abs(at))), at - t <= rounding_of(max(abs(t), abs(at))), left)
+    yes = merge(t - at >= rounding_of(max(abs(t), abs(at))), at - t <= rounding_of(max(abs(t), abs(at))), left_limit)
   end function reached
 
   !> A history in a time of its own, which is the difference of two times and rounded like them: it is asked a little before or
-  !> after, so that it sees a corner from the right side, and led back along its slopes.
-  pure recursive subroutine evaluate_shifted(part, t, slack, left, h)
+  !> after, so that it sees a breakpoint from the right side, and led back along its slopes.
+  pure recursive subroutine evaluate_shifted(part, t, slack, left_limit, h)
     class(history_model), intent(in) :: part
     real(wp), intent(in) :: t           !! in the part's own time [s]
     real(wp), intent(in) :: slack       !! what t may be off by [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! value, first and second derivative [unit, unit/s, unit/s2]
     real(wp) :: shift
-    shift = merge(-slack, slack, left)
-    call part%evaluate(t + shift, left, h)
+    shift = merge(-slack, slack, left_limit)
+    call part%evaluate(t + shift, left_limit, h)
     h(0) = h(0) - shift*h(1)
     h(1) = h(1) - shift*h(2)
   end subroutine evaluate_shifted
 
-  !> Order of the lowest derivative that differs between two sides of a corner.
-  pure function corner_order(before, after, size) result(order)
+  !> Order of the lowest derivative that differs between two sides of a breakpoint.
+  pure function breakpoint_order(before, after, size) result(order)
     real(wp), intent(in) :: before(0:2), after(0:2)   !! value and two derivatives [unit, unit/s, unit/s2]
     real(wp), intent(in) :: size(0:2)                 !! of them over the whole history [unit, unit/s, unit/s2]
     integer :: order
     do order = 0, 2
       if (abs(after(order) - before(order)) > negligible*size(order)) return
     end do
-  end function corner_order
+  end function breakpoint_order
 
-  !> Two ascending lists as one; of several corners at one time, to rounding, the lowest order counts.
+  !> Two ascending lists as one; of several breakpoints at one time, to rounding, the lowest order counts.
   pure function merged(a, b) result(list)
-    type(corner), intent(in) :: a(:), b(:)
-    type(corner), allocatable :: list(:)
-    type(corner) :: next
+    type(breakpoint), intent(in) :: a(:), b(:)
+    type(breakpoint), allocatable :: list(:)
+    type(breakpoint) :: next
     integer :: i, j, n
     logical :: from_a
     allocate (list(size(a) + size(b)))

@@ -16,10 +16,10 @@ module polynomial_history
 contains
 
   !> Value and two derivatives.
-  pure subroutine polynomial_value(self, t, left, h)
+  pure subroutine polynomial_value(self, t, left_limit, h)
     class(polynomial_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below: the same
+    logical, intent(in) :: left_limit   !! limit from below: the same
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     integer :: k
     h = 0.0_wp

@@ -1,7 +1,7 @@
 !> A value between two times, nothing otherwise.
 module pulse_history
   use kinds, only: wp
-  use history, only: history_model, corner, reached
+  use history, only: history_model, breakpoint, reached
   implicit none (type, external)
   private
 
@@ -26,18 +26,18 @@ contains
     self%value = value
     self%start = start
     self%finish = finish
-    self%breaks = [corner(start, 0), corner(finish, 0)]
+    self%breaks = [breakpoint(start, 0), breakpoint(finish, 0)]
     self%remedy = 'a ramp or a cycloid instead of the pulse'
   end subroutine set_pulse
 
   !> Value; the derivatives are zero on both sides of the jumps.
-  pure subroutine pulse_value(self, t, left, h)
+  pure subroutine pulse_value(self, t, left_limit, h)
     class(pulse_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     h = 0.0_wp
-    if (reached(t, self%start, left) .and. .not. reached(t, self%finish, left)) h(0) = self%value
+    if (reached(t, self%start, left_limit) .and. .not. reached(t, self%finish, left_limit)) h(0) = self%value
   end subroutine pulse_value
 
   !> An antiderivative.

@@ -1,7 +1,7 @@
 !> A smooth rise from one value to another: what ramp and cycloid have in common. Their shapes differ.
 module rise_history
   use kinds, only: wp
-  use history, only: history_model, corner
+  use history, only: history_model, breakpoint
   implicit none (type, external)
   private
 
@@ -38,14 +38,14 @@ contains
     self%high = high
     self%start = start
     self%finish = finish
-    self%breaks = [corner(start, 3), corner(finish, 3)]
+    self%breaks = [breakpoint(start, 3), breakpoint(finish, 3)]
   end subroutine set_rise
 
   !> Value and two derivatives, both continuous.
-  pure subroutine rise_value(self, t, left, h)
+  pure subroutine rise_value(self, t, left_limit, h)
     class(rise_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below: the same
+    logical, intent(in) :: left_limit   !! limit from below: the same
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: f(-1:2), width
     width = self%finish - self%start

@@ -1,7 +1,7 @@
 !> Histories one after another, each in a time of its own that begins when the one before ends.
 module sequence_history
   use kinds, only: wp
-  use history, only: history_model, history_box, corner, corner_order, evaluate_shifted, merged, rounding_of
+  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, merged, rounding_of
   implicit none (type, external)
   private
 
@@ -20,14 +20,14 @@ module sequence_history
 
 contains
 
-  !> Times of the parts, corners inside and between them; the parts are set.
+  !> Times of the parts, breakpoints inside and between them; the parts are set.
   subroutine set_sequence(self, start, durations, periodic)
     class(sequence_model), intent(inout) :: self
     real(wp), intent(in) :: start            !! when the first part begins [s]
     real(wp), intent(in) :: durations(:)     !! of the parts [s]
     logical, intent(in) :: periodic          !! after the last part the first one comes again
     real(wp), dimension(0:2) :: before, after, size_of
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     integer :: k, n
     n = size(durations)
     allocate (self%begins(n + 1), self%area(n + 1))
@@ -51,11 +51,11 @@ contains
     allocate (self%breaks(0))
     do k = 1, n + 1
       call self%ends_of(k, before, after)
-      list = [corner(self%begins(k), corner_order(before, after, size_of))]
+      list = [breakpoint(self%begins(k), breakpoint_order(before, after, size_of))]
       if (periodic .and. k > n) exit
       self%breaks = merged(self%breaks, list)
       if (k > n) exit
-      list = self%parts(k)%item%corners(durations(k))
+      list = self%parts(k)%item%breakpoints(durations(k))
       list%time = list%time + self%begins(k)
       self%breaks = merged(self%breaks, list)
     end do
@@ -81,7 +81,7 @@ contains
   pure subroutine locate(self, t, shift, turn, k, x)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    real(wp), intent(in) :: shift       !! added where the part is chosen: to see a corner from one side [s]
+    real(wp), intent(in) :: shift       !! added where the part is chosen: to see a breakpoint from one side [s]
     real(wp), intent(out) :: turn       !! periods before, more than an integer holds where they are short [-]
     integer, intent(out) :: k           !! the part
     real(wp), intent(out) :: x          !! time since it began [s]
@@ -95,20 +95,20 @@ contains
   end subroutine locate
 
   !> Value and two derivatives.
-  pure recursive subroutine sequence_value(self, t, left, h)
+  pure recursive subroutine sequence_value(self, t, left_limit, h)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: x, turn, before(0:2)
     integer :: k
-    call self%locate(t, merge(-1, 1, left)*rounding_of(t), turn, k, x)
+    call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
     if (k < 1) then
       call self%ends_of(1, h, before)
     else if (k > size(self%parts)) then
       call self%ends_of(k, before, h)
     else
-      call evaluate_shifted(self%parts(k)%item, x, 2*rounding_of(t), left, h)
+      call evaluate_shifted(self%parts(k)%item, x, 2*rounding_of(t), left_limit, h)
     end if
   end subroutine sequence_value
 

@@ -19,10 +19,10 @@ module sine_history
 contains
 
   !> Value and two derivatives.
-  pure subroutine sine_value(self, t, left, h)
+  pure subroutine sine_value(self, t, left_limit, h)
     class(sine_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below: the same
+    logical, intent(in) :: left_limit   !! limit from below: the same
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: x
     x = self%omega*t + self%phase

@@ -1,7 +1,7 @@
 !> A weighted sum of other histories.
 module sum_history
   use kinds, only: wp
-  use history, only: history_model, history_box, corner, corner_order, merged
+  use history, only: history_model, history_box, breakpoint, breakpoint_order, merged
   implicit none (type, external)
   private
 
@@ -12,22 +12,22 @@ module sum_history
   contains
     procedure :: evaluate => sum_value
     procedure :: antiderivative => sum_area
-    procedure :: corners => sum_corners
+    procedure :: breakpoints => sum_breakpoints
   end type sum_model
 
 contains
 
   !> Value and two derivatives.
-  pure recursive subroutine sum_value(self, t, left, h)
+  pure recursive subroutine sum_value(self, t, left_limit, h)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: g(0:2)
     integer :: k
     h = 0.0_wp
     do k = 1, size(self%parts)
-      call self%parts(k)%item%evaluate(t, left, g)
+      call self%parts(k)%item%evaluate(t, left_limit, g)
       h = h + self%factors(k)*g
     end do
   end subroutine sum_value
@@ -44,16 +44,16 @@ contains
     end do
   end function sum_area
 
-  !> Corners of all parts; where two of them cancel, what is left of them.
-  pure recursive function sum_corners(self, until) result(list)
+  !> Breakpoints of all parts; where two of them cancel, what is left of them.
+  pure recursive function sum_breakpoints(self, until) result(list)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     real(wp), dimension(0:2) :: before, after, one, other, most
     integer :: i, k
     allocate (list(0))
     do k = 1, size(self%parts)
-      list = merged(list, self%parts(k)%item%corners(until))
+      list = merged(list, self%parts(k)%item%breakpoints(until))
     end do
     do i = 1, size(list)
       before = 0.0_wp
@@ -66,7 +66,7 @@ contains
         after = after + self%factors(k)*other
         most = max(most, abs(self%factors(k))*max(abs(one), abs(other)))
       end do
-      list(i)%order = max(list(i)%order, corner_order(before, after, most))
+      list(i)%order = max(list(i)%order, breakpoint_order(before, after, most))
     end do
-  end function sum_corners
+  end function sum_breakpoints
 end module sum_history

@@ -1,7 +1,7 @@
 !> A table of points with a cubic (or straight) piece between each two of them; constant outside, or periodic.
 module table_history
   use kinds, only: wp
-  use history, only: history_model, corner, corner_order, rounding_of
+  use history, only: history_model, breakpoint, breakpoint_order, rounding_of
   implicit none (type, external)
   private
 
@@ -19,7 +19,7 @@ module table_history
 
 contains
 
-  !> Pieces through the points (t, y) with given slopes at their ends; orders of the corners from what differs there.
+  !> Pieces through the points (t, y) with given slopes at their ends; orders of the breakpoints from what differs there.
   subroutine set_table(self, t, y, slopes, periodic)
     class(table_model), intent(inout) :: self
     real(wp), intent(in) :: t(:)             !! [s]
@@ -50,7 +50,7 @@ contains
       after = piece(self%c(:, i), 0.0_wp)
       if (periodic .and. i == 1) before = piece(self%c(:, n - 1), t(n) - t(n - 1))
       if (periodic .and. i == n) after = piece(self%c(:, 1), 0.0_wp)
-      self%breaks(i) = corner(t(i), corner_order(before, after, size_of))
+      self%breaks(i) = breakpoint(t(i), breakpoint_order(before, after, size_of))
     end do
     if (periodic) self%breaks = self%breaks(1:n - 1)
   end subroutine set_table
@@ -86,14 +86,14 @@ contains
   end subroutine locate
 
   !> Value and two derivatives.
-  pure subroutine table_value(self, t, left, h)
+  pure subroutine table_value(self, t, left_limit, h)
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left         !! limit from below
+    logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: x, turn
     integer :: i
-    call self%locate(t, merge(-1, 1, left)*rounding_of(t), turn, i, x)
+    call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
     h = piece(self%c(:, i), x)
   end subroutine table_value
 

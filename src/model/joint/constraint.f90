@@ -1,36 +1,36 @@
-!> What all joints and drives have in common: rows of Phi(q, t) = 0 between two places. A row's gradient with respect
-!> to each place is a unit wrench: a direction n (global) on the place's position and s on its section angle. Rows are in
+!> What all joints and drives have in common: rows of Phi(q, t) = 0 between two markers. A row's gradient with respect
+!> to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. Rows are in
 !> metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
-  use history, only: corner
-  use place, only: place_states
+  use history, only: breakpoint
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
   !> Rows of all constraints, as arrays.
   type, public :: constraint_rows
-    real(wp), allocatable :: na(:, :)     !! (2, n) gradient with respect to the position of place a [-]
-    real(wp), allocatable :: sa(:)        !! (n) with respect to the section angle of place a [m]
-    real(wp), allocatable :: nb(:, :)     !! (2, n) the same at place b [-]
+    real(wp), allocatable :: na(:, :)     !! (2, n) gradient with respect to the position of marker a [-]
+    real(wp), allocatable :: sa(:)        !! (n) with respect to the section angle of marker a [m]
+    real(wp), allocatable :: nb(:, :)     !! (2, n) the same at marker b [-]
     real(wp), allocatable :: sb(:)        !! (n) [m]
     real(wp), allocatable :: phi(:)       !! (n) Phi [m]
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
-    logical :: left = .false.             !! jumps of histories at the time of evaluation are not yet felt
-    real(wp), allocatable :: extra(:)     !! (n) part of the second derivative beside the places' accelerations [m/s2]
+    logical :: left_limit = .false.       !! jumps of histories at the time of evaluation are not yet felt
+    real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
   end type constraint_rows
 
-  !> Second derivatives of lambda.Phi with respect to (x, y, angle) of place a, then of place b.
-  type, public :: place_stiffness
-    integer :: ia = 0, ib = 0             !! places
-    real(wp) :: k(6, 6) = 0.0_wp          !! d(wrench on places)/d(place displacements) [N/m, N, N m]
-    real(wp) :: c(6, 6) = 0.0_wp          !! d(wrench on places)/d(place velocities) [N s/m ...]
-  end type place_stiffness
+  !> Second derivatives of lambda.Phi with respect to (x, y, angle) of marker a, then of marker b.
+  type, public :: marker_stiffness
+    integer :: ia = 0, ib = 0             !! markers
+    real(wp) :: k(6, 6) = 0.0_wp          !! d(wrench on markers)/d(marker displacements) [N/m, N, N m]
+    real(wp) :: c(6, 6) = 0.0_wp          !! d(wrench on markers)/d(marker velocities) [N s/m ...]
+  end type marker_stiffness
 
   !> A joint or a drive.
   type, abstract, public :: constraint_model
     character(32) :: name = ''
-    integer :: ia = 0, ib = 0             !! places a and b
+    integer :: ia = 0, ib = 0             !! markers a and b
     integer :: first = 0                  !! its first row
     integer :: rows = 0                   !! number of rows
     logical :: drive = .false.            !! depends on time
@@ -38,13 +38,13 @@ module constraint
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
-    procedure :: turns_a => never_turns   !! whether rows can act on the section angle of place a
-    procedure :: turns_b => never_turns
-    procedure :: begin => keep_as_is      !! told the places as the deck states them
-    procedure :: settle => keep_as_is     !! told the places as assembled
-    procedure :: moves => always_moves    !! whether rows can act on positions
-    procedure :: corners => no_corners    !! times at which accelerations are not smooth, with the order of their jump
-    procedure :: curved => never_curved   !! whether `geometric` is not zero
+    procedure :: uses_angle_a => never_turns !! whether rows can act on the section angle of marker a
+    procedure :: uses_angle_b => never_turns
+    procedure :: init_from_deck => keep_as_is !! told the markers as the deck states them
+    procedure :: init_from_assembly => keep_as_is !! told the markers as assembled
+    procedure :: uses_position => always_moves !! whether rows can act on positions
+    procedure :: breakpoints => no_breakpoints !! times at which accelerations are not smooth, with the order of their jump
+    procedure :: has_geometric_stiffness => never_curved !! whether `geometric` is not zero
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
   end type constraint_model
@@ -55,24 +55,24 @@ module constraint
   end type constraint_box
 
   abstract interface
-    !> Fills this constraint's rows from the states of the places.
+    !> Fills this constraint's rows from the states of the markers.
     pure subroutine evaluate_rows(self, t, p, r)
-      import :: constraint_model, place_states, constraint_rows, wp
+      import :: constraint_model, marker_states, constraint_rows, wp
       class(constraint_model), intent(in) :: self
       real(wp), intent(in) :: t                     !! [s]
-      type(place_states), intent(in) :: p
+      type(marker_states), intent(in) :: p
       type(constraint_rows), intent(inout) :: r
     end subroutine evaluate_rows
   end interface
 
 contains
 
-  !> Second derivatives of lambda.Phi with respect to the states of both places: zero, since most rows are linear in them.
+  !> Second derivatives of lambda.Phi with respect to the states of both markers: zero, since most rows are linear in them.
   pure subroutine no_geometric(self, p, lambda, k)
     class(constraint_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
-    type(place_stiffness), intent(inout) :: k     !! k%k is set
+    type(marker_stiffness), intent(inout) :: k    !! k%k is set
     k%k = 0.0_wp
   end subroutine no_geometric
 
@@ -93,7 +93,7 @@ contains
   !> Most constraints take nothing from the positions at the start.
   subroutine keep_as_is(self, p)
     class(constraint_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
   end subroutine keep_as_is
 
   !> Most rows see positions.
@@ -104,12 +104,12 @@ contains
   end function always_moves
 
   !> Joints do not depend on time.
-  pure function no_corners(self, until) result(list)
+  pure function no_breakpoints(self, until) result(list)
     class(constraint_model), intent(in) :: self
     real(wp), intent(in) :: until                 !! end of the run [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-  end function no_corners
+  end function no_breakpoints
 
   !> Most constraints keep no relative angle.
   subroutine holds_none(self, released)
@@ -123,7 +123,7 @@ contains
     class(constraint_model), intent(in) :: self
     integer, intent(in) :: i                      !! row
     real(wp), intent(in) :: angle                 !! relative angle [rad]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     r%na(:, i) = 0.0_wp
     r%nb(:, i) = 0.0_wp
@@ -131,6 +131,6 @@ contains
     r%sb(i) = -self%size
     r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - angle)
     r%phi_t(i) = 0.0_wp
-    r%extra(i) = 0.0_wp
+    r%acceleration_bias(i) = 0.0_wp
   end subroutine hold_angle
 end module constraint

@@ -1,8 +1,8 @@
-!> Distance joint: two places stay a given length apart, a massless rigid link.
+!> Distance joint: two markers stay a given length apart, a massless rigid link.
 module distance_joint
   use kinds, only: wp
-  use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use place, only: place_states
+  use constraint, only: constraint_model, constraint_rows, marker_stiffness
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -13,9 +13,9 @@ module distance_joint
   contains
     procedure :: evaluate => distance_rows
     procedure :: geometric => distance_second
-    procedure :: begin => distance_begin
-    procedure :: curved => distance_curved
-    procedure :: settle => distance_settle
+    procedure :: init_from_deck => distance_begin
+    procedure :: has_geometric_stiffness => distance_curved
+    procedure :: init_from_assembly => distance_settle
   end type distance_model
 
 contains
@@ -24,7 +24,7 @@ contains
   pure subroutine distance_rows(self, t, p, r)
     class(distance_model), intent(in) :: self
     real(wp), intent(in) :: t   !! [s]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: d(2), dd(2), e(2), l
     integer :: i
@@ -40,15 +40,15 @@ contains
     r%sb(i) = 0.0_wp
     r%phi(i) = merge(0.0_wp, l - self%length, self%pending)
     r%phi_t(i) = 0.0_wp
-    r%extra(i) = merge(0.0_wp, (dot_product(dd, dd) - dot_product(e, dd)**2)/l, self%pending)
+    r%acceleration_bias(i) = merge(0.0_wp, (dot_product(dd, dd) - dot_product(e, dd)**2)/l, self%pending)
   end subroutine distance_rows
 
   !> lambda |r_a - r_b|: lambda/l (1 - e e^T) on the relative position.
   pure subroutine distance_second(self, p, lambda, k)
     class(distance_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     real(wp) :: d(2), l, g(2, 2)
     d = p%r(:, self%ia) - p%r(:, self%ib)
     l = max(hypot(d(1), d(2)), tiny(1.0_wp))
@@ -72,14 +72,14 @@ contains
   !> The deck's own distance, for messages while the length is pending.
   subroutine distance_begin(self, p)
     class(distance_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     if (self%pending) self%length = norm2(p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine distance_begin
 
   !> Takes the assembled distance as the length.
   subroutine distance_settle(self, p)
     class(distance_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     if (self%pending) self%length = norm2(p%r(:, self%ia) - p%r(:, self%ib))
     self%pending = .false.
   end subroutine distance_settle

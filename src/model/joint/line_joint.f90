@@ -1,14 +1,14 @@
-!> Slider and prismatic joints and the position drive: rows that measure place a along a direction fixed in the section
-!> of place b.
+!> Slider and prismatic joints and the position drive: rows that measure marker a along a direction fixed in the section
+!> of marker b.
 module line_joint
   use kinds, only: wp
-  use constraint, only: constraint_model, constraint_rows, place_stiffness
-  use history, only: history_model, corner, drive_corners
-  use place, only: place_states, turn
+  use constraint, only: constraint_model, constraint_rows, marker_stiffness
+  use history, only: history_model, breakpoint, drive_breakpoints
+  use marker, only: marker_states, turn
   implicit none (type, external)
   private
 
-  !> n.(r_a - r_b) = target, n at `direction` from the section of place b; prismatic: and the relative angle is kept.
+  !> n.(r_a - r_b) = target, n at `direction` from the section of marker b; prismatic: and the relative angle is kept.
   type, extends(constraint_model), public :: line_model
     real(wp) :: direction = 0.0_wp        !! angle of n from section b [rad]
     logical :: fixed = .false.            !! section b is the ground: n never turns
@@ -21,12 +21,12 @@ module line_joint
   contains
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
-    procedure :: begin => line_begin
-    procedure :: curved => line_curved
+    procedure :: init_from_deck => line_begin
+    procedure :: has_geometric_stiffness => line_curved
     procedure :: release_angle => prismatic_release
-    procedure :: turns_a => prismatic_turns
-    procedure :: turns_b => line_turns
-    procedure :: corners => line_corners
+    procedure :: uses_angle_a => prismatic_turns
+    procedure :: uses_angle_b => line_turns
+    procedure :: breakpoints => line_breakpoints
   end type line_model
 
 contains
@@ -35,7 +35,7 @@ contains
   pure subroutine line_rows(self, t, p, r)
     class(line_model), intent(in) :: self
     real(wp), intent(in) :: t   !! [s]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: n(2), d(2), dd(2), h(0:2), om, along
     integer :: i
@@ -46,7 +46,7 @@ contains
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     om = p%rate(self%ib)
     h = 0.0_wp
-    if (self%drive) call follow(self, t, r%left, h)
+    if (self%drive) call follow(self, t, r%left_limit, h)
     r%na(:, i) = n
     r%nb(:, i) = -n
     r%sa(i) = 0.0_wp
@@ -54,7 +54,7 @@ contains
     r%sb(i) = n(1)*d(2) - n(2)*d(1)
     r%phi(i) = along - h(0)
     r%phi_t(i) = -h(1)
-    r%extra(i) = 2*om*(n(1)*dd(2) - n(2)*dd(1)) - om**2*along - h(2)
+    r%acceleration_bias(i) = 2*om*(n(1)*dd(2) - n(2)*dd(1)) - om**2*along - h(2)
     if (self%prismatic) call self%hold_angle(i + 1, self%angle, p, r)
   end subroutine line_rows
 
@@ -68,13 +68,13 @@ contains
   end subroutine prismatic_release
 
   !> Target of a position drive and its two derivatives.
-  pure subroutine follow(self, t, left, h)
+  pure subroutine follow(self, t, left_limit, h)
     class(line_model), intent(in) :: self
     real(wp), intent(in) :: t             !! [s]
-    logical, intent(in) :: left           !! a jump at t is not yet felt
+    logical, intent(in) :: left_limit     !! a jump at t is not yet felt
     real(wp), intent(out) :: h(0:2)       !! [m, m/s, m/s2]
     real(wp) :: g(0:2)
-    call self%target%evaluate(t, left, g)
+    call self%target%evaluate(t, left_limit, g)
     if (self%rate) then
       h = [self%origin + self%target%integral(t), g(0), g(1)]
     else
@@ -85,9 +85,9 @@ contains
   !> lambda n(psi_b).(r_a - r_b): the direction turns with section b.
   pure subroutine line_second(self, p, lambda, k)
     class(line_model), intent(in) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
-    type(place_stiffness), intent(inout) :: k
+    type(marker_stiffness), intent(inout) :: k
     real(wp) :: n(2), d(2), l
     n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
     d = p%r(:, self%ia) - p%r(:, self%ib)
@@ -124,22 +124,22 @@ contains
   !> A drive by rate starts from the deck's own value.
   subroutine line_begin(self, p)
     class(line_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp) :: angle
     if (.not. self%rate) return
     angle = p%angle(self%ib) + self%direction
     self%origin = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine line_begin
 
-  !> Corners of a position drive's history; joints have none.
-  pure function line_corners(self, until) result(list)
+  !> Breakpoints of a position drive's history; joints have none.
+  pure function line_breakpoints(self, until) result(list)
     class(line_model), intent(in) :: self
     real(wp), intent(in) :: until         !! end of the run [s]
-    type(corner), allocatable :: list(:)
+    type(breakpoint), allocatable :: list(:)
     if (self%drive) then
-      list = drive_corners(self%target, self%rate, until)
+      list = drive_breakpoints(self%target, self%rate, until)
     else
       allocate (list(0))
     end if
-  end function line_corners
+  end function line_breakpoints
 end module line_joint

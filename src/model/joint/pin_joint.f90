@@ -1,8 +1,8 @@
-!> Revolute and weld joints: the places coincide; a weld also keeps the relative angle of the sections.
+!> Revolute and weld joints: the markers coincide; a weld also keeps the relative angle of the sections.
 module pin_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows
-  use place, only: place_states
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -13,8 +13,8 @@ module pin_joint
   contains
     procedure :: evaluate => pin_rows
     procedure :: release_angle => weld_release
-    procedure :: turns_a => weld_turns
-    procedure :: turns_b => weld_turns
+    procedure :: uses_angle_a => weld_turns
+    procedure :: uses_angle_b => weld_turns
   end type pin_model
 
 contains
@@ -23,7 +23,7 @@ contains
   pure subroutine pin_rows(self, t, p, r)
     class(pin_model), intent(in) :: self
     real(wp), intent(in) :: t   !! [s]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     integer :: i, j
     i = self%first
@@ -44,8 +44,8 @@ contains
     r%phi(j) = p%r(2, self%ia) - p%r(2, self%ib)
     r%phi_t(i) = 0.0_wp
     r%phi_t(j) = 0.0_wp
-    r%extra(i) = 0.0_wp
-    r%extra(j) = 0.0_wp
+    r%acceleration_bias(i) = 0.0_wp
+    r%acceleration_bias(j) = 0.0_wp
     if (self%welded) call self%hold_angle(i + 2, self%angle, p, r)
   end subroutine pin_rows
 

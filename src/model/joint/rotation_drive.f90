@@ -2,8 +2,8 @@
 module rotation_drive
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows
-  use history, only: history_model, corner, drive_corners
-  use place, only: place_states
+  use history, only: history_model, breakpoint, drive_breakpoints
+  use marker, only: marker_states
   implicit none (type, external)
   private
 
@@ -14,11 +14,11 @@ module rotation_drive
     class(history_model), allocatable :: target
   contains
     procedure :: evaluate => rotation_rows
-    procedure :: begin => rotation_begin
-    procedure :: turns_a => rotation_turns
-    procedure :: turns_b => rotation_turns
-    procedure :: moves => rotation_moves
-    procedure :: corners => rotation_corners
+    procedure :: init_from_deck => rotation_begin
+    procedure :: uses_angle_a => rotation_turns
+    procedure :: uses_angle_b => rotation_turns
+    procedure :: uses_position => rotation_moves
+    procedure :: breakpoints => rotation_breakpoints
   end type rotation_model
 
 contains
@@ -27,12 +27,12 @@ contains
   pure subroutine rotation_rows(self, t, p, r)
     class(rotation_model), intent(in) :: self
     real(wp), intent(in) :: t   !! [s]
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     real(wp) :: h(0:2), g(0:2)
     integer :: i
     i = self%first
-    call self%target%evaluate(t, r%left, g)
+    call self%target%evaluate(t, r%left_limit, g)
     h = g
     if (self%rate) h = [self%origin + self%target%integral(t), g(0), g(1)]
     r%na(:, i) = 0.0_wp
@@ -41,7 +41,7 @@ contains
     r%sb(i) = -self%size
     r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - h(0))
     r%phi_t(i) = -self%size*h(1)
-    r%extra(i) = -self%size*h(2)
+    r%acceleration_bias(i) = -self%size*h(2)
   end subroutine rotation_rows
 
   !> It acts on section angles.
@@ -61,15 +61,15 @@ contains
   !> A drive by rate starts from the deck's own value.
   subroutine rotation_begin(self, p)
     class(rotation_model), intent(inout) :: self
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     if (self%rate) self%origin = p%angle(self%ia) - p%angle(self%ib)
   end subroutine rotation_begin
 
-  !> Corners of its history.
-  pure function rotation_corners(self, until) result(list)
+  !> Breakpoints of its history.
+  pure function rotation_breakpoints(self, until) result(list)
     class(rotation_model), intent(in) :: self
     real(wp), intent(in) :: until         !! end of the run [s]
-    type(corner), allocatable :: list(:)
-    list = drive_corners(self%target, self%rate, until)
-  end function rotation_corners
+    type(breakpoint), allocatable :: list(:)
+    list = drive_breakpoints(self%target, self%rate, until)
+  end function rotation_breakpoints
 end module rotation_drive

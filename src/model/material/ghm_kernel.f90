@@ -2,16 +2,16 @@
 !> apart from the elements' own loops so that the compiler knows that their arguments do not overlap, and vectorises them.
 module ghm_kernel
   use kinds, only: wp
-  use body, only: body_model, ghm_run
+  use body, only: body_model, viscoelastic_segment
   implicit none (type, external)
   private
-  public :: advance_run, relax_run, run_dissipation, run_product, copy_values
+  public :: advance_segment, relax_segment, segment_dissipation, segment_product, copy_values
 
 contains
 
   !> Accelerations of one run's internal variables of second order and its differences alpha (d - z), added to ds.
-  pure subroutine advance_run(run, n, d, z, zd, zdd, ds)
-    type(ghm_run), intent(in) :: run
+  pure subroutine advance_segment(segment, n, d, z, zd, zdd, ds)
+    type(viscoelastic_segment), intent(in) :: segment
     integer, intent(in) :: n                !! coordinates of one term
     real(wp), intent(in) :: d(n)            !! deformations followed [m, rad]
     real(wp), intent(in) :: z(n, *), zd(n, *)   !! [m, rad] and per second
@@ -19,20 +19,20 @@ contains
     real(wp), intent(inout) :: ds(n)        !! [m, rad]
     real(wp) :: two_zw, w2, alpha
     integer :: k, i
-    do k = 1, run%law%second
-      w2 = 1/run%law%inertia(k)
-      two_zw = run%law%viscosity(k)*w2
-      alpha = run%law%alpha(k)
+    do k = 1, segment%law%second
+      w2 = 1/segment%law%inertia(k)
+      two_zw = segment%law%viscosity(k)*w2
+      alpha = segment%law%alpha(k)
       do i = 1, n
         zdd(i, k) = w2*(d(i) - z(i, k)) - two_zw*zd(i, k)
         ds(i) = ds(i) + alpha*(d(i) - z(i, k))
       end do
     end do
-  end subroutine advance_run
+  end subroutine advance_segment
 
   !> The same of those of first order, whose rates follow from the state.
-  pure subroutine relax_run(run, n, d, z, zd, ds)
-    type(ghm_run), intent(in) :: run
+  pure subroutine relax_segment(segment, n, d, z, zd, ds)
+    type(viscoelastic_segment), intent(in) :: segment
     integer, intent(in) :: n                !! coordinates of one term
     real(wp), intent(in) :: d(n)            !! deformations followed [m, rad]
     real(wp), intent(in) :: z(n, *)         !! [m, rad]
@@ -40,15 +40,15 @@ contains
     real(wp), intent(inout) :: ds(n)        !! [m, rad]
     real(wp) :: rate, alpha
     integer :: k, i
-    do k = 1, run%law%first
-      rate = 1/run%law%viscosity(run%law%second + k)
-      alpha = run%law%alpha(run%law%second + k)
+    do k = 1, segment%law%first
+      rate = 1/segment%law%viscosity(segment%law%second + k)
+      alpha = segment%law%alpha(segment%law%second + k)
       do i = 1, n
         zd(i, k) = rate*(d(i) - z(i, k))
         ds(i) = ds(i) + alpha*(d(i) - z(i, k))
       end do
     end do
-  end subroutine relax_run
+  end subroutine relax_segment
 
   !> y = x, as one run of memory.
   pure subroutine copy_values(n, x, y)
@@ -59,23 +59,23 @@ contains
   end subroutine copy_values
 
   !> Power dissipated by some of a run's terms, sum of alpha viscosity z'^T D z' [W].
-  pure function run_dissipation(b, run, from, to, zd) result(power)
+  pure function segment_dissipation(b, segment, from, to, zd) result(power)
     type(body_model), intent(in) :: b
-    type(ghm_run), intent(in) :: run
+    type(viscoelastic_segment), intent(in) :: segment
     integer, intent(in) :: from, to         !! terms
     real(wp), intent(in) :: zd(*)           !! rates of their internal variables [m/s, rad/s]
     real(wp) :: power                       !! [W]
     integer :: k, o
     power = 0.0_wp
     do k = from, to
-      o = 1 + (k - from)*run%width
-      power = power + run%law%alpha(k)*run%law%viscosity(k) &
-              *run_product(b%nd, run%last - run%first + 1, b%factors(:, run%first:run%last), zd(o), zd(o))
+      o = 1 + (k - from)*segment%width
+      power = power + segment%law%alpha(k)*segment%law%viscosity(k) &
+              *segment_product(b%nd, segment%last - segment%first + 1, b%factors(:, segment%first:segment%last), zd(o), zd(o))
     end do
-  end function run_dissipation
+  end function segment_dissipation
 
   !> x^T D y over neighbouring elements [J].
-  pure function run_product(nd, n, factors, x, y) result(total)
+  pure function segment_product(nd, n, factors, x, y) result(total)
     integer, intent(in) :: nd, n            !! deformations of an element, elements
     real(wp), intent(in) :: factors(10, n)  !! of the elements (body_model)
     real(wp), intent(in) :: x(nd, n), y(nd, n)   !! deformations, dissipative coordinates or rates [m, rad, ...]
@@ -94,5 +94,5 @@ contains
       end do
     end if
     total = stretch + 2*bend
-  end function run_product
+  end function segment_product
 end module ghm_kernel

@@ -7,7 +7,7 @@
 !> stiffness that the term multiplies acts with alpha (1 - g). The same g, at c1 = -omega^2 and c2 = i omega, is a frequency's.
 module ghm_law
   use kinds, only: wp
-  use ghm_kernel, only: run_product
+  use ghm_kernel, only: segment_product
   use scene_model, only: scene
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
@@ -18,7 +18,7 @@ module ghm_law
   type :: ghm_term
     integer :: first = 0                     !! its first coordinate among all internal variables
     integer :: last = 0                      !! and the last
-    integer :: body = 0, run = 0             !! whose, or
+    integer :: body = 0, segment = 0         !! whose, or
     integer :: element = 0                   !! force element
     real(wp) :: alpha = 0.0_wp               !! weight [-]
     real(wp) :: viscosity = 0.0_wp           !! [s]
@@ -42,10 +42,10 @@ contains
     n = 0
     do kind = 2, 1, -1
       do b = 1, size(s%bodies)
-        do r = 1, size(s%bodies(b)%runs)
-          associate (run => s%bodies(b)%runs(r))
-            call add_terms(run%law, kind == 2, merge(run%offset, run%first_order, kind == 2), run%width, &
-                           ghm_term(body=b, run=r), terms, n)
+        do r = 1, size(s%bodies(b)%segments)
+          associate (segment => s%bodies(b)%segments(r))
+            call add_terms(segment%law, kind == 2, merge(segment%offset, segment%first_order, kind == 2), segment%width, &
+                           ghm_term(body=b, segment=r), terms, n)
           end associate
         end do
       end do
@@ -63,7 +63,7 @@ contains
     type(viscoelastic_terms), intent(in) :: law
     logical, intent(in) :: second            !! those of second order
     integer, intent(in) :: offset, width     !! of the first one's coordinates
-    type(ghm_term), intent(in) :: owner      !! names the body's run or the force element
+    type(ghm_term), intent(in) :: owner      !! names the body's segment or the force element
     type(ghm_term), intent(inout) :: terms(:)
     integer, intent(inout) :: n              !! terms in the list
     integer :: j, k
@@ -133,7 +133,7 @@ contains
       total = s%forces(t%element)%item%stiffness*x(1)*y(1)
     else if (s%bodies(t%body)%modal) then
       total = 0.0_wp
-      associate (k => s%bodies(t%body)%runs(t%run)%stiffness)
+      associate (k => s%bodies(t%body)%segments(t%segment)%stiffness)
         do j = 1, size(x)
           do i = 1, size(x)
             total = total + x(i)*k(i, j)*y(j)
@@ -141,8 +141,8 @@ contains
         end do
       end associate
     else
-      associate (bo => s%bodies(t%body), run => s%bodies(t%body)%runs(t%run))
-        total = run_product(bo%nd, run%last - run%first + 1, bo%factors(:, run%first:run%last), x, y)
+      associate (body => s%bodies(t%body), segment => s%bodies(t%body)%segments(t%segment))
+        total = segment_product(body%nd, segment%last - segment%first + 1, body%factors(:, segment%first:segment%last), x, y)
       end associate
     end if
   end function term_product

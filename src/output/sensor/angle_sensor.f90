@@ -2,7 +2,7 @@
 module angle_sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
   implicit none (type, external)
   private
@@ -32,7 +32,7 @@ contains
   subroutine read_angle(self, m, p, q, v, z, x)
     class(angle_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [rad], [rad/s] or [rad/s2]
@@ -42,7 +42,7 @@ contains
     if (self%order < 2) return
     u = self%elastic_part(m, m%a)
     x(1) = u(3)
-    if (self%place%body > 0) x(1) = x(1) + m%a(m%s%qo(self%place%body) + 3)
+    if (self%marker%body > 0) x(1) = x(1) + m%a(m%s%qo(self%marker%body) + 3)
   end subroutine read_angle
 
   !> In a plane, turns are the same in all axes.

@@ -2,7 +2,7 @@
 module coordinate_sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
   implicit none (type, external)
   private
@@ -24,7 +24,7 @@ contains
     type(mechanism_model), intent(in) :: m
     character(suffix_length), allocatable, intent(out) :: list(:)
     character(:), allocatable :: unit
-    associate (b => m%s%bodies(self%place%body))
+    associate (b => m%s%bodies(self%marker%body))
       unit = 'm'
       if (b%modal) then
         unit = 'kg^.5*m'
@@ -39,11 +39,11 @@ contains
   subroutine read_coordinate(self, m, p, q, v, z, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [m, rad] and per second
-    associate (i => m%s%qo(self%place%body) + 3 + self%index)
+    associate (i => m%s%qo(self%marker%body) + 3 + self%index)
       x(1:3) = [q(i), v(i), m%a(i)]
     end associate
   end subroutine read_coordinate
@@ -58,6 +58,6 @@ contains
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
     complex(wp), intent(inout) :: y(:)        !! [m, rad] and per second
-    y(1:3) = x(m%s%qo(self%place%body) + 3 + self%index)*[(1.0_wp, 0.0_wp), s, s**2]
+    y(1:3) = x(m%s%qo(self%marker%body) + 3 + self%index)*[(1.0_wp, 0.0_wp), s, s**2]
   end subroutine respond
 end module coordinate_sensor

@@ -2,7 +2,7 @@
 module deflection_sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, elastic_motion, suffix_length
   implicit none (type, external)
   private
@@ -29,7 +29,7 @@ contains
   subroutine read_deflection(self, m, p, q, v, z, x)
     class(deflection_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [m], [m], [rad]
@@ -46,6 +46,6 @@ contains
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
     complex(wp), intent(inout) :: y(:)        !! [m], [m], [rad]
-    y(1:3) = elastic_motion(m, self%place, x)
+    y(1:3) = elastic_motion(m, self%marker, x)
   end subroutine respond
 end module deflection_sensor

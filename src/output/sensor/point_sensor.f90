@@ -3,7 +3,7 @@
 module point_sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_states, turn
+  use marker, only: marker_states, turn
   use sensor, only: sensor_model, suffix_length, vector_to_global
   implicit none (type, external)
   private
@@ -33,7 +33,7 @@ contains
   subroutine read_point(self, m, p, q, v, z, x)
     class(point_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [m], [m/s] or [m/s2]
@@ -42,12 +42,13 @@ contains
     x(1:2) = 0.0_wp
     if (self%order == 0) x(1:2) = p%r(:, self%number)
     if (self%order == 1) x(1:2) = p%v(:, self%number)
-    if (self%order < 2 .or. self%place%body == 0) return
-    associate (b => self%place%body)
+    if (self%order < 2 .or. self%marker%body == 0) return
+    associate (b => self%marker%body)
       i = m%s%qo(b)
       u = self%elastic_part(m, m%a)
       u(1:2) = u(1:2) + m%a(i + 3)*turn(p%rho(:, self%number))
-      x(1:2) = m%a(i + 1:i + 2) + p%bias(:, self%number) + [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2)]
+      x(1:2) = m%a(i + 1:i + 2) + p%bias(:, self%number) + [m%cos_theta(b)*u(1) - m%sin_theta(b)*u(2), m%sin_theta(b)*u(1) &
+                                                            + m%cos_theta(b)*u(2)]
     end associate
   end subroutine read_point
 
@@ -64,7 +65,7 @@ contains
     real(wp) :: rate, change                  ! theta', theta'' [1/s], [1/s2]
     rate = 0.0_wp
     change = 0.0_wp
-    associate (b => self%place%body, turned => [-w(2), w(1)])
+    associate (b => self%marker%body, turned => [-w(2), w(1)])
       if (b > 0) rate = v(m%s%qo(b) + 3)
       if (b > 0) change = m%a(m%s%qo(b) + 3)
       select case (self%order)

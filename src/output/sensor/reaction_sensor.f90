@@ -1,9 +1,9 @@
 !> Force of a joint or drive on its body a, and moment about its marker a: -(gradient)^T lambda.
 module reaction_sensor
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, scene_motion, suffix_length
   implicit none (type, external)
   private
@@ -31,7 +31,7 @@ contains
   subroutine read_reaction(self, m, p, q, v, z, x)
     class(reaction_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [N], [N], [N m]
@@ -55,7 +55,7 @@ contains
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
     complex(wp), intent(inout) :: y(:)        !! [N], [N], [N m]
-    type(place_stiffness) :: t
+    type(marker_stiffness) :: t
     integer :: i
     associate (c => m%s%constraints(self%constraint)%item)
       call c%geometric(m%p, m%lambda, t)

@@ -5,7 +5,7 @@ module section_sensor
   use beam_element, only: deformation_matrix
   use body, only: body_model
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
   implicit none (type, external)
   private
@@ -27,26 +27,26 @@ contains
     type(mechanism_model), intent(in) :: m
     character(suffix_length), allocatable, intent(out) :: list(:)
     list = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]']
-    if (m%s%bodies(self%place%body)%fibre(self%element) > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
+    if (m%s%bodies(self%marker%body)%fibre(self%element) > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
   end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
   subroutine read_section(self, m, p, q, v, z, x)
     class(section_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
     real(wp) :: d(3), n, m1, m2
     integer :: i
-    associate (b => m%s%bodies(self%place%body), e => self%element, g => m%s%bodies(self%place%body)%elements(self%element))
-      i = m%s%qo(self%place%body) + 3
+    associate (b => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
+      i = m%s%qo(self%marker%body) + 3
       if (b%modal) then
         d = modal_strain(b, e, q(i + 1:i + b%nf), z)
       else
         d = 0.0_wp
-        if (size(b%runs) > 0) then
+        if (size(b%segments) > 0) then
           d(4 - b%nd:3) = b%ds(:, e)
         else
           d(4 - b%nd:3) = b%d(:, e)
@@ -75,18 +75,18 @@ contains
     complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
     real(wp) :: b(3, 6)
     integer :: i
-    associate (bo => m%s%bodies(self%place%body), e => self%element, g => m%s%bodies(self%place%body)%elements(self%element))
-      i = m%s%qo(self%place%body) + 3
-      a = nodal(bo, e, x(i + 1:i + bo%nf))
+    associate (body => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
+      i = m%s%qo(self%marker%body) + 3
+      a = nodal(body, e, x(i + 1:i + body%nf))
       b = deformation_matrix(g)
-      d = g%ray_k*s*matmul(b, a) + (1 + element_ratio(bo, e, s))*matmul(tangent(bo, e, q(i + 1:i + bo%nf), b), a)
+      d = g%ray_k*s*matmul(b, a) + (1 + element_ratio(body, e, s))*matmul(tangent(body, e, q(i + 1:i + body%nf), b), a)
       n = 0.0_wp
-      if (bo%axial) n = g%ea_l*d(1)
+      if (body%axial) n = g%ea_l*d(1)
       m1 = g%ei_l*(4*d(2) + 2*d(3))
       m2 = g%ei_l*(2*d(2) + 4*d(3))
       y(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
-      if (.not. bo%fibre(e) > 0.0_wp) return
-      fibre = n/bo%area(e) + [m1, -m1, m2, -m2]*bo%fibre(e)/bo%second(e)
+      if (.not. body%fibre(e) > 0.0_wp) return
+      fibre = n/body%area(e) + [m1, -m1, m2, -m2]*body%fibre(e)/body%second(e)
       y(5) = fibre(maxloc(abs(fibre), 1))
     end associate
   end subroutine respond
@@ -111,12 +111,12 @@ contains
     real(wp) :: x(size(qf))
     integer :: r, k, o
     x = qf
-    do r = 1, size(b%runs)
-      if (b%runs(r)%material /= b%material(e)) cycle
-      do k = 1, size(b%runs(r)%law%alpha)
-        o = b%runs(r)%offset + (k - 1)*b%nf
-        if (k > b%runs(r)%law%second) o = b%runs(r)%first_order + (k - 1 - b%runs(r)%law%second)*b%nf
-        x = x + b%runs(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
+    do r = 1, size(b%segments)
+      if (b%segments(r)%material /= b%material(e)) cycle
+      do k = 1, size(b%segments(r)%law%alpha)
+        o = b%segments(r)%offset + (k - 1)*b%nf
+        if (k > b%segments(r)%law%second) o = b%segments(r)%first_order + (k - 1 - b%segments(r)%law%second)*b%nf
+        x = x + b%segments(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
       end do
     end do
     d = matmul(deformation_matrix(b%elements(e)), element_coordinates(b, e, x))
@@ -132,36 +132,36 @@ contains
   end function nodal
 
   !> Deformations from nodal coordinates at the present deflection (theory.md, section 4).
-  pure function tangent(bo, e, q, b) result(t)
-    type(body_model), intent(in) :: bo
+  pure function tangent(body, e, q, b) result(t)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: e                  !! element
     real(wp), intent(in) :: q(:)              !! (nf) present coordinates [m, rad]
     real(wp), intent(in) :: b(3, 6)           !! at zero deflection [-], [1/m]
     real(wp) :: t(3, 6), p(3), psi(6), l
     t = b
-    if (.not. bo%stiffening) return
-    l = bo%elements(e)%length
-    psi = [bo%elements(e)%s, -bo%elements(e)%c, 0.0_wp, -bo%elements(e)%s, bo%elements(e)%c, 0.0_wp]/l
-    p(1) = dot_product(psi, element_coordinates(bo, e, q))
-    p(2:3) = matmul(b(2:3, :), element_coordinates(bo, e, q))
+    if (.not. body%stiffening) return
+    l = body%elements(e)%length
+    psi = [body%elements(e)%s, -body%elements(e)%c, 0.0_wp, -body%elements(e)%s, body%elements(e)%c, 0.0_wp]/l
+    p(1) = dot_product(psi, element_coordinates(body, e, q))
+    p(2:3) = matmul(b(2:3, :), element_coordinates(body, e, q))
     t(1, :) = b(1, :) + l*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
   end function tangent
 
   !> E(s)/E_R - 1 of an element's material.
-  pure function element_ratio(bo, e, s) result(g)
-    type(body_model), intent(in) :: bo
+  pure function element_ratio(body, e, s) result(g)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: e                  !! element
     complex(wp), intent(in) :: s              !! [1/s]
     complex(wp) :: g                          !! [-]
     integer :: r
     g = 0.0_wp
-    do r = 1, size(bo%runs)
-      if (bo%modal) then
-        if (bo%runs(r)%material /= bo%material(e)) cycle
+    do r = 1, size(body%segments)
+      if (body%modal) then
+        if (body%segments(r)%material /= body%material(e)) cycle
       else
-        if (e < bo%runs(r)%first .or. e > bo%runs(r)%last) cycle
+        if (e < body%segments(r)%first .or. e > body%segments(r)%last) cycle
       end if
-      g = g + bo%runs(r)%law%ratio(s)
+      g = g + body%segments(r)%law%ratio(s)
     end do
   end function element_ratio
 end module section_sensor

@@ -3,10 +3,10 @@
 module sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_model, place_states
+  use marker, only: marker_model, marker_states
   implicit none (type, external)
   private
-  public :: elastic_motion, place_motion, scene_motion, vector_to_global, suffix_length
+  public :: elastic_motion, marker_motion, scene_motion, vector_to_global, suffix_length
 
   integer, parameter :: suffix_length = 20
 
@@ -14,7 +14,7 @@ module sensor
   type, abstract, public :: sensor_model
     character(32) :: name = ''
     integer :: number = 0                     !! of it among all sensors: its marker's in the list of their states
-    type(place_model) :: place                !! the marker where it measures; the ground's origin where it has none
+    type(marker_model) :: marker              !! the marker where it measures; the ground's origin where it has none
   contains
     procedure(columns_of), deferred :: columns
     procedure(values_at), deferred :: read
@@ -37,10 +37,10 @@ module sensor
     end subroutine columns_of
     !> Values of the columns; m holds the accelerations and multipliers of the state.
     subroutine values_at(self, m, p, q, v, z, x)
-      import :: sensor_model, mechanism_model, place_states, wp
+      import :: sensor_model, mechanism_model, marker_states, wp
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
-      type(place_states), intent(in) :: p     !! of all sensors' markers
+      type(marker_states), intent(in) :: p    !! of all sensors' markers
       real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad] and per second
       real(wp), intent(in) :: z(:)            !! (nz) dissipative coordinates [m, rad]
       real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
@@ -69,42 +69,42 @@ contains
     real(wp) :: u(3)                          !! the same
     integer :: i
     u = 0.0_wp
-    associate (b => self%place%body)
-      if (b == 0 .or. self%place%node == 0) return
+    associate (b => self%marker%body)
+      if (b == 0 .or. self%marker%node == 0) return
       i = m%s%qo(b) + 3
-      u = m%s%bodies(b)%displacement(self%place%node, q(i + 1:i + m%s%bodies(b)%nf))
+      u = m%s%bodies(b)%displacement(self%marker%node, q(i + 1:i + m%s%bodies(b)%nf))
     end associate
   end function elastic_part
 
   !> Elastic displacement (u, v, rotation) of a marker in body axes.
-  pure function elastic_motion(m, place, x) result(u)
+  pure function elastic_motion(m, marker, x) result(u)
     type(mechanism_model), intent(in) :: m
-    type(place_model), intent(in) :: place
+    type(marker_model), intent(in) :: marker
     complex(wp), intent(in) :: x(:)           !! (nq) coordinates or their derivatives [m, rad]
     complex(wp) :: u(3)                       !! [m, rad]
     integer :: i, n
     u = 0.0_wp
-    if (place%body == 0 .or. place%node == 0) return
-    i = m%s%qo(place%body) + 3
-    n = m%s%bodies(place%body)%nf
-    u = cmplx(m%s%bodies(place%body)%displacement(place%node, real(x(i + 1:i + n), wp)), &
-              m%s%bodies(place%body)%displacement(place%node, aimag(x(i + 1:i + n))), wp)
+    if (marker%body == 0 .or. marker%node == 0) return
+    i = m%s%qo(marker%body) + 3
+    n = m%s%bodies(marker%body)%nf
+    u = cmplx(m%s%bodies(marker%body)%displacement(marker%node, real(x(i + 1:i + n), wp)), &
+              m%s%bodies(marker%body)%displacement(marker%node, aimag(x(i + 1:i + n))), wp)
   end function elastic_motion
 
   !> Displacement of a marker in body axes, and of its section's angle.
-  pure function place_motion(m, place, rho, x) result(w)
+  pure function marker_motion(m, marker, rho, x) result(w)
     type(mechanism_model), intent(in) :: m
-    type(place_model), intent(in) :: place
+    type(marker_model), intent(in) :: marker
     real(wp), intent(in) :: rho(2)            !! its present position in body axes [m]
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp) :: w(3)                       !! [m, rad]
     integer :: i
     w = 0.0_wp
-    if (place%body == 0) return
-    i = m%s%qo(place%body)
-    w = x(i + 1:i + 3) + elastic_motion(m, place, x)
+    if (marker%body == 0) return
+    i = m%s%qo(marker%body)
+    w = x(i + 1:i + 3) + elastic_motion(m, marker, x)
     w(1:2) = w(1:2) + x(i + 3)*[-rho(2), rho(1)]
-  end function place_motion
+  end function marker_motion
 
   !> Displacement of a marker of the scene in global axes, and of its section's angle.
   pure function scene_motion(m, k, x) result(y)
@@ -112,8 +112,8 @@ contains
     integer, intent(in) :: k                  !! marker
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp) :: y(3)                       !! [m, rad]
-    y = place_motion(m, m%s%places(k), m%p%rho(:, k), x)
-    y(1:2) = vector_to_global(m, m%s%places(k)%body, y(1:2))
+    y = marker_motion(m, m%s%markers(k), m%p%rho(:, k), x)
+    y(1:2) = vector_to_global(m, m%s%markers(k)%body, y(1:2))
   end function scene_motion
 
   !> A vector of a body's axes in global ones.
@@ -123,6 +123,6 @@ contains
     complex(wp), intent(in) :: w(2)           !! [any]
     complex(wp) :: y(2)                       !! [any]
     y = w
-    if (b > 0) y = [m%c(b)*w(1) - m%sn(b)*w(2), m%sn(b)*w(1) + m%c(b)*w(2)]
+    if (b > 0) y = [m%cos_theta(b)*w(1) - m%sin_theta(b)*w(2), m%sin_theta(b)*w(1) + m%cos_theta(b)*w(2)]
   end function vector_to_global
 end module sensor

@@ -3,17 +3,17 @@
 module sensors
   use kinds, only: wp
   use angle_sensor, only: angle_sensor_model
-  use build_places, only: make_place
+  use build_markers, only: make_marker
   use coordinate_sensor, only: coordinate_sensor_model
   use deck_records, only: deck, sensor_record
   use deflection_sensor, only: deflection_sensor_model
-  use dynamics, only: one_place
+  use dynamics, only: one_marker
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use point_sensor, only: point_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use section_sensor, only: section_sensor_model
-  use sensor, only: sensor_box, sensor_model, place_motion, suffix_length
+  use sensor, only: sensor_box, sensor_model, marker_motion, suffix_length
   use spring_sensor, only: spring_sensor_model
   implicit none (type, external)
   private
@@ -25,7 +25,7 @@ module sensors
     integer, allocatable :: first(:)                !! first column of each sensor
     integer :: columns = 0
     character(80), allocatable :: names(:)          !! name[unit] of each column
-    type(place_states) :: p
+    type(marker_states) :: p
   end type sensor_list
 
 contains
@@ -45,7 +45,7 @@ contains
       associate (s => list%sensors(k)%item)
         s%name = d%sensors(k)%name
         s%number = k
-        s%place = make_place(m%s, d%sensors(k)%place)
+        s%marker = make_marker(m%s, d%sensors(k)%marker)
         call s%columns(m, suffix)
       end associate
       list%first(k) = list%columns + 1
@@ -91,14 +91,14 @@ contains
     integer :: k, b, i, n
     do k = 1, size(list%sensors)
       associate (s => list%sensors(k)%item)
-        b = s%place%body
+        b = s%marker%body
         if (b > 0) then
           i = m%s%qo(b)
           n = m%s%bodies(b)%nf
-          call one_place(s%place, m%c(b), m%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
-                         q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), list%p, k)
+          call one_marker(s%marker, m%cos_theta(b), m%sin_theta(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
+                          q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), list%p, k)
         else
-          list%p%r(:, k) = s%place%x
+          list%p%r(:, k) = s%marker%x
         end if
         call s%read(m, list%p, q, v, z, values(list%first(k):))
       end associate
@@ -117,7 +117,7 @@ contains
     integer :: k
     do k = 1, size(list%sensors)
       associate (item => list%sensors(k)%item)
-        call item%respond(m, place_motion(m, item%place, list%p%rho(:, k), x), q, v, s, x, lambda, values(list%first(k):))
+        call item%respond(m, marker_motion(m, item%marker, list%p%rho(:, k), x), q, v, s, x, lambda, values(list%first(k):))
       end associate
     end do
   end subroutine read_linear_sensors

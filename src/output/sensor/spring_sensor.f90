@@ -2,7 +2,7 @@
 module spring_sensor
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_states
+  use marker, only: marker_states
   use sensor, only: sensor_model, scene_motion, suffix_length
   implicit none (type, external)
   private
@@ -31,7 +31,7 @@ contains
   subroutine read_spring(self, m, p, q, v, z, x)
     class(spring_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    type(place_states), intent(in) :: p
+    type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]

@@ -4,7 +4,7 @@ module elastic_blocks
   use kinds, only: wp
   use beam_element, only: element_mass, element_gyroscopic, element_stiffness, stiffening_tangent
   use body, only: body_model
-  use linear_matrices, only: linear_mechanism, count_runs
+  use linear_matrices, only: linear_mechanism, count_segments
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -12,7 +12,7 @@ module elastic_blocks
 
 contains
 
-  !> Elastic matrices of the bodies alone, at rest in their present deformation: stiffness, damping, GHM runs (those of
+  !> Elastic matrices of the bodies alone, at rest in their present deformation: stiffness, damping, GHM segments (those of
   !> springs stay empty).
   subroutine elastic_matrices(m, q, lin)
     type(mechanism_model), intent(in) :: m
@@ -21,76 +21,76 @@ contains
     integer :: b, k
     lin%n = m%s%nq
     lin%rows = m%s%rows
-    call count_runs(m, lin)
+    call count_segments(m, lin)
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b), t => m%s%qo(b) + 3)
-        if (.not. bo%flexible) cycle
-        if (bo%modal) then
-          call modal_block(bo, b, [(t + k, k=1, bo%nf)], 0.0_wp, 0.0_wp, lin)
+      associate (body => m%s%bodies(b), t => m%s%qo(b) + 3)
+        if (.not. body%flexible) cycle
+        if (body%modal) then
+          call modal_block(body, b, [(t + k, k=1, body%nf)], 0.0_wp, 0.0_wp, lin)
         else
-          call nodal_block(bo, b, t, 0.0_wp, 0.0_wp, q(t + 1:t + bo%nf), lin)
+          call nodal_block(body, b, t, 0.0_wp, 0.0_wp, q(t + 1:t + body%nf), lin)
         end if
       end associate
     end do
   end subroutine elastic_matrices
 
   !> Elastic block of a modal body.
-  subroutine modal_block(bo, b, f, thetad, thetadd, lin)
-    type(body_model), intent(in) :: bo
+  subroutine modal_block(body, b, f, thetad, thetadd, lin)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: b, f(:)
     real(wp), intent(in) :: thetad, thetadd   !! rate and acceleration of the frame angle [rad/s], [rad/s2]
     type(linear_mechanism), intent(inout) :: lin
-    real(wp) :: one(bo%nf, bo%nf), k(bo%nf, bo%nf)
+    real(wp) :: one(body%nf, body%nf), k(body%nf, body%nf)
     integer :: i, r
     one = 0.0_wp
     k = 0.0_wp
-    do i = 1, bo%nf
+    do i = 1, body%nf
       one(i, i) = 1.0_wp
-      k(i, i) = bo%omega2(i)
+      k(i, i) = body%omega2(i)
     end do
     call lin%mass%add_block(f, f, one)
-    call lin%damping%add_block(f, f, bo%cmodal - 2*thetad*bo%zmodal)
-    call lin%stiffness%add_block(f, f, k - thetad**2*(one - bo%jmodal) - thetadd*bo%zmodal)
+    call lin%damping%add_block(f, f, body%cmodal - 2*thetad*body%zmodal)
+    call lin%stiffness%add_block(f, f, k - thetad**2*(one - body%jmodal) - thetadd*body%zmodal)
     r = 0
-    do i = 1, size(lin%runs)
-      if (lin%runs(i)%body /= b) cycle
+    do i = 1, size(lin%segments)
+      if (lin%segments(i)%body /= b) cycle
       r = r + 1
-      call lin%runs(i)%stiffness%add_block(f, f, bo%runs(r)%stiffness)
+      call lin%segments(i)%stiffness%add_block(f, f, body%segments(r)%stiffness)
     end do
   end subroutine modal_block
 
   !> Elastic block of a nodal body, element by element.
-  subroutine nodal_block(bo, b, t, thetad, thetadd, qf, lin)
-    type(body_model), intent(in) :: bo
+  subroutine nodal_block(body, b, t, thetad, thetadd, qf, lin)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: b, t
     real(wp), intent(in) :: thetad, thetadd, qf(:)   !! of the frame angle [rad/s], [rad/s2]; elastic coordinates [m, rad]
     type(linear_mechanism), intent(inout) :: lin
     real(wp) :: mass(6, 6), z(6, 6), k(6, 6), g(6, 6)
-    integer :: e, d(6), l, i, j, run, r
-    do e = 1, bo%ne
-      d = merge(t + bo%edof(:, e), 0, bo%edof(:, e) > 0)
-      mass = element_mass(bo%elements(e))
-      z = element_gyroscopic(bo%elements(e))
-      call tangent(bo, e, qf, k, g)
+    integer :: e, d(6), l, i, j, segment, r
+    do e = 1, body%ne
+      d = merge(t + body%edof(:, e), 0, body%edof(:, e) > 0)
+      mass = element_mass(body%elements(e))
+      z = element_gyroscopic(body%elements(e))
+      call tangent(body, e, qf, k, g)
       call lin%mass%add_block(d, d, mass)
-      call lin%damping%add_block(d, d, bo%elements(e)%ray_m*mass + bo%elements(e)%ray_k*element_stiffness(bo%elements(e)) &
+      call lin%damping%add_block(d, d, body%elements(e)%ray_m*mass + body%elements(e)%ray_k*element_stiffness(body%elements(e)) &
                                  - 2*thetad*z)
       call lin%stiffness%add_block(d, d, k + g - thetad**2*mass - thetadd*z)
       r = 0
-      do run = 1, size(lin%runs)
-        if (lin%runs(run)%body /= b) cycle
+      do segment = 1, size(lin%segments)
+        if (lin%segments(segment)%body /= b) cycle
         r = r + 1
-        if (e >= bo%runs(r)%first .and. e <= bo%runs(r)%last) call lin%runs(run)%stiffness%add_block(d, d, k)
+        if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) call lin%segments(segment)%stiffness%add_block(d, d, k)
       end do
     end do
-    do l = 1, size(bo%lumps)
-      d(1:3) = merge(t + bo%dof(:, bo%lumps(l)%node), 0, bo%dof(:, bo%lumps(l)%node) > 0)
+    do l = 1, size(body%lumps)
+      d(1:3) = merge(t + body%dof(:, body%lumps(l)%node), 0, body%dof(:, body%lumps(l)%node) > 0)
       i = d(1)
       j = d(2)
-      associate (mu => bo%lumps(l)%mass)
+      associate (mu => body%lumps(l)%mass)
         call lin%mass%add(i, i, mu)
         call lin%mass%add(j, j, mu)
-        call lin%mass%add(d(3), d(3), bo%lumps(l)%inertia)
+        call lin%mass%add(d(3), d(3), body%lumps(l)%inertia)
         call lin%damping%add(i, j, -2*thetad*mu)
         call lin%damping%add(j, i, 2*thetad*mu)
         call lin%stiffness%add(i, i, -thetad**2*mu)
@@ -102,20 +102,20 @@ contains
   end subroutine nodal_block
 
   !> Tangent stiffness of an element: B^T D B at the present deformation (k) and the geometric part of stiffening (g).
-  subroutine tangent(bo, e, qf, k, g)
-    type(body_model), intent(in) :: bo
+  subroutine tangent(body, e, qf, k, g)
+    type(body_model), intent(in) :: body
     integer, intent(in) :: e
     real(wp), intent(in) :: qf(:)            !! (nf) [m, rad]
     real(wp), intent(out) :: k(6, 6), g(6, 6)   !! [N/m, N, N m]
     real(wp) :: n, x(0:size(qf))
-    if (.not. bo%stiffening) then
-      k = element_stiffness(bo%elements(e))
+    if (.not. body%stiffening) then
+      k = element_stiffness(body%elements(e))
       g = 0.0_wp
       return
     end if
     x(0) = 0.0_wp
     x(1:) = qf
-    n = bo%elements(e)%ea_l*merge(bo%ds(1, e), bo%d(1, e), size(bo%runs) > 0)
-    call stiffening_tangent(bo%elements(e), x(bo%edof(:, e)), n, k, g)
+    n = body%elements(e)%ea_l*merge(body%ds(1, e), body%d(1, e), size(body%segments) > 0)
+    call stiffening_tangent(body%elements(e), x(body%edof(:, e)), n, k, g)
   end subroutine tangent
 end module elastic_blocks

@@ -18,7 +18,7 @@ contains
     y = x
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      y(i + 1:i + 2) = [m%c(b)*x(i + 1) - m%sn(b)*x(i + 2), m%sn(b)*x(i + 1) + m%c(b)*x(i + 2)]
+      y(i + 1:i + 2) = [m%cos_theta(b)*x(i + 1) - m%sin_theta(b)*x(i + 2), m%sin_theta(b)*x(i + 1) + m%cos_theta(b)*x(i + 2)]
     end do
   end function to_global
 
@@ -28,7 +28,7 @@ contains
     real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
     y = x
-    call turn_to_body(size(m%c), m%s%qo, m%c, m%sn, size(y), y)
+    call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(y), y)
   end function to_body
 
   !> The same in place.

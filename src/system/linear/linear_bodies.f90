@@ -30,24 +30,24 @@ contains
     integer :: k, i, n
     i = m%s%qo(b)
     acc = m%a(i + 1:i + 2) - m%s%gravity
-    acc = [m%c(b)*acc(1) + m%sn(b)*acc(2), m%c(b)*acc(2) - m%sn(b)*acc(1)]
-    associate (bo => m%s%bodies(b))
-      n = 3 + bo%nf
+    acc = [m%cos_theta(b)*acc(1) + m%sin_theta(b)*acc(2), m%cos_theta(b)*acc(2) - m%sin_theta(b)*acc(1)]
+    associate (body => m%s%bodies(b))
+      n = 3 + body%nf
       x = [(i + k, k=1, n)]
-      call set_up_terms(t, bo)
+      call set_up_terms(t, body)
       call tangent(1.0_wp, 0.0_wp, 0.0_wp, lin%mass)
       call tangent(0.0_wp, 1.0_wp, 0.0_wp, lin%damping)
       call tangent(0.0_wp, 0.0_wp, 1.0_wp, lin%stiffness)
       allocate (origin(n, 2))
-      origin(1:2, :) = bo%mass*one
+      origin(1:2, :) = body%mass*one
       origin(3, :) = [-m%pin(2, b), m%pin(1, b)]
-      if (bo%flexible) origin(4:, :) = bo%sbar
+      if (body%flexible) origin(4:, :) = body%sbar
       call lin%damping%add_block(x, x(1:2), 2*v(i + 3)*matmul(origin, h))
       call lin%stiffness%add_block(x, x(1:2), matmul(origin, m%a(i + 3)*h - v(i + 3)**2*one))
-      if (bo%modal) then
-        call modal_block(bo, b, x(4:), v(i + 3), m%a(i + 3), lin)
-      else if (bo%flexible) then
-        call nodal_block(bo, b, i + 3, v(i + 3), m%a(i + 3), q(i + 4:i + n), lin)
+      if (body%modal) then
+        call modal_block(body, b, x(4:), v(i + 3), m%a(i + 3), lin)
+      else if (body%flexible) then
+        call nodal_block(body, b, i + 3, v(i + 3), m%a(i + 3), q(i + 4:i + n), lin)
       end if
     end associate
   contains
@@ -55,12 +55,12 @@ contains
     subroutine tangent(a2, a1, a0, matrix)
       real(wp), intent(in) :: a2, a1, a0                 !! one of them 1 [-]
       type(triplet_matrix), intent(inout) :: matrix
-      associate (bo => m%s%bodies(b))
-        call body_tangent(t, bo, a2, a1, a0, q(i + 1:i + n), v(i + 1:i + n), m%a(i + 1:i + n), acc)
+      associate (body => m%s%bodies(b))
+        call body_tangent(t, body, a2, a1, a0, q(i + 1:i + n), v(i + 1:i + n), m%a(i + 1:i + n), acc)
         call matrix%add_block(x(1:3), x(1:3), t%block)
-        if (.not. bo%flexible) return
-        call matrix%add_block(x(1:2), x(4:), matmul(t%origin(1)*one + t%origin(2)*h, transpose(bo%sbar)))
-        call matrix%add_block(x(4:), x(1:2), a2*bo%sbar)
+        if (.not. body%flexible) return
+        call matrix%add_block(x(1:2), x(4:), matmul(t%origin(1)*one + t%origin(2)*h, transpose(body%sbar)))
+        call matrix%add_block(x(4:), x(1:2), a2*body%sbar)
         call matrix%add_block(x(4:), x(3:3), reshape(t%column(1:), [n - 3, 1]))
         call matrix%add_block(x(3:3), x(4:), reshape(t%row(1:), [1, n - 3]))
       end associate

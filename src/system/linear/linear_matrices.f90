@@ -6,16 +6,16 @@ module linear_matrices
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: linear_mechanism, linear_run, count_runs
+  public :: linear_mechanism, linear_segment, count_segments
 
   !> Stiffness that one set of viscoelastic terms multiplies.
-  type :: linear_run
+  type :: linear_segment
     integer :: body = 0                      !! body, or
     integer :: element = 0                   !! force element
     integer :: material = 0                  !! material (bodies)
     type(viscoelastic_terms) :: law
     type(triplet_matrix) :: stiffness        !! K_r at E_R
-  end type linear_run
+  end type linear_segment
 
   !> The linear system.
   type :: linear_mechanism
@@ -23,40 +23,40 @@ module linear_matrices
     integer :: rows = 0                      !! constraint rows
     type(triplet_matrix) :: mass, damping, stiffness   !! n x n
     type(triplet_matrix) :: jacobian         !! rows x n
-    type(linear_run), allocatable :: runs(:)
+    type(linear_segment), allocatable :: segments(:)
   end type linear_mechanism
 
 contains
 
   !> Runs of bodies, then of force elements.
-  subroutine count_runs(m, lin)
+  subroutine count_segments(m, lin)
     type(mechanism_model), intent(in) :: m
     type(linear_mechanism), intent(inout) :: lin
     integer :: b, r, k, n
     n = 0
     do b = 1, size(m%s%bodies)
-      n = n + size(m%s%bodies(b)%runs)
+      n = n + size(m%s%bodies(b)%segments)
     end do
     do k = 1, size(m%s%forces)
       if (m%s%forces(k)%item%law%order() > 0) n = n + 1
     end do
-    allocate (lin%runs(n))
+    allocate (lin%segments(n))
     n = 0
     do b = 1, size(m%s%bodies)
-      do r = 1, size(m%s%bodies(b)%runs)
+      do r = 1, size(m%s%bodies(b)%segments)
         n = n + 1
-        associate (run => m%s%bodies(b)%runs(r))
-          lin%runs(n)%body = b
-          lin%runs(n)%material = run%material
-          lin%runs(n)%law = run%law
+        associate (segment => m%s%bodies(b)%segments(r))
+          lin%segments(n)%body = b
+          lin%segments(n)%material = segment%material
+          lin%segments(n)%law = segment%law
         end associate
       end do
     end do
     do k = 1, size(m%s%forces)
       if (m%s%forces(k)%item%law%order() == 0) cycle
       n = n + 1
-      lin%runs(n)%element = k
-      lin%runs(n)%law = m%s%forces(k)%item%law
+      lin%segments(n)%element = k
+      lin%segments(n)%law = m%s%forces(k)%item%law
     end do
-  end subroutine count_runs
+  end subroutine count_segments
 end module linear_matrices

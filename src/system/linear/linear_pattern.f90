@@ -1,5 +1,5 @@
 !> The matrices of the linearised mechanism on one sparse pattern: the union of their patterns with the joints' rows, entries
-!> summed on it, and the stiffness of viscoelastic runs with the same terms summed to one group.
+!> summed on it, and the stiffness of viscoelastic segments with the same terms summed to one group.
 module linear_pattern
   use kinds, only: wp
   use linear_matrices, only: linear_mechanism
@@ -15,7 +15,7 @@ module linear_pattern
     type(viscoelastic_terms) :: law
     integer, allocatable :: entry(:)           !! entries of the pattern
     real(wp), allocatable :: value(:)          !! K_r there [N/m ...]
-    real(wp), allocatable :: low(:)            !! what rounding took from it [N/m ...]
+    real(wp), allocatable :: frame_l(:)        !! what rounding took from it [N/m ...]
   end type ghm_group
 
 contains
@@ -32,8 +32,8 @@ contains
     call append(lin%mass, r, c)
     call append(lin%damping, r, c)
     call append(lin%stiffness, r, c)
-    do k = 1, size(lin%runs)
-      call append(lin%runs(k)%stiffness, r, c)
+    do k = 1, size(lin%segments)
+      call append(lin%segments(k)%stiffness, r, c)
     end do
     if (lin%jacobian%count > 0) then
       r = [r, number_of(lin%jacobian%rows(1:lin%jacobian%count))]
@@ -54,11 +54,11 @@ contains
   end subroutine append
 
   !> Sums a matrix's entries on the pattern, and where asked what rounding takes away (Knuth's error-free sum).
-  subroutine gather(self, a, values, low)
+  subroutine gather(self, a, values, frame_l)
     class(symmetric_pattern), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
     real(wp), intent(inout) :: values(:)
-    real(wp), intent(inout), optional :: low(:)
+    real(wp), intent(inout), optional :: frame_l(:)
     real(wp) :: x, s, t
     integer :: k, e
     do k = 1, a%count
@@ -66,7 +66,7 @@ contains
       x = a%values(k)
       s = values(e) + x
       t = s - values(e)
-      if (present(low)) low(e) = low(e) + ((values(e) - (s - t)) + (x - t))
+      if (present(frame_l)) frame_l(e) = frame_l(e) + ((values(e) - (s - t)) + (x - t))
       values(e) = s
     end do
   end subroutine gather
@@ -77,27 +77,27 @@ contains
     type(linear_mechanism), intent(in) :: lin
     type(ghm_group), allocatable, intent(out) :: kept(:)
     type(ghm_group), allocatable :: groups(:)
-    real(wp), allocatable :: values(:), low(:)
+    real(wp), allocatable :: values(:), frame_l(:)
     logical, allocatable :: done(:)
     integer :: k, j, n, e
-    allocate (groups(size(lin%runs)), done(size(lin%runs)))
-    allocate (values(size(self%row)), low(size(self%row)), source=0.0_wp)
+    allocate (groups(size(lin%segments)), done(size(lin%segments)))
+    allocate (values(size(self%row)), frame_l(size(self%row)), source=0.0_wp)
     done = .false.
     n = 0
-    do k = 1, size(lin%runs)
+    do k = 1, size(lin%segments)
       if (done(k)) cycle
       n = n + 1
-      groups(n)%law = lin%runs(k)%law
+      groups(n)%law = lin%segments(k)%law
       values = 0.0_wp
-      low = 0.0_wp
-      do j = k, size(lin%runs)
-        if (done(j) .or. .not. lin%runs(j)%law%equals(lin%runs(k)%law)) cycle
+      frame_l = 0.0_wp
+      do j = k, size(lin%segments)
+        if (done(j) .or. .not. lin%segments(j)%law%equals(lin%segments(k)%law)) cycle
         done(j) = .true.
-        call gather(self, lin%runs(j)%stiffness, values, low)
+        call gather(self, lin%segments(j)%stiffness, values, frame_l)
       end do
       groups(n)%entry = pack([(e, e=1, size(values))], abs(values) > 0.0_wp)
       groups(n)%value = values(groups(n)%entry)
-      groups(n)%low = low(groups(n)%entry)
+      groups(n)%frame_l = frame_l(groups(n)%entry)
     end do
     kept = groups(1:n)
   end subroutine make_groups

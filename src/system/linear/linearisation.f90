@@ -1,6 +1,6 @@
 !> Linearisation of the constrained, GHM-augmented mechanism about an evaluated state. Unknowns of a body: eta = A^T dR (the
 !> frame's displacement in its own axes), dtheta, elastic coordinates. In these axes the matrices of steadily turning
-!> bodies are constant. With x all unknowns and z_rk in each run's deformation space:
+!> bodies are constant. With x all unknowns and z_rk in each segment's deformation space:
 !>
 !>   M x'' + C x' + K x + sum_r sum_k alpha_rk K_r (x - z_rk) + Phi^T dlambda = input,   Phi x = 0
 !>   z_rk'' + 2 zeta omega z_rk' + omega^2 (z_rk - x) = 0
@@ -10,16 +10,16 @@
 !> residuals of theory.md, sections 2 and 3, term by term.
 module linearisation
   use kinds, only: wp
-  use constraint, only: place_stiffness
+  use constraint, only: marker_stiffness
   use force_element, only: conditions
   use linear_bodies, only: linear_body
-  use linear_matrices, only: linear_mechanism, count_runs
+  use linear_matrices, only: linear_mechanism, count_segments
   use mechanism, only: mechanism_model, conditions_of
-  use place, only: turn
+  use marker, only: turn
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linearise, place_jacobian
+  public :: linearise, marker_jacobian
 
 contains
 
@@ -32,9 +32,9 @@ contains
     integer :: b
     lin%n = m%s%nq
     lin%rows = m%s%rows
-    call count_runs(m, lin)
-    allocate (wrench(3, size(m%s%places)), source=0.0_wp)
-    call place_terms(m, v, lin, wrench)
+    call count_segments(m, lin)
+    allocate (wrench(3, size(m%s%markers)), source=0.0_wp)
+    call marker_terms(m, v, lin, wrench)
     call constraint_rows_matrix(m, lin)
     do b = 1, size(m%s%bodies)
       call linear_body(m, b, q, v, lin)
@@ -42,22 +42,22 @@ contains
     call turning_terms(m, wrench, lin)
   end subroutine linearise
 
-  !> Displacement of a place in its body's axes (and its section's angle) from the body's unknowns: 3 x n matrix.
-  subroutine place_jacobian(m, k, cols, jac)
+  !> Displacement of a marker in its body's axes (and its section's angle) from the body's unknowns: 3 x n matrix.
+  subroutine marker_jacobian(m, k, cols, jac)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k                           !! place of the scene
+    integer, intent(in) :: k                           !! marker of the scene
     integer, allocatable, intent(out) :: cols(:)       !! unknowns it depends on; none on the ground
     real(wp), allocatable, intent(out) :: jac(:, :)    !! (3, size(cols)) [-] or [m]
     integer :: b, i, c, n
-    b = m%s%places(k)%body
+    b = m%s%markers(k)%body
     if (b == 0) then
       allocate (cols(0), jac(3, 0))
       return
     end if
     i = m%s%qo(b)
-    associate (place => m%s%places(k))
-      n = 3 + count(place%dof > 0)
-      if (allocated(place%psi)) n = 3 + size(place%psi, 2)
+    associate (marker => m%s%markers(k))
+      n = 3 + count(marker%dof > 0)
+      if (allocated(marker%psi)) n = 3 + size(marker%psi, 2)
       allocate (cols(n), source=0)
       allocate (jac(3, n), source=0.0_wp)
       cols(1:3) = [i + 1, i + 2, i + 3]
@@ -65,20 +65,20 @@ contains
       jac(2, 2) = 1.0_wp
       jac(1:2, 3) = turn(m%p%rho(:, k))
       jac(3, 3) = 1.0_wp
-      if (allocated(place%psi)) then
+      if (allocated(marker%psi)) then
         cols(4:) = [(i + 3 + c, c=1, n - 3)]
-        jac(:, 4:) = place%psi
+        jac(:, 4:) = marker%psi
       else
         n = 3
         do c = 1, 3
-          if (place%dof(c) == 0) cycle
+          if (marker%dof(c) == 0) cycle
           n = n + 1
-          cols(n) = i + 3 + place%dof(c)
+          cols(n) = i + 3 + marker%dof(c)
           jac(c, n) = 1.0_wp
         end do
       end if
     end associate
-  end subroutine place_jacobian
+  end subroutine marker_jacobian
 
   !> Rows of Phi_q.
   subroutine constraint_rows_matrix(m, lin)
@@ -87,16 +87,16 @@ contains
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3), n(2)
-    integer :: k, i, side, place, j
+    integer :: k, i, side, marker, j
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         do side = 1, 2
-          place = merge(c%ia, c%ib, side == 1)
-          call place_jacobian(m, place, cols, jac)
+          marker = merge(c%ia, c%ib, side == 1)
+          call marker_jacobian(m, marker, cols, jac)
           if (size(cols) == 0) cycle
           do i = c%first, c%first + c%rows - 1
             n = merge(m%rows%na(:, i), m%rows%nb(:, i), side == 1)
-            w = [to_body(m, place, n), merge(m%rows%sa(i), m%rows%sb(i), side == 1)]
+            w = [to_body(m, marker, n), merge(m%rows%sa(i), m%rows%sb(i), side == 1)]
             do j = 1, size(cols)
               call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
             end do
@@ -106,25 +106,25 @@ contains
     end do
   end subroutine constraint_rows_matrix
 
-  !> A global vector in the axes of a place's body.
-  pure function to_body(m, place, x) result(y)
+  !> A global vector in the axes of a marker's body.
+  pure function to_body(m, marker, x) result(y)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: place
+    integer, intent(in) :: marker
     real(wp), intent(in) :: x(2)
     real(wp) :: y(2)
     integer :: b
-    b = m%s%places(place)%body
+    b = m%s%markers(marker)%body
     y = x
-    if (b > 0) y = [m%c(b)*x(1) + m%sn(b)*x(2), m%c(b)*x(2) - m%sn(b)*x(1)]
+    if (b > 0) y = [m%cos_theta(b)*x(1) + m%sin_theta(b)*x(2), m%cos_theta(b)*x(2) - m%sin_theta(b)*x(1)]
   end function to_body
 
-  !> Joints and force elements: place-level stiffness and damping, and the residual wrench on every place.
-  subroutine place_terms(m, v, lin, wrench)
+  !> Joints and force elements: marker-level stiffness and damping, and the residual wrench on every marker.
+  subroutine marker_terms(m, v, lin, wrench)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)    !! (3, places) residual force (body axes) and moment
-    type(place_stiffness) :: t
+    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment
+    type(marker_stiffness) :: t
     integer :: k, i
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
@@ -140,16 +140,16 @@ contains
       end associate
     end do
     call element_terms(m, v, lin, wrench)
-  end subroutine place_terms
+  end subroutine marker_terms
 
-  !> Adds a force (global) and a moment to a place's residual wrench.
-  pure subroutine push(m, place, force, moment, wrench)
+  !> Adds a force (global) and a moment to a marker's residual wrench.
+  pure subroutine push(m, marker, force, moment, wrench)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: place
+    integer, intent(in) :: marker
     real(wp), intent(in) :: force(2), moment
     real(wp), intent(inout) :: wrench(:, :)
-    wrench(1:2, place) = wrench(1:2, place) + to_body(m, place, force)
-    wrench(3, place) = wrench(3, place) + moment
+    wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, marker, force)
+    wrench(3, marker) = wrench(3, marker) + moment
   end subroutine push
 
   !> Force elements: their tangents, with the runs of their GHM terms, and their wrenches. Forces that keep their direction in the
@@ -158,13 +158,13 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)    !! (3, places) [N, N m]
-    type(place_stiffness) :: t
+    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) [N, N m]
+    type(marker_stiffness) :: t
     type(conditions) :: with
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
-    integer :: k, j, run
-    run = findloc(lin%runs%element > 0, .true., 1) - 1
+    integer :: k, j, segment
+    segment = findloc(lin%segments%element > 0, .true., 1) - 1
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item, x => m%action(k))
         with = conditions_of(m, k, m%t)
@@ -175,23 +175,23 @@ contains
         call push(m, f%ia, -x%a(1:2), -x%a(3), wrench)
         if (f%ib /= f%ia) call push(m, f%ib, -x%b(1:2), -x%b(3), wrench)
         if (f%in_frame) then
-          call place_jacobian(m, f%ia, cols, jac)
+          call marker_jacobian(m, f%ia, cols, jac)
           do j = 1, size(cols)
             call lin%stiffness%add(cols(j), cols(3), -dot_product(jac(1:2, j), turn(to_body(m, f%ia, x%a(1:2)))))
           end do
         end if
         if (f%law%order() == 0) cycle
-        run = run + 1
+        segment = segment + 1
         call f%tangent(m%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
-        call add_pair(m, t, v, lin%runs(run)%stiffness, lin%damping, lin%runs(run)%stiffness)
+        call add_pair(m, t, v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
       end associate
     end do
   end subroutine element_terms
 
-  !> J^T k J of a pair of places, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
+  !> J^T k J of a pair of markers, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
   subroutine add_pair(m, t, v, stiffness, damping, rate_stiffness)
     type(mechanism_model), intent(in) :: m
-    type(place_stiffness), intent(in) :: t
+    type(marker_stiffness), intent(in) :: t
     real(wp), intent(in) :: v(:)
     type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
     integer, allocatable :: ci(:), cj(:)
@@ -200,11 +200,11 @@ contains
     integer :: side, other, pi, pj
     do side = 0, 1
       pi = merge(t%ia, t%ib, side == 0)
-      call place_jacobian(m, pi, ci, ji)
+      call marker_jacobian(m, pi, ci, ji)
       if (size(ci) == 0) cycle
       do other = 0, 1
         pj = merge(t%ia, t%ib, other == 0)
-        call place_jacobian(m, pj, cj, jj)
+        call marker_jacobian(m, pj, cj, jj)
         if (size(cj) == 0) cycle
         k = in_body_axes(m, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
         c = in_body_axes(m, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
@@ -217,25 +217,25 @@ contains
     end do
   end subroutine add_pair
 
-  !> How a place's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
-  function rate_jacobian(m, place, v, jac) result(r)
+  !> How a marker's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
+  function rate_jacobian(m, marker, v, jac) result(r)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: place
+    integer, intent(in) :: marker
     real(wp), intent(in) :: v(:), jac(:, :)
     real(wp) :: r(3, size(jac, 2)), thetad, u(2)
     integer :: b, j, i
-    b = m%s%places(place)%body
+    b = m%s%markers(marker)%body
     i = m%s%qo(b)
     thetad = v(i + 3)
     do j = 1, size(jac, 2)
       r(1:2, j) = thetad*turn(jac(1:2, j))
       r(3, j) = 0.0_wp
     end do
-    u = to_body(m, place, m%p%v(:, place) - v(i + 1:i + 2)) - thetad*turn(m%p%rho(:, place))
+    u = to_body(m, marker, m%p%v(:, marker) - v(i + 1:i + 2)) - thetad*turn(m%p%rho(:, marker))
     r(1:2, 3) = r(1:2, 3) + turn(u)
   end function rate_jacobian
 
-  !> A 3 x 3 place block from global axes into those of the two places' bodies.
+  !> A 3 x 3 marker block from global axes into those of the two markers' bodies.
   pure function in_body_axes(m, pi, pj, k) result(x)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: pi, pj
@@ -251,7 +251,7 @@ contains
     end do
   end function in_body_axes
 
-  !> Residual wrenches on places turn with the body that carries them: theta-theta, theta-f and f-theta terms.
+  !> Residual wrenches on markers turn with the body that carries them: theta-theta, theta-f and f-theta terms.
   subroutine turning_terms(m, wrench, lin)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: wrench(:, :)
@@ -260,9 +260,9 @@ contains
     real(wp), allocatable :: jac(:, :)
     real(wp) :: hf(2), x
     integer :: k, j
-    do k = 1, size(m%s%places)
-      if (m%s%places(k)%body == 0) cycle
-      call place_jacobian(m, k, cols, jac)
+    do k = 1, size(m%s%markers)
+      if (m%s%markers(k)%body == 0) cycle
+      call marker_jacobian(m, k, cols, jac)
       call lin%stiffness%add(cols(3), cols(3), -dot_product(m%p%rho(:, k), wrench(1:2, k)))
       hf = -turn(wrench(1:2, k))            ! H^T F
       do j = 4, size(cols)

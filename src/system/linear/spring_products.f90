@@ -1,4 +1,4 @@
-!> Springs in linear algebra, about the present places: how small motions stretch a spring, and the generalised forces of a
+!> Springs in linear algebra, about the present markers: how small motions stretch a spring, and the generalised forces of a
 !> spring that pulls. Unknowns as the coordinates, the frames' in body axes.
 module spring_products
   use kinds, only: wp
@@ -43,8 +43,8 @@ contains
       a = stretch(m, k, a - b)
       b = a
     end if
-    if (any(abs(a) > 0.0_wp)) call place_push(m, m%s%forces(k)%item%ia, stiffness*a, y)
-    if (any(abs(b) > 0.0_wp)) call place_push(m, m%s%forces(k)%item%ib, -stiffness*b, y)
+    if (any(abs(a) > 0.0_wp)) call marker_push(m, m%s%forces(k)%item%ia, stiffness*a, y)
+    if (any(abs(b) > 0.0_wp)) call marker_push(m, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
   !> Displacements and turns of a spring's ends, global axes.
@@ -53,8 +53,8 @@ contains
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
-    a = place_shift(m, m%s%forces(k)%item%ia, x)
-    b = place_shift(m, m%s%forces(k)%item%ib, x)
+    a = marker_shift(m, m%s%forces(k)%item%ia, x)
+    b = marker_shift(m, m%s%forces(k)%item%ib, x)
   end subroutine shifts
 
   !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
@@ -73,33 +73,33 @@ contains
     end associate
   end function stretch
 
-  !> Displacement of a place, global, and turn of its section, from the unknowns.
-  pure function place_shift(m, k, x) result(d)
+  !> Displacement of a marker, global, and turn of its section, from the unknowns.
+  pure function marker_shift(m, k, x) result(d)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k                   !! place
+    integer, intent(in) :: k                   !! marker
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp) :: d(3), u(3)                     !! [m], [m], [rad]
     integer :: b, i
     d = 0.0_wp
-    b = m%s%places(k)%body
+    b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    u = m%s%places(k)%shift(m%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
-    d = [m%c(b)*u(1) - m%sn(b)*u(2), m%sn(b)*u(1) + m%c(b)*u(2), u(3)]
-  end function place_shift
+    u = m%s%markers(k)%shift(m%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
+    d = [m%cos_theta(b)*u(1) - m%sin_theta(b)*u(2), m%sin_theta(b)*u(1) + m%cos_theta(b)*u(2), u(3)]
+  end function marker_shift
 
-  !> Adds a wrench (global force, moment) on a place as generalised forces.
-  pure subroutine place_push(m, k, f, y)
+  !> Adds a wrench (global force, moment) on a marker as generalised forces.
+  pure subroutine marker_push(m, k, f, y)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k                   !! place
+    integer, intent(in) :: k                   !! marker
     real(wp), intent(in) :: f(3)               !! [N], [N m]
     real(wp), intent(inout) :: y(:)            !! (n) [N], [N m]
     real(wp) :: w(3)
     integer :: b, i
-    b = m%s%places(k)%body
+    b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    w = [m%c(b)*f(1) + m%sn(b)*f(2), m%c(b)*f(2) - m%sn(b)*f(1), f(3)]
-    call m%s%places(k)%push(m%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
-  end subroutine place_push
+    w = [m%cos_theta(b)*f(1) + m%sin_theta(b)*f(2), m%cos_theta(b)*f(2) - m%sin_theta(b)*f(1), f(3)]
+    call m%s%markers(k)%push(m%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
+  end subroutine marker_push
 end module spring_products

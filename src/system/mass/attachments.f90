@@ -1,79 +1,79 @@
-!> The places where constraints act on flexible bodies: what a unit force there does to the body's elastic coordinates,
-!> columns m_ff^-1 E_k^T, and the compliances E_i m_ff^-1 E_j^T between the places (theory.md, section 7). All constant.
+!> The markers where constraints act on flexible bodies: what a unit force there does to the body's elastic coordinates,
+!> columns m_ff^-1 E_k^T, and the compliances E_i m_ff^-1 E_j^T between the markers (theory.md, section 7). All constant.
 module attachments
   use kinds, only: wp
   use banded, only: band_solve
   use body, only: body_model
   use mechanism, only: mechanism_model, flexible_attachments
-  use place, only: place_model
+  use marker, only: marker_model
   implicit none (type, external)
   private
-  public :: attach_places
+  public :: attach_markers
 
 contains
 
   !> Attachments of every flexible body.
-  subroutine attach_places(self)
+  subroutine attach_markers(self)
     type(mechanism_model), intent(inout) :: self
-    logical, allocatable :: acts(:, :)           !! (3, places) whether constraints act on u, v and the rotation of a place
+    logical, allocatable :: acts(:, :)           !! (3, markers) whether constraints act on u, v and the rotation of a marker
     integer, allocatable :: local(:)
     integer :: k, b
-    allocate (local(size(self%s%places)), source=0)
-    allocate (acts(3, size(self%s%places)), source=.false.)
+    allocate (local(size(self%s%markers)), source=0)
+    allocate (acts(3, size(self%s%markers)), source=.false.)
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
-        if (c%moves()) acts(1:2, [c%ia, c%ib]) = .true.
-        if (c%turns_a()) acts(3, c%ia) = .true.
-        if (c%turns_b()) acts(3, c%ib) = .true.
+        if (c%uses_position()) acts(1:2, [c%ia, c%ib]) = .true.
+        if (c%uses_angle_a()) acts(3, c%ia) = .true.
+        if (c%uses_angle_b()) acts(3, c%ib) = .true.
       end associate
     end do
     do b = 1, size(self%s%bodies)
       if (.not. self%s%bodies(b)%flexible) cycle
-      call list_places(self, b, local)
-      associate (at => self%attached(b), bo => self%s%bodies(b))
-        call number_columns(self%s%places(at%place), acts(:, at%place), bo%modal, at%column)
-        call fill_columns(self%s%places(at%place), bo, at)
-        call fill_compliances(self%s%places(at%place), bo, at)
+      call list_markers(self, b, local)
+      associate (at => self%attached(b), body => self%s%bodies(b))
+        call number_columns(self%s%markers(at%marker), acts(:, at%marker), body%modal, at%column)
+        call fill_columns(self%s%markers(at%marker), body, at)
+        call fill_compliances(self%s%markers(at%marker), body, at)
       end associate
     end do
-  end subroutine attach_places
+  end subroutine attach_markers
 
-  !> Lists the places at the ends of rows on one body, each once, and the number of each end's place in that list.
-  pure subroutine list_places(self, b, local)
+  !> Lists the markers at the ends of rows on one body, each once, and the number of each end's marker in that list.
+  pure subroutine list_markers(self, b, local)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
-    integer, intent(inout) :: local(:)           !! work space: zero on the places of this body
+    integer, intent(inout) :: local(:)           !! work space: zero on the markers of this body
     integer :: k, n, e
     n = 0
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      k = self%end_place(e)
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      k = self%end_marker(e)
       if (local(k) == 0) then
         n = n + 1
         local(k) = n
       end if
-      self%end_local(e) = local(k)
+      self%side_attachment(e) = local(k)
     end do
-    allocate (self%attached(b)%place(n))
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      self%attached(b)%place(self%end_local(e)) = self%end_place(e)
+    allocate (self%attached(b)%marker(n))
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      self%attached(b)%marker(self%side_attachment(e)) = self%end_marker(e)
     end do
-  end subroutine list_places
+  end subroutine list_markers
 
   !> Numbers the columns that are needed: where a constraint acts on a coordinate that the body has.
-  pure subroutine number_columns(places, acts, modal, column)
-    type(place_model), intent(in) :: places(:)   !! (na) attached places of one body
+  pure subroutine number_columns(markers, acts, modal, column)
+    type(marker_model), intent(in) :: markers(:) !! (na) attached markers of one body
     logical, intent(in) :: acts(:, :)            !! (3, na)
     logical, intent(in) :: modal                 !! the body has modal coordinates
     integer, allocatable, intent(out) :: column(:, :)   !! (3, na) 0: none needed
     integer :: i, c, nc
-    allocate (column(3, size(places)), source=0)
+    allocate (column(3, size(markers)), source=0)
     nc = 0
-    do i = 1, size(places)
+    do i = 1, size(markers)
       do c = 1, 3
         if (modal) then
-          if (.not. allocated(places(i)%psi)) cycle
+          if (.not. allocated(markers(i)%psi)) cycle
         else
-          if (places(i)%dof(c) == 0) cycle
+          if (markers(i)%dof(c) == 0) cycle
         end if
         if (.not. acts(c, i)) cycle
         nc = nc + 1
@@ -83,42 +83,42 @@ contains
   end subroutine number_columns
 
   !> The columns m_ff^-1 E_k^T.
-  subroutine fill_columns(places, bo, at)
-    type(place_model), intent(in) :: places(:)   !! (na) attached places of the body
-    type(body_model), intent(inout) :: bo        !! its factor's work space changes
+  subroutine fill_columns(markers, body, at)
+    type(marker_model), intent(in) :: markers(:) !! (na) attached markers of the body
+    type(body_model), intent(inout) :: body        !! its factor's work space changes
     type(flexible_attachments), intent(inout) :: at
     integer :: i, c, nc
     nc = max(0, maxval(at%column))
-    allocate (at%columns(bo%nf, nc), at%load(nc), source=0.0_wp)
-    do i = 1, size(places)
+    allocate (at%columns(body%nf, nc), at%load(nc), source=0.0_wp)
+    do i = 1, size(markers)
       do c = 1, 3
         if (at%column(c, i) == 0) cycle
         associate (x => at%columns(:, at%column(c, i)))
-          if (bo%modal) then
-            x = places(i)%psi(c, :)
+          if (body%modal) then
+            x = markers(i)%psi(c, :)
           else
-            x(places(i)%dof(c)) = 1.0_wp
-            call band_solve(bo%mff, x)
+            x(markers(i)%dof(c)) = 1.0_wp
+            call band_solve(body%mff, x)
           end if
         end associate
       end do
     end do
   end subroutine fill_columns
 
-  !> Compliances between the places, E_k m_ff^-1 S-bar^T, and room for what an evaluation fills in.
-  pure subroutine fill_compliances(places, bo, at)
-    type(place_model), intent(in) :: places(:)   !! (na) attached places of the body
-    type(body_model), intent(in) :: bo
+  !> Compliances between the markers, E_k m_ff^-1 S-bar^T, and room for what an evaluation fills in.
+  pure subroutine fill_compliances(markers, body, at)
+    type(marker_model), intent(in) :: markers(:) !! (na) attached markers of the body
+    type(body_model), intent(in) :: body
     type(flexible_attachments), intent(inout) :: at
     integer :: n, i, j, c
-    n = size(places)
+    n = size(markers)
     allocate (at%compliance(3, 3, n, n), at%ep(3, 2, n), at%ex(3, n), at%ey(3, n), source=0.0_wp)
     do i = 1, n
-      at%ep(:, 1, i) = places(i)%elastic(bo%pmat(:, 1))
-      at%ep(:, 2, i) = places(i)%elastic(bo%pmat(:, 2))
+      at%ep(:, 1, i) = markers(i)%elastic(body%pmat(:, 1))
+      at%ep(:, 2, i) = markers(i)%elastic(body%pmat(:, 2))
       do j = 1, n
         do c = 1, 3
-          if (at%column(c, j) > 0) at%compliance(:, c, i, j) = places(i)%elastic(at%columns(:, at%column(c, j)))
+          if (at%column(c, j) > 0) at%compliance(:, c, i, j) = markers(i)%elastic(at%columns(:, at%column(c, j)))
         end do
       end do
     end do

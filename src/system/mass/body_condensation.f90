@@ -6,7 +6,7 @@ module body_condensation
   use mechanism, only: mechanism_model, factor_frame
   use modal_kernel, only: modal_forces
   use nodal_kernel, only: nodal_forces
-  use place_forces, only: load_elastic
+  use marker_forces, only: load_elastic
   implicit none (type, external)
   private
   public :: condense_bodies
@@ -19,31 +19,32 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
     integer :: b
-    do b = 1, size(self%c)
+    do b = 1, size(self%cos_theta)
       if (self%flexible(b)) then
         call flexible_body(self, b, q, v, z, zd)
       else
-        call rigid_body(self%rigid(:, b), self%c(b), self%sn(b), self%s%gravity, v(self%s%qo(b) + 3), self%pin(:, b), &
-                        self%rhs(:, b), self%low(:, b), self%dinv(:, b))
+        call rigid_body(self%rigid(:, b), self%cos_theta(b), self%sin_theta(b), self%s%gravity, v(self%s%qo(b) + 3), self%pin(:, &
+            b), &
+                        self%rhs(:, b), self%frame_l(:, b), self%frame_dinv(:, b))
       end if
     end do
   end subroutine condense_bodies
 
   !> Condensed mass and inertia forces of a rigid body (constant mass in body axes).
-  pure subroutine rigid_body(constants, c, s, gravity, thetad, p, rhs, low, dinv)
+  pure subroutine rigid_body(constants, c, s, gravity, thetad, p, rhs, frame_l, frame_dinv)
     real(wp), intent(in) :: constants(9)    !! mass, I1, L and 1/D (mechanism_model)
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
     real(wp), intent(in) :: gravity(2)      !! [m/s2]
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(out) :: p(2), rhs(3), low(3), dinv(3)
+    real(wp), intent(out) :: p(2), rhs(3), frame_l(3), frame_dinv(3)
     real(wp) :: g(2)
     p = constants(2:3)
     g(1) = c*gravity(1) + s*gravity(2)
     g(2) = c*gravity(2) - s*gravity(1)
     rhs(1:2) = constants(1)*g + thetad**2*p
     rhs(3) = p(1)*g(2) - p(2)*g(1)
-    low = constants(4:6)
-    dinv = constants(7:9)
+    frame_l = constants(4:6)
+    frame_dinv = constants(7:9)
   end subroutine rigid_body
 
   !> Elastic forces, the two banded solves and the condensed mass and forces of a flexible body.
@@ -53,56 +54,57 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sv(2), i1q, i1v, tt
-    real(wp) :: sx(2), sy(2), tx, ty
+    real(wp) :: sx(2), sy(2), angle_coupling, ty
     integer :: i, n
     i = self%s%qo(b) + 3
     thetad = v(i)
-    associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
-      n = like%nf
-      g(1) = self%c(b)*self%s%gravity(1) + self%sn(b)*self%s%gravity(2)
-      g(2) = -self%sn(b)*self%s%gravity(1) + self%c(b)*self%s%gravity(2)
-      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), like%sbar, like%i1f, like%c0, g, thetad, bo%qx, bo%vx, bo%fx, &
-                          bo%tx, p, sv, i1q, i1v)
-      p = p + bo%i1
-      if (bo%modal) then
-        call modal_forces(bo, z, zd, thetad, self%zdd, qmq, qmv, power)
+    associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
+      n = prototype%nf
+      g(1) = self%cos_theta(b)*self%s%gravity(1) + self%sin_theta(b)*self%s%gravity(2)
+      g(2) = -self%sin_theta(b)*self%s%gravity(1) + self%cos_theta(b)*self%s%gravity(2)
+      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), prototype%sbar, prototype%i1f, prototype%c0, g, thetad, body%qx, &
+                          body%vx, body%elastic_force, &
+                          body%angle_coupling, p, sv, i1q, i1v)
+      p = p + body%i1
+      if (body%modal) then
+        call modal_forces(body, z, zd, thetad, self%zdd, qmq, qmv, power)
       else
-        call nodal_forces(bo, like%edof, like%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
+        call nodal_forces(body, prototype%edof, prototype%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
       end if
       self%dissipated_power = self%dissipated_power + power
       self%pin(:, b) = p
-      self%rhs(1, b) = bo%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
-      self%rhs(2, b) = bo%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
+      self%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
+      self%rhs(2, b) = body%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
       self%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)
-      tt = bo%i11 + 2*i1q + qmq
+      tt = body%i11 + 2*i1q + qmq
     end associate
     call load_elastic(self, b)
-    call solve_elastic(self, b, sx, sy, tx, ty)
-    associate (bo => self%s%bodies(b))
+    call solve_elastic(self, b, sx, sy, angle_coupling, ty)
+    associate (body => self%s%bodies(b))
       self%rhs(1:2, b) = self%rhs(1:2, b) - sx
-      self%rhs(3, b) = self%rhs(3, b) - tx
-      call factor_frame(bo%mass - bo%sps(1, 1), -bo%sps(1, 2), bo%mass - bo%sps(2, 2), -p(2) - sy(1), p(1) - sy(2), &
-                        tt - ty, self%low(:, b), self%dinv(:, b))
+      self%rhs(3, b) = self%rhs(3, b) - angle_coupling
+      call factor_frame(body%mass - body%sps(1, 1), -body%sps(1, 2), body%mass - body%sps(2, 2), -p(2) - sy(1), p(1) - sy(2), &
+                        tt - ty, self%frame_l(:, b), self%frame_dinv(:, b))
     end associate
-    if (.not. all(self%dinv(:, b) > 0.0_wp)) self%broken = .true.
+    if (.not. all(self%frame_dinv(:, b) > 0.0_wp)) self%broken = .true.
   end subroutine flexible_body
 
   !> Copies the coordinates and their rates; Q_f without elastic and velocity-product terms; products with q_f and q_f'.
-  pure subroutine frame_products(n, q, v, sbar, i1f, c0, g, thetad, qx, vx, fx, tx, sq, sv, i1q, i1v)
+  pure subroutine frame_products(n, q, v, sbar, i1f, c0, g, thetad, qx, vx, elastic_force, angle_coupling, sq, sv, i1q, i1v)
     integer, intent(in) :: n
     real(wp), intent(in) :: q(n), v(n)
     real(wp), intent(in) :: sbar(n, 2), i1f(n), c0(n)
     real(wp), intent(in) :: g(2)            !! gravity in body axes [m/s2]
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(inout) :: qx(0:n), vx(0:n), fx(0:n), tx(0:n)
+    real(wp), intent(inout) :: qx(0:n), vx(0:n), elastic_force(0:n), angle_coupling(0:n)
     real(wp), intent(out) :: sq(2), sv(2)   !! S-bar q_f [kg m], S-bar q_f'
     real(wp), intent(out) :: i1q, i1v       !! I1f q_f [kg m2], I1f q_f'
     integer :: k
     do k = 1, n
       qx(k) = q(k)
       vx(k) = v(k)
-      fx(k) = thetad**2*i1f(k) + sbar(k, 1)*g(1) + sbar(k, 2)*g(2)
-      tx(k) = c0(k)
+      elastic_force(k) = thetad**2*i1f(k) + sbar(k, 1)*g(1) + sbar(k, 2)*g(2)
+      angle_coupling(k) = c0(k)
     end do
     sq = 0.0_wp
     sv = 0.0_wp
@@ -119,39 +121,41 @@ contains
   end subroutine frame_products
 
   !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products.
-  subroutine solve_elastic(self, b, sx, sy, tx, ty)
+  subroutine solve_elastic(self, b, sx, sy, angle_coupling, ty)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
     real(wp), intent(out) :: sx(2), sy(2)   !! S-bar X, S-bar Y
-    real(wp), intent(out) :: tx, ty         !! m_theta_f X, m_theta_f Y
+    real(wp), intent(out) :: angle_coupling, ty !! m_theta_f X, m_theta_f Y
     integer :: n, k, j, i
-    associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)), at => self%attached(b))
-      n = like%nf
-      call products(n, like%pmat, bo%fx(1:n), bo%tx(1:n), sx, sy)   ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
-      if (bo%modal) then
-        tx = dot_product(bo%tx(1:n), bo%fx(1:n))
-        ty = dot_product(bo%tx(1:n), bo%tx(1:n))
+    associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)), at => self%attached(b))
+      n = prototype%nf
+      ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
+      call products(n, prototype%pmat, body%elastic_force(1:n), body%angle_coupling(1:n), sx, sy)
+      if (body%modal) then
+        angle_coupling = dot_product(body%angle_coupling(1:n), body%elastic_force(1:n))
+        ty = dot_product(body%angle_coupling(1:n), body%angle_coupling(1:n))
       else
-        bo%qx(1:n) = bo%tx(1:n)
-        call band_solve_two(like%mff, bo%fx(1:n), bo%tx(1:n))
+        body%qx(1:n) = body%angle_coupling(1:n)
+        call band_solve_two(prototype%mff, body%elastic_force(1:n), body%angle_coupling(1:n))
         self%solves = self%solves + 2
-        tx = 0.0_wp
+        angle_coupling = 0.0_wp
         ty = 0.0_wp
         do k = 1, n
-          tx = tx + bo%qx(k)*bo%fx(k)
-          ty = ty + bo%qx(k)*bo%tx(k)
+          angle_coupling = angle_coupling + body%qx(k)*body%elastic_force(k)
+          ty = ty + body%qx(k)*body%angle_coupling(k)
         end do
       end if
-      do j = 1, size(at%place)
-        if (bo%modal) then
-          if (allocated(self%s%places(at%place(j))%psi)) call products3(n, self%s%places(at%place(j))%psi, bo%fx(1:n), &
-                                                                       bo%tx(1:n), at%ex(:, j), at%ey(:, j))
+      do j = 1, size(at%marker)
+        if (body%modal) then
+          if (allocated(self%s%markers(at%marker(j))%psi)) call products3(n, self%s%markers(at%marker(j))%psi, &
+              body%elastic_force(1:n), &
+                                                                       body%angle_coupling(1:n), at%ex(:, j), at%ey(:, j))
         else
           do k = 1, 3
-            i = self%place_dof(k, at%place(j))
+            i = self%marker_dof(k, at%marker(j))
             if (i == 0) cycle
-            at%ex(k, j) = bo%fx(i)
-            at%ey(k, j) = bo%tx(i)
+            at%ex(k, j) = body%elastic_force(i)
+            at%ey(k, j) = body%angle_coupling(i)
           end do
         end if
       end do

@@ -35,7 +35,7 @@ contains
       self%a = self%a + self%change
       self%lambda = self%lambda + self%lambda_change
     end do
-    if (worst > kept*largest_acceleration(self) .and. .not. self%schur%singular) call self%schur%lose()
+    if (worst > kept*largest_acceleration(self) .and. .not. self%schur%singular) call self%schur%note_ill_conditioned()
   end subroutine correct_accelerations
 
   !> Whether the accelerations meet the joints' equations to rounding already.
@@ -49,10 +49,10 @@ contains
   pure real(wp) function largest_acceleration(self) result(a)
     type(mechanism_model), intent(in) :: self
     integer :: b, e
-    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%extra)), norm2(self%s%gravity), maxval(abs(self%free)))
-    do b = 1, size(self%c)
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        a = max(a, maxval(abs(place_acceleration(self, b, self%end_place(e)))))
+    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%acceleration_bias)), norm2(self%s%gravity), maxval(abs(self%free)))
+    do b = 1, size(self%cos_theta)
+      do e = self%side_first(b), self%side_first(b + 1) - 1
+        a = max(a, maxval(abs(marker_acceleration(self, b, self%end_marker(e)))))
       end do
     end do
   end function largest_acceleration
@@ -68,27 +68,28 @@ contains
       r = 2*self%baumgarte(1)*r + self%baumgarte(2)**2*self%rows%phi
     end if
     do i = 1, self%s%rows
-      r(i) = r(i) + self%rows%extra(i) + dot_product(self%rows%na(:, i), self%p%bias(:, self%row_place(1, i))) &
-             + dot_product(self%rows%nb(:, i), self%p%bias(:, self%row_place(2, i)))
+      r(i) = r(i) + self%rows%acceleration_bias(i) + dot_product(self%rows%na(:, i), self%p%bias(:, self%row_marker(1, i))) &
+             + dot_product(self%rows%nb(:, i), self%p%bias(:, self%row_marker(2, i)))
     end do
-    do b = 1, size(self%c)
-      do e = self%end_first(b), self%end_first(b + 1) - 1
-        i = self%end_row(e)
-        r(i) = r(i) + dot_product(self%w(:, e), place_acceleration(self, b, self%end_place(e)))
+    do b = 1, size(self%cos_theta)
+      do e = self%side_first(b), self%side_first(b + 1) - 1
+        i = self%side_row(e)
+        r(i) = r(i) + dot_product(self%w(:, e), marker_acceleration(self, b, self%end_marker(e)))
       end do
     end do
   end subroutine joint_residual
 
 
-  !> Acceleration of a place without its velocity-dependent part, and of its section's angle, body axes.
-  pure function place_acceleration(self, b, k) result(x)
+  !> Acceleration of a marker without its velocity-dependent part, and of its section's angle, body axes.
+  pure function marker_acceleration(self, b, k) result(x)
     type(mechanism_model), intent(in) :: self
-    integer, intent(in) :: b, k                      !! body, place
+    integer, intent(in) :: b, k                      !! body, marker
     real(wp) :: x(3), frame(3)
     integer :: i
     i = self%s%qo(b)
-    frame = [self%c(b)*self%a(i + 1) + self%sn(b)*self%a(i + 2), self%c(b)*self%a(i + 2) - self%sn(b)*self%a(i + 1), &
+    frame = [self%cos_theta(b)*self%a(i + 1) + self%sin_theta(b)*self%a(i + 2), self%cos_theta(b)*self%a(i &
+        + 2) - self%sin_theta(b)*self%a(i + 1), &
              self%a(i + 3)]
-    x = self%s%places(k)%shift(self%p%rho(:, k), frame, self%a(i + 4:i + 3 + self%s%bodies(b)%nf))
-  end function place_acceleration
+    x = self%s%markers(k)%shift(self%p%rho(:, k), frame, self%a(i + 4:i + 3 + self%s%bodies(b)%nf))
+  end function marker_acceleration
 end module joint_correction

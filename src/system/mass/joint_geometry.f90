@@ -28,8 +28,8 @@ contains
     real(wp) :: middle(2), reach
     integer :: b
     self%schur%g = 0.0_wp
-    do b = 1, size(self%c)
-      if (self%end_first(b + 1) == self%end_first(b)) cycle
+    do b = 1, size(self%cos_theta)
+      if (self%side_first(b + 1) == self%side_first(b)) cycle
       call extent(self, b, middle, reach)
       call add_frame(self, b, middle, reach)
       if (self%flexible(b) .and. .not. self%frozen) call add_elastic(self, b, self%attached(b), reach)
@@ -44,13 +44,13 @@ contains
     real(wp), intent(out) :: reach                !! [m]
     integer :: e
     middle = 0.0_wp
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      middle = middle + self%p%rho(:, self%end_place(e))
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      middle = middle + self%p%rho(:, self%end_marker(e))
     end do
-    middle = middle/(self%end_first(b + 1) - self%end_first(b))
+    middle = middle/(self%side_first(b + 1) - self%side_first(b))
     reach = 0.0_wp
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      reach = max(reach, norm2(self%p%rho(:, self%end_place(e)) - middle))
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      reach = max(reach, norm2(self%p%rho(:, self%end_marker(e)) - middle))
     end do
     if (.not. reach > 1.0e-9_wp*norm2(middle)) reach = max(norm2(middle), self%s%size)    ! one place alone
   end subroutine extent
@@ -62,16 +62,16 @@ contains
     real(wp), intent(in) :: middle(2), reach      !! [m]
     real(wp) :: we(3), wf(3)
     integer :: e, f
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      we = about(self%w(:, e), self%p%rho(:, self%end_place(e)) - middle, reach)
-      do f = self%end_first(b), e
-        wf = about(self%w(:, f), self%p%rho(:, self%end_place(f)) - middle, reach)
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      we = about(self%w(:, e), self%p%rho(:, self%end_marker(e)) - middle, reach)
+      do f = self%side_first(b), e
+        wf = about(self%w(:, f), self%p%rho(:, self%end_marker(f)) - middle, reach)
         call add_pair(self, e, f, dot_product(we, wf))
       end do
     end do
   end subroutine add_frame
 
-  !> A wrench on a place as force, and moment about the middle over the reach.
+  !> A wrench on a marker as force, and moment about the middle over the reach.
   pure function about(w, arm, reach) result(x)
     real(wp), intent(in) :: w(3)                  !! wrench, body axes [-, m]
     real(wp), intent(in) :: arm(2), reach         !! [m]
@@ -80,7 +80,7 @@ contains
     x(3) = (w(3) + arm(1)*w(2) - arm(2)*w(1))/reach
   end function about
 
-  !> What the elastic coordinates of the places add.
+  !> What the elastic coordinates of the markers add.
   pure subroutine add_elastic(self, b, at, reach)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
@@ -91,13 +91,13 @@ contains
     logical :: modal, same
     unit = [1.0_wp, 1.0_wp, 1.0_wp/reach**2]
     modal = self%s%bodies(b)%modal
-    do e = self%end_first(b), self%end_first(b + 1) - 1
-      i = self%end_local(e)
-      do f = self%end_first(b), e
-        j = self%end_local(f)
+    do e = self%side_first(b), self%side_first(b + 1) - 1
+      i = self%side_attachment(e)
+      do f = self%side_first(b), e
+        j = self%side_attachment(f)
         x = 0.0_wp
         do c = 1, 3
-          same = self%s%places(at%place(i))%dof(c) == self%s%places(at%place(j))%dof(c) .and. at%column(c, i) > 0
+          same = self%s%markers(at%marker(i))%dof(c) == self%s%markers(at%marker(j))%dof(c) .and. at%column(c, i) > 0
           if (modal) then
             x = x + self%s%bodies(b)%mass*self%w(c, f)*dot_product(self%w(:, e), at%compliance(:, c, i, j))
           else if (same) then
@@ -109,7 +109,7 @@ contains
     end do
   end subroutine add_elastic
 
-  !> Adds to the entry of two ends' rows, scaled as S is.
+  !> Adds to the entry of two sides' rows, scaled as S is.
   pure subroutine add_pair(self, e, f, x)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: e, f
@@ -117,10 +117,10 @@ contains
     real(wp) :: y
     integer :: i, j
     associate (s => self%schur)
-      i = s%position(self%end_row(e))
-      j = s%position(self%end_row(f))
-      y = x*s%scale(self%end_row(e))*s%scale(self%end_row(f))
-      if (i == j .and. f < e) y = 2*y             ! both places of one row on the same body
+      i = s%position(self%side_row(e))
+      j = s%position(self%side_row(f))
+      y = x*s%scale(self%side_row(e))*s%scale(self%side_row(f))
+      if (i == j .and. f < e) y = 2*y             ! both markers of one row on the same body
       s%g(abs(i - j), min(i, j)) = s%g(abs(i - j), min(i, j)) + y
     end associate
   end subroutine add_pair

@@ -13,15 +13,17 @@ contains
   pure subroutine push_frames(self, lambda)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
-    call solve_frames(size(self%c), self%end_first, size(self%end_row), self%end_row, self%jw, self%low, self%dinv, &
+    call solve_frames(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_wrench, &
+                      self%frame_l, self%frame_dinv, &
                         self%s%rows, lambda, self%push)
   end subroutine push_frames
 
   !> x = Mc^-1 J^T w lambda of every body's frame, the wrenches J^T w in jw.
-  pure subroutine solve_frames(nb, first, n, row, jw, low, dinv, rows, lambda, x)
+  pure subroutine solve_frames(nb, first, n, row, frame_wrench, frame_l, frame_dinv, rows, lambda, x)
     integer, intent(in) :: nb, n, rows
     integer, intent(in) :: first(nb + 1), row(n)
-    real(wp), intent(in) :: jw(3, n), low(3, nb), dinv(3, nb), lambda(rows)   !! wrenches [-, m], factors [1/kg ...], [N]
+    real(wp), intent(in) :: frame_wrench(3, n), lambda(rows)      !! wrenches [-, m], multipliers [N]
+    real(wp), intent(in) :: frame_l(3, nb), frame_dinv(3, nb)   !! factors of the frames [1/kg ...]
     real(wp), intent(out) :: x(3, nb)                                         !! [m/s2, rad/s2]
     real(wp) :: x1, x2, x3, l
     integer :: b, e
@@ -31,14 +33,14 @@ contains
       x3 = 0.0_wp
       do e = first(b), first(b + 1) - 1
         l = lambda(row(e))
-        x1 = x1 + jw(1, e)*l
-        x2 = x2 + jw(2, e)*l
-        x3 = x3 + jw(3, e)*l
+        x1 = x1 + frame_wrench(1, e)*l
+        x2 = x2 + frame_wrench(2, e)*l
+        x3 = x3 + frame_wrench(3, e)*l
       end do
-      x2 = x2 - low(1, b)*x1
-      x3 = (x3 - low(2, b)*x1 - low(3, b)*x2)*dinv(3, b)
-      x2 = x2*dinv(2, b) - low(3, b)*x3
-      x(1, b) = x1*dinv(1, b) - low(1, b)*x2 - low(2, b)*x3
+      x2 = x2 - frame_l(1, b)*x1
+      x3 = (x3 - frame_l(2, b)*x1 - frame_l(3, b)*x2)*frame_dinv(3, b)
+      x2 = x2*frame_dinv(2, b) - frame_l(3, b)*x3
+      x(1, b) = x1*frame_dinv(1, b) - frame_l(1, b)*x2 - frame_l(2, b)*x3
       x(2, b) = x2
       x(3, b) = x3
     end do
@@ -51,11 +53,11 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
     real(wp), intent(inout), contiguous :: a(:)       !! (nf) [m/s2, rad/s2], or corrections [m, rad]
     integer :: first, last
-    first = self%end_first(b)
-    last = self%end_first(b + 1) - 1
-    associate (at => self%attached(self%held_like(b)))          ! constants, and work
-      call column_loads(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
-                        self%s%rows, lambda, size(at%place), at%column, size(at%load), at%load)
+    first = self%side_first(b)
+    last = self%side_first(b + 1) - 1
+    associate (at => self%attached(self%attached_prototype(b)))          ! constants, and work
+      call column_loads(last - first + 1, self%side_row(first:last), self%side_attachment(first:last), self%w(:, first:last), &
+                        self%s%rows, lambda, size(at%marker), at%column, size(at%load), at%load)
       call subtract_columns(size(a), size(at%load), at%load, at%columns, a)
     end associate
   end subroutine push_elastic
@@ -96,17 +98,17 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes [m/s2, rad/s2], or [m, rad]
     integer :: b, i, n
     call push_frames(self, mu)
-    call turn_back(size(self%c), self%s%qo, self%c, self%sn, self%push, size(dq), dq)
-    do b = 1, size(self%c)
+    call turn_back(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%push, size(dq), dq)
+    do b = 1, size(self%cos_theta)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
-      n = self%s%bodies(self%like(b))%nf
+      n = self%s%bodies(self%prototype(b))%nf
       if (self%frozen) then
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if
-      associate (bo => self%s%bodies(b), like => self%s%bodies(self%like(b)))
-        call follow_frame(n, like%pmat, bo%tx(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
+      associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
+        call follow_frame(n, prototype%pmat, body%angle_coupling(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
     end do
@@ -128,13 +130,13 @@ contains
   end subroutine turn_back
 
   !> Elastic coordinates that follow a correction -x of the frame: m_ff^-1 (S-bar^T, m_theta_f^T) x.
-  pure subroutine follow_frame(n, pmat, tx, x, dq)
+  pure subroutine follow_frame(n, pmat, angle_coupling, x, dq)
     integer, intent(in) :: n
-    real(wp), intent(in) :: pmat(n, 2), tx(n), x(3)   !! m_ff^-1 (S-bar^T [-], m_theta_f [m]), of the frame [m/s2, rad/s2]
+    real(wp), intent(in) :: pmat(n, 2), angle_coupling(n), x(3) !! m_ff^-1 (S-bar^T [-], m_theta_f [m]), of the frame [m/s2, rad/s2]
     real(wp), intent(out) :: dq(n)                    !! [m/s2, rad/s2]
     integer :: k
     do k = 1, n
-      dq(k) = pmat(k, 1)*x(1) + pmat(k, 2)*x(2) + tx(k)*x(3)
+      dq(k) = pmat(k, 1)*x(1) + pmat(k, 2)*x(2) + angle_coupling(k)*x(3)
     end do
   end subroutine follow_frame
 end module joint_response

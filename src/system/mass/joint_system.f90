@@ -10,12 +10,12 @@ module joint_system
 
 contains
 
-  !> Phi, its gradients and the other parts of every constraint, from the places' states.
+  !> Phi, its gradients and the other parts of every constraint, from the markers' states.
   subroutine constraint_values(self, t)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    self%rows%left = self%left .or. t >= self%last      ! drives stop at the end of a run: what would follow is not felt
+    self%rows%left_limit = self%left_limit .or. t >= self%t_end ! drives stop at the end of a run: what would follow is not felt
     do k = 1, size(self%s%constraints)
       call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
     end do
@@ -25,33 +25,33 @@ contains
   pure subroutine row_rates(self, rate)
     type(mechanism_model), intent(in) :: self
     real(wp), intent(out), contiguous :: rate(:)      !! (rows) [m/s]
-    call add_place_terms(self%s%rows, size(self%p%rate), self%row_place, self%rows%na, self%rows%nb, self%p%v, &
-                         self%rows%phi_t, rate)
-    call add_angle_terms(self%s%rows, size(self%p%rate), self%row_place, self%rows%sa, self%rows%sb, self%p%rate, rate)
+    call add_marker_terms(self%s%rows, size(self%p%rate), self%row_marker, self%rows%na, self%rows%nb, self%p%v, &
+                          self%rows%phi_t, rate)
+    call add_angle_terms(self%s%rows, size(self%p%rate), self%row_marker, self%rows%sa, self%rows%sb, self%p%rate, rate)
   end subroutine row_rates
 
-  !> y = x + n_a.u_a + n_b.u_b of every row, u a vector at each place.
-  pure subroutine add_place_terms(n, np, place, na, nb, u, x, y)
+  !> y = x + n_a.u_a + n_b.u_b of every row, u a vector at each marker.
+  pure subroutine add_marker_terms(n, np, marker, na, nb, u, x, y)
     integer, intent(in) :: n, np
-    integer, intent(in) :: place(2, n)
+    integer, intent(in) :: marker(2, n)
     real(wp), intent(in) :: na(2, n), nb(2, n), u(2, np), x(n)   !! gradients [-], vectors [any], what they add to [as u]
     real(wp), intent(out) :: y(n)                                !! [as u]
     integer :: i
     do i = 1, n
-      y(i) = x(i) + ((na(1, i)*u(1, place(1, i)) + na(2, i)*u(2, place(1, i))) &
-                     + (nb(1, i)*u(1, place(2, i)) + nb(2, i)*u(2, place(2, i))))
+      y(i) = x(i) + ((na(1, i)*u(1, marker(1, i)) + na(2, i)*u(2, marker(1, i))) &
+                     + (nb(1, i)*u(1, marker(2, i)) + nb(2, i)*u(2, marker(2, i))))
     end do
-  end subroutine add_place_terms
+  end subroutine add_marker_terms
 
-  !> y = y + s_a u_a + s_b u_b of every row, u a number at each place.
-  pure subroutine add_angle_terms(n, np, place, sa, sb, u, y)
+  !> y = y + s_a u_a + s_b u_b of every row, u a number at each marker.
+  pure subroutine add_angle_terms(n, np, marker, sa, sb, u, y)
     integer, intent(in) :: n, np
-    integer, intent(in) :: place(2, n)
+    integer, intent(in) :: marker(2, n)
     real(wp), intent(in) :: sa(n), sb(n), u(np)   !! gradients [m], numbers [any]
     real(wp), intent(inout) :: y(n)               !! [m times unit of u]
     integer :: i
     do i = 1, n
-      y(i) = y(i) + (sa(i)*u(place(1, i)) + sb(i)*u(place(2, i)))
+      y(i) = y(i) + (sa(i)*u(marker(1, i)) + sb(i)*u(marker(2, i)))
     end do
   end subroutine add_angle_terms
 
@@ -60,43 +60,47 @@ contains
     type(mechanism_model), intent(inout) :: self
     integer :: b, first, last, n, pairs
     call self%schur%clear()
-    call unit_wrenches(size(self%end_row), self%end_row, self%end_place, self%end_body, self%end_is_a, size(self%c), self%c, &
-                       self%sn, self%s%rows, self%rows%na, self%rows%nb, self%rows%sa, self%rows%sb, size(self%place_body), &
-                       self%p%rho, self%w, self%jw)
+    call unit_wrenches(size(self%side_row), self%side_row, self%end_marker, self%side_body, self%side_is_a, &
+                       size(self%cos_theta), self%cos_theta, &
+                       self%sin_theta, self%s%rows, self%rows%na, self%rows%nb, self%rows%sa, self%rows%sb, &
+                           size(self%marker_body), &
+                       self%p%rho, self%w, self%frame_wrench)
     pairs = 0
-    do b = 1, size(self%c)
-      first = self%end_first(b)
-      last = self%end_first(b + 1) - 1
+    do b = 1, size(self%cos_theta)
+      first = self%side_first(b)
+      last = self%side_first(b + 1) - 1
       n = last - first + 1
       pairs = pairs + n*(n + 1)/2
       if (n == 0 .or. .not. self%flexible(b) .or. self%frozen) cycle
-      associate (at => self%attached(b), like => self%attached(self%held_like(b)))
-        call condense_elastic(n, self%end_local(first:last), size(at%place), like%ep, at%ey, self%w(:, first:last), &
-                              self%jw(:, first:last))
-        call add_elastic_compliance(n, self%end_local(first:last), self%end_row(first:last), size(at%place), like%compliance, &
+      associate (at => self%attached(b), prototype => self%attached(self%attached_prototype(b)))
+        call condense_elastic(n, self%side_attachment(first:last), size(at%marker), prototype%ep, at%ey, self%w(:, first:last), &
+                              self%frame_wrench(:, first:last))
+        call add_elastic_compliance(n, self%side_attachment(first:last), self%side_row(first:last), size(at%marker), &
+                                    prototype%compliance, &
                                     self%w(:, first:last), self%s%rows, self%schur%scale, &
                                     self%slot(pairs - n*(n + 1)/2 + 1:pairs), size(self%schur%s), self%schur%s)
       end associate
     end do
-    call add_frame_compliance(size(self%c), self%end_first, size(self%end_row), self%end_row, self%low, self%dinv, self%jw, &
+    call add_frame_compliance(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_l, &
+                              self%frame_dinv, self%frame_wrench, &
                               self%g, self%s%rows, self%schur%scale, size(self%slot), self%slot, size(self%schur%s), &
                               self%schur%s)
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
-  pure subroutine unit_wrenches(n, row, place, body, is_a, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, jw)
+  pure subroutine unit_wrenches(n, row, marker, body, is_a, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, frame_wrench)
     integer, intent(in) :: n, rows, np, bodies
-    integer, intent(in) :: row(n), place(n), body(n)
+    integer, intent(in) :: row(n), marker(n), body(n)
     logical, intent(in) :: is_a(n)
     real(wp), intent(in) :: c(bodies), s(bodies)      !! of the frame angles [-]
     real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)   !! gradients, as in constraint_rows [-], [m]
-    real(wp), intent(in) :: rho(2, np)                                     !! positions of places, body axes [m]
-    real(wp), intent(out) :: w(3, n), jw(3, n)                             !! on the places, on the frames [-, m]
+    real(wp), intent(in) :: rho(2, np)                                     !! positions of markers, body axes [m]
+    real(wp), intent(out) :: w(3, n), frame_wrench(3, n)                   !! on the markers, on the frames [-, m]
     real(wp) :: x, y, m
     integer :: e, i, k, b
     do e = 1, n
       i = row(e)
-      k = place(e)
+      k = marker(e)
       b = body(e)
       if (is_a(e)) then
         x = na(1, i); y = na(2, i); m = sa(i)
@@ -106,31 +110,31 @@ contains
       w(1, e) = c(b)*x + s(b)*y
       w(2, e) = c(b)*y - s(b)*x
       w(3, e) = m
-      jw(1, e) = w(1, e)
-      jw(2, e) = w(2, e)
-      jw(3, e) = m + rho(1, k)*w(2, e) - rho(2, k)*w(1, e)
+      frame_wrench(1, e) = w(1, e)
+      frame_wrench(2, e) = w(2, e)
+      frame_wrench(3, e) = m + rho(1, k)*w(2, e) - rho(2, k)*w(1, e)
     end do
   end subroutine unit_wrenches
 
   !> What the elastic coordinates take from J^T w.
-  pure subroutine condense_elastic(n, local, na, ep, ey, w, jw)
+  pure subroutine condense_elastic(n, local, na, ep, ey, w, frame_wrench)
     integer, intent(in) :: n, na
-    integer, intent(in) :: local(n)         !! attachment of each end
+    integer, intent(in) :: local(n)         !! attachment of each side
     real(wp), intent(in) :: ep(3, 2, na), ey(3, na)    !! as in flexible_attachments [-], [m]
     real(wp), intent(in) :: w(3, n)                    !! wrenches of unit multipliers [-, m]
-    real(wp), intent(inout) :: jw(3, n)                !! on the condensed frames [-, m]
+    real(wp), intent(inout) :: frame_wrench(3, n)      !! on the condensed frames [-, m]
     integer :: e, j, c
     do e = 1, n
       j = local(e)
       do c = 1, 3
-        jw(1, e) = jw(1, e) - ep(c, 1, j)*w(c, e)
-        jw(2, e) = jw(2, e) - ep(c, 2, j)*w(c, e)
-        jw(3, e) = jw(3, e) - ey(c, j)*w(c, e)
+        frame_wrench(1, e) = frame_wrench(1, e) - ep(c, 1, j)*w(c, e)
+        frame_wrench(2, e) = frame_wrench(2, e) - ep(c, 2, j)*w(c, e)
+        frame_wrench(3, e) = frame_wrench(3, e) - ey(c, j)*w(c, e)
       end do
     end do
   end subroutine condense_elastic
 
-  !> Adds w_e . (E m_ff^-1 E^T) w_f of all pairs of ends of one body to S.
+  !> Adds w_e . (E m_ff^-1 E^T) w_f of all pairs of sides of one body to S.
   pure subroutine add_elastic_compliance(n, local, row, na, compliance, w, rows, scale, slot, ns, s)
     integer, intent(in) :: n, rows, na, ns
     integer, intent(in) :: local(n), row(n)
@@ -156,12 +160,13 @@ contains
     end do
   end subroutine add_elastic_compliance
 
-  !> Adds (J^T w)^T Mc^-1 J^T w of all pairs of ends of one body to S, for every body, by g = L^-1 J^T w times the rows' scales.
-  pure subroutine add_frame_compliance(nb, first, n, row, low, dinv, jw, g, rows, scale, pairs, slot, ns, s)
+  !> Adds (J^T w)^T Mc^-1 J^T w of all pairs of sides of one body to S, for every body, by g = L^-1 J^T w times the rows' scales.
+  pure subroutine add_frame_compliance(nb, first, n, row, frame_l, frame_dinv, frame_wrench, g, rows, scale, pairs, slot, ns, s)
     integer, intent(in) :: nb, n, rows, pairs, ns
     integer, intent(in) :: first(nb + 1), row(n)
     integer, intent(in) :: slot(pairs)                 !! of all pairs (mechanism_model)
-    real(wp), intent(in) :: low(3, nb), dinv(3, nb), jw(3, n), scale(rows)   !! factors [1/kg ...], wrenches [-, m], weights [-]
+    real(wp), intent(in) :: frame_l(3, nb), frame_dinv(3, nb)   !! factors of the frames [1/kg ...]
+    real(wp), intent(in) :: frame_wrench(3, n), scale(rows)         !! wrenches [-, m], weights [-]
     real(wp), intent(out) :: g(3, n)                                         !! L^-1 J^T w [-, m]
     real(wp), intent(inout) :: s(ns)                                         !! entries of S [1/kg]
     real(wp) :: h(3), x, j1, j2, j3
@@ -169,22 +174,22 @@ contains
     k = 0
     do b = 1, nb
       do e = first(b), first(b + 1) - 1
-        j1 = jw(1, e)*scale(row(e))
-        j2 = jw(2, e)*scale(row(e)) - low(1, b)*j1
-        j3 = jw(3, e)*scale(row(e)) - low(2, b)*j1 - low(3, b)*j2
+        j1 = frame_wrench(1, e)*scale(row(e))
+        j2 = frame_wrench(2, e)*scale(row(e)) - frame_l(1, b)*j1
+        j3 = frame_wrench(3, e)*scale(row(e)) - frame_l(2, b)*j1 - frame_l(3, b)*j2
         g(1, e) = j1
         g(2, e) = j2
         g(3, e) = j3
-        h(1) = j1*dinv(1, b)
-        h(2) = j2*dinv(2, b)
-        h(3) = j3*dinv(3, b)
+        h(1) = j1*frame_dinv(1, b)
+        h(2) = j2*frame_dinv(2, b)
+        h(3) = j3*frame_dinv(3, b)
         do f = first(b), e
           k = k + 1
           x = h(1)*g(1, f) + h(2)*g(2, f) + h(3)*g(3, f)
           i = slot(k)
           if (i > 0) then
             s(i) = s(i) + x
-          else                               ! both places of one row on the same body
+          else                               ! both markers of one row on the same body
             s(-i) = s(-i) + 2*x
           end if
         end do
@@ -196,33 +201,36 @@ contains
   pure subroutine joint_accelerations(self)
     type(mechanism_model), intent(inout) :: self
     integer :: b, first, last
-    call add_place_terms(self%s%rows, size(self%place_body), self%row_place, self%rows%na, self%rows%nb, self%p%bias, &
-                         self%rows%extra, self%lambda)
-    call add_frame_terms(size(self%c), size(self%end_row), self%end_row, self%end_body, self%jw, self%free, self%s%rows, &
+    call add_marker_terms(self%s%rows, size(self%marker_body), self%row_marker, self%rows%na, self%rows%nb, self%p%bias, &
+                          self%rows%acceleration_bias, self%lambda)
+    call add_frame_terms(size(self%cos_theta), size(self%side_row), self%side_row, self%side_body, self%frame_wrench, self%free, &
+                         self%s%rows, &
                          self%lambda)
-    do b = 1, size(self%c)
+    do b = 1, size(self%cos_theta)
       if (.not. self%flexible(b)) cycle
-      first = self%end_first(b)
-      last = self%end_first(b + 1) - 1
-      call add_elastic_terms(last - first + 1, self%end_row(first:last), self%end_local(first:last), self%w(:, first:last), &
-                             size(self%attached(b)%place), self%attached(b)%ex, self%s%rows, self%lambda)
+      first = self%side_first(b)
+      last = self%side_first(b + 1) - 1
+      call add_elastic_terms(last - first + 1, self%side_row(first:last), self%side_attachment(first:last), self%w(:, first:last), &
+                             size(self%attached(b)%marker), self%attached(b)%ex, self%s%rows, self%lambda)
     end do
   end subroutine joint_accelerations
 
   !> Adds what the frames' accelerations give to every row.
-  pure subroutine add_frame_terms(nb, n, row, body, jw, free, rows, lambda)
+  pure subroutine add_frame_terms(nb, n, row, body, frame_wrench, free, rows, lambda)
     integer, intent(in) :: nb, n, rows
     integer, intent(in) :: row(n), body(n)
-    real(wp), intent(in) :: jw(3, n), free(3, nb)   !! condensed wrenches [-, m], accelerations without joints [m/s2, rad/s2]
+    real(wp), intent(in) :: frame_wrench(3, n)   !! condensed wrenches [-, m]
+    real(wp), intent(in) :: free(3, nb)           !! accelerations without joints [m/s2, rad/s2]
     real(wp), intent(inout) :: lambda(rows)         !! second derivatives of the rows so far [m/s2]
     integer :: e, b
     do e = 1, n
       b = body(e)
-      lambda(row(e)) = lambda(row(e)) + (jw(1, e)*free(1, b) + jw(2, e)*free(2, b) + jw(3, e)*free(3, b))
+      lambda(row(e)) = lambda(row(e)) + (frame_wrench(1, e)*free(1, b) + frame_wrench(2, e)*free(2, b) + frame_wrench(3, &
+          e)*free(3, b))
     end do
   end subroutine add_frame_terms
 
-  !> Adds what the free elastic accelerations of one body give to the rows at its ends.
+  !> Adds what the free elastic accelerations of one body give to the rows at its sides.
   pure subroutine add_elastic_terms(n, row, local, w, na, ex, rows, lambda)
     integer, intent(in) :: n, na, rows
     integer, intent(in) :: row(n), local(n)

@@ -23,13 +23,13 @@ contains
     if (.not. held .or. m%s%rows == 0) return
     m%lambda = 0.0_wp
     do b = 1, size(m%s%bodies)
-      do e = m%end_first(b), m%end_first(b + 1) - 1
-        m%lambda(m%end_row(e)) = m%lambda(m%end_row(e)) + row_shift(m, b, e, u)
+      do e = m%side_first(b), m%side_first(b + 1) - 1
+        m%lambda(m%side_row(e)) = m%lambda(m%side_row(e)) + row_shift(m, b, e, u)
       end do
     end do
     call m%schur%solve(m%lambda)
     call apply_multipliers(m, m%lambda, m%a)
-    call turn_to_body(size(m%c), m%s%qo, m%c, m%sn, size(m%a), m%a)
+    call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(m%a), m%a)
     u = u + m%a
   end subroutine solve_mass
 
@@ -54,38 +54,38 @@ contains
     real(wp), intent(out) :: u(:)              !! (3+nf) accelerations [m/s2], [rad/s2]
     real(wp) :: x(3)
     integer :: n, k
-    associate (bo => m%s%bodies(b))
-      n = bo%nf
+    associate (body => m%s%bodies(b))
+      n = body%nf
       x = r(1:3)
-      if (bo%flexible) then
+      if (body%flexible) then
         u(4:) = r(4:)
         do k = 1, n
-          x(1:2) = x(1:2) - bo%pmat(k, :)*u(3 + k)
-          x(3) = x(3) - bo%tx(k)*u(3 + k)
+          x(1:2) = x(1:2) - body%pmat(k, :)*u(3 + k)
+          x(3) = x(3) - body%angle_coupling(k)*u(3 + k)
         end do
-        if (.not. bo%modal) call band_solve(bo%mff, u(4:))
+        if (.not. body%modal) call band_solve(body%mff, u(4:))
       end if
-      x(2) = x(2) - m%low(1, b)*x(1)
-      x(3) = x(3) - m%low(2, b)*x(1) - m%low(3, b)*x(2)
-      x = x*m%dinv(:, b)
-      x(2) = x(2) - m%low(3, b)*x(3)
-      x(1) = x(1) - m%low(1, b)*x(2) - m%low(2, b)*x(3)
+      x(2) = x(2) - m%frame_l(1, b)*x(1)
+      x(3) = x(3) - m%frame_l(2, b)*x(1) - m%frame_l(3, b)*x(2)
+      x = x*m%frame_dinv(:, b)
+      x(2) = x(2) - m%frame_l(3, b)*x(3)
+      x(1) = x(1) - m%frame_l(1, b)*x(2) - m%frame_l(2, b)*x(3)
       u(1:3) = x
       do k = 1, n
-        u(3 + k) = u(3 + k) - bo%pmat(k, 1)*x(1) - bo%pmat(k, 2)*x(2) - bo%tx(k)*x(3)
+        u(3 + k) = u(3 + k) - body%pmat(k, 1)*x(1) - body%pmat(k, 2)*x(2) - body%angle_coupling(k)*x(3)
       end do
     end associate
   end subroutine solve_body
 
-  !> w . (place displacement in body axes) of one end.
+  !> w . (marker displacement in body axes) of one side.
   pure function row_shift(m, b, e, u) result(s)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b, e                !! body, end of a row on it
+    integer, intent(in) :: b, e                !! body, side of a row on it
     real(wp), intent(in) :: u(:)               !! (n) accelerations [m/s2], [rad/s2]
     real(wp) :: s
     integer :: i, k
     i = m%s%qo(b)
-    k = m%end_place(e)
-    s = dot_product(m%w(:, e), m%s%places(k)%shift(m%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
+    k = m%end_marker(e)
+    s = dot_product(m%w(:, e), m%s%markers(k)%shift(m%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
   end function row_shift
 end module mass_solve

@@ -21,7 +21,7 @@ module multipliers
   type :: multiplier_system
     integer :: n = 0
     integer :: kd = 0                          !! half band width
-    integer, allocatable :: position(:)        !! (n) reordered place of each row
+    integer, allocatable :: position(:)        !! (n) reordered marker of each row
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
     real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed
@@ -29,14 +29,14 @@ module multipliers
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
-    logical :: regular = .false.               !! wanted: S as it is, however weak its pivots, as long as they can be told from 0
+    logical :: accept_weak_pivots = .false.    !! wanted: S as it is, however weak its pivots, as long as they can be told from 0
     logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
-    logical :: uneven = .false.                !! very uneven masses: multipliers are exact only after corrections
-    logical :: lost = .false.                  !! masses so uneven that double precision no longer holds S
-    logical :: was_lost = .false.              !! at some evaluation of the run
+    logical :: uneven_masses = .false.         !! very uneven masses: multipliers are exact only after corrections
+    logical :: ill_conditioned = .false.       !! masses so uneven that double precision no longer holds S
+    logical :: was_ill_conditioned = .false.   !! at some evaluation of the run
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
     real(wp), allocatable :: r(:), best(:)     !! (n) work
-    logical, allocatable :: held(:)            !! (n) reordered rows that depend on earlier ones by geometry
+    logical, allocatable :: dependent(:)       !! (n) reordered rows that depend on earlier ones by geometry
   contains
     procedure :: set_up
     procedure :: clear
@@ -45,9 +45,9 @@ module multipliers
     procedure :: beyond_digits
     procedure :: factor_strong
     procedure :: factor_weak
-    procedure :: lose
+    procedure :: note_ill_conditioned
     procedure :: solve
-    procedure :: share
+    procedure :: minimum_norm_equivalent
     procedure :: remove_range
     procedure :: weak_rows
   end type multiplier_system
@@ -71,7 +71,7 @@ contains
       self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
     end do
     if (self%kd > 0 .and. self%kd < 3) self%kd = 3          ! takes the short way of half band width 3
-    allocate (self%held(n), source=.false.)
+    allocate (self%dependent(n), source=.false.)
     allocate (self%s(0:self%kd, n), self%g(0:self%kd, n), self%f(0:self%kd, n + self%kd), &
               self%x(n + self%kd), source=0.0_wp)
   end subroutine set_up
@@ -103,7 +103,7 @@ contains
     class(multiplier_system), intent(inout) :: self
     logical :: good
     call mark_dependent(self, weak_pivot)
-    good = .not. any(self%held)
+    good = .not. any(self%dependent)
     if (good) then
       call take_matrix(size(self%s), size(self%f), self%s, self%f)
       call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, good)
@@ -114,7 +114,7 @@ contains
   !> Whether the last factor has pivots that cannot be told from 0.
   pure logical function beyond_digits(self) result(yes)
     class(multiplier_system), intent(in) :: self
-    yes = self%lost .or. any(self%f(0, 1:self%n)*self%s(0, :)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
+    yes = self%ill_conditioned .or. any(self%f(0, 1:self%n)*self%s(0, :)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
   end function beyond_digits
 
   !> Factors S; good is false where a pivot is weak.
@@ -122,8 +122,8 @@ contains
     class(multiplier_system), intent(inout) :: self
     logical, intent(out) :: good
     self%singular = .false.
-    self%uneven = .false.
-    self%lost = .false.
+    self%uneven_masses = .false.
+    self%ill_conditioned = .false.
     good = .true.
     if (self%n == 0) return
     call take_matrix(size(self%s), size(self%f), self%s, self%f)
@@ -135,41 +135,41 @@ contains
   subroutine factor_weak(self)
     class(multiplier_system), intent(inout) :: self
     logical :: good
-    if (self%regular) then
+    if (self%accept_weak_pivots) then
       call take_matrix(size(self%s), size(self%f), self%s, self%f)
-      call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, self%uneven)
-      if (self%uneven) return
+      call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, self%uneven_masses)
+      if (self%uneven_masses) return
     end if
     call mark_dependent(self, weak_pivot)
-    self%singular = any(self%held)
-    call take_held(self)
+    self%singular = any(self%dependent)
+    call take_dependent(self)
     call eliminate(self%n, self%kd, self%f, self%s, merge(weak_pivot, least_pivot, self%singular), good)
-    self%uneven = self%singular .neqv. good
-    if (.not. (self%singular .or. good)) call self%lose()
-    if (.not. self%uneven) then
+    self%uneven_masses = self%singular .neqv. good
+    if (.not. (self%singular .or. good)) call self%note_ill_conditioned()
+    if (.not. self%uneven_masses) then
       call factor_shifted(self)
     else if (self%singular) then
-      call take_held(self)
+      call take_dependent(self)
       call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
     end if
   end subroutine factor_weak
 
   !> Notes that rounding has taken the heavy bodies' part from S.
-  subroutine lose(self)
+  subroutine note_ill_conditioned(self)
     class(multiplier_system), intent(inout) :: self
-    self%lost = .true.
-    self%was_lost = .true.
-  end subroutine lose
+    self%ill_conditioned = .true.
+    self%was_ill_conditioned = .true.
+  end subroutine note_ill_conditioned
 
   !> f = S with the diagonal entries of dependent rows doubled.
-  subroutine take_held(self)
+  subroutine take_dependent(self)
     class(multiplier_system), intent(inout) :: self
     integer :: k
     call take_matrix(size(self%s), size(self%f), self%s, self%f)
     do k = 1, self%n
-      if (self%held(k)) self%f(0, k) = 2*self%f(0, k)
+      if (self%dependent(k)) self%f(0, k) = 2*self%f(0, k)
     end do
-  end subroutine take_held
+  end subroutine take_dependent
 
   !> The factor of S + eps 1.
   subroutine factor_shifted(self)
@@ -210,7 +210,7 @@ contains
   end subroutine solve
 
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
-  subroutine share(self, lambda)
+  subroutine minimum_norm_equivalent(self, lambda)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
     integer :: k
@@ -223,7 +223,7 @@ contains
       lambda(k) = -self%x(self%position(k))/self%scale(k)
     end do
     call self%solve(lambda)
-  end subroutine share
+  end subroutine minimum_norm_equivalent
 
   !> Leaves of the given multipliers what exerts no force: their part in the null space of S.
   subroutine remove_range(self, lambda)
@@ -231,7 +231,7 @@ contains
     real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
     real(wp) :: shared(size(lambda))
     shared = lambda
-    call self%share(shared)
+    call self%minimum_norm_equivalent(shared)
     lambda = lambda - shared
   end subroutine remove_range
 
@@ -263,7 +263,7 @@ contains
     real(wp), intent(in) :: tol               !! [-]
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
     call mark_dependent(self, tol)
-    dependent = self%held(self%position)
+    dependent = self%dependent(self%position)
   end subroutine weak_rows
 
   !> held: rows of G whose pivot falls below tol of their diagonal entry, each skipped once it is found to depend. Spends G.
@@ -274,8 +274,8 @@ contains
     integer :: i, j, k
     self%r = self%g(0, :)
     do j = 1, self%n
-      self%held(j) = .not. self%g(0, j) > tol*self%r(j)
-      if (self%held(j)) cycle                 ! the row adds nothing: skip it
+      self%dependent(j) = .not. self%g(0, j) > tol*self%r(j)
+      if (self%dependent(j)) cycle                 ! the row adds nothing: skip it
       do i = 1, min(self%kd, self%n - j)
         l = self%g(i, j)/self%g(0, j)
         do k = i, min(self%kd, self%n - j)

@@ -1,4 +1,4 @@
-!> Which rows there are between bodies, where their ends are, and in which order their system is solved. Set-up work only.
+!> Which rows there are between bodies, where their sides are, and in which order their system is solved. Set-up work only.
 module border_row_lists
   use kinds, only: wp
   use border_rows, only: coupling, row_system, from_joint, from_element
@@ -8,24 +8,24 @@ module border_row_lists
   private
   public :: list_rows, order_rows
 
-  !> Ends while they are collected.
+  !> Sides while they are collected.
   type :: end_list
     integer :: n = 0
-    integer, allocatable :: body(:), row(:), place(:), kind(:)
-    integer, allocatable :: soft(:, :)       !! (5, places) row of each component that has one
+    integer, allocatable :: body(:), row(:), marker(:), kind(:)
+    integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
   end type end_list
 
 contains
 
-  !> Constraint rows, soft rows and rate rows with their ends, body by body.
+  !> Constraint rows, displacement rows and rate rows with their sides, body by body.
   subroutine list_rows(r, m)
     type(row_system), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list) :: list
     integer :: most, k, i, side
     most = 2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints))
-    allocate (list%body(most), list%row(most), list%place(most), list%kind(most))
-    allocate (list%soft(5, size(m%s%places)), source=0)
+    allocate (list%body(most), list%row(most), list%marker(most), list%kind(most))
+    allocate (list%displacement(5, size(m%s%markers)), source=0)
     r%nc = m%s%rows
     r%n = m%s%rows
     do k = 1, size(m%s%constraints)
@@ -45,16 +45,16 @@ contains
     end do
   end subroutine list_rows
 
-  !> Adds one end, unless its place is on the ground.
-  subroutine add_end(list, m, place, row, kind)
+  !> Adds one side, unless its marker is on the ground.
+  subroutine add_end(list, m, marker, row, kind)
     type(end_list), intent(inout) :: list
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: place, row, kind
-    if (m%s%places(place)%body == 0) return
+    integer, intent(in) :: marker, row, kind
+    if (m%s%markers(marker)%body == 0) return
     list%n = list%n + 1
-    list%body(list%n) = m%s%places(place)%body
+    list%body(list%n) = m%s%markers(marker)%body
     list%row(list%n) = row
-    list%place(list%n) = place
+    list%marker(list%n) = marker
     list%kind(list%n) = kind
   end subroutine add_end
 
@@ -69,9 +69,9 @@ contains
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        if (.not. c%curved()) cycle
-        if (c%turns_b()) then
-          if (m%s%places(c%ib)%body == 0) cycle        ! a line fixed to the ground is straight
+        if (.not. c%has_geometric_stiffness()) cycle
+        if (c%uses_angle_b()) then
+          if (m%s%markers(c%ib)%body == 0) cycle        ! a line fixed to the ground is straight
           all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5, 6])
         else
           all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5])
@@ -87,7 +87,7 @@ contains
     end do
     r%laws = all(1:n)
   contains
-    !> A law between components of places a (1 to 3) and b (4 to 6); counts it.
+    !> A law between components of markers a (1 to 3) and b (4 to 6); counts it.
     function new_law(kind, item, ia, ib, slots) result(t)
       integer, intent(in) :: kind, item, ia, ib, slots(:)
       type(coupling) :: t
@@ -96,7 +96,7 @@ contains
       t%item = item
       n = n + 1
       do j = 1, size(slots)
-        i = soft_row(merge(ia, ib, slots(j) <= 3), mod(slots(j) - 1, 3) + 1)
+        i = displacement_row(merge(ia, ib, slots(j) <= 3), mod(slots(j) - 1, 3) + 1)
         if (i == 0) cycle
         t%n = t%n + 1
         t%row(t%n) = i
@@ -104,18 +104,18 @@ contains
       end do
     end function new_law
 
-    !> Row of a place's component, made where there is none yet; 0 on the ground.
-    integer function soft_row(place, component)
-      integer, intent(in) :: place, component
-      soft_row = 0
-      if (m%s%places(place)%body == 0) return
-      if (list%soft(component, place) == 0) then
+    !> Row of a marker's component, made where there is none yet; 0 on the ground.
+    integer function displacement_row(marker, component)
+      integer, intent(in) :: marker, component
+      displacement_row = 0
+      if (m%s%markers(marker)%body == 0) return
+      if (list%displacement(component, marker) == 0) then
         r%n = r%n + 1
-        list%soft(component, place) = r%n
-        call add_end(list, m, place, r%n, component)
+        list%displacement(component, marker) = r%n
+        call add_end(list, m, marker, r%n, component)
       end if
-      soft_row = list%soft(component, place)
-    end function soft_row
+      displacement_row = list%displacement(component, marker)
+    end function displacement_row
 
     !> Rate rows of a damper.
     subroutine add_rates(t, ia, ib, slots)
@@ -124,7 +124,7 @@ contains
       integer :: i, j
       do j = 1, size(slots)
         if (mod(slots(j), 3) == 0) cycle               ! angles' rates are what they are in all axes
-        i = soft_row(merge(ia, ib, slots(j) <= 3), 3 + mod(slots(j) - 1, 3) + 1)
+        i = displacement_row(merge(ia, ib, slots(j) <= 3), 3 + mod(slots(j) - 1, 3) + 1)
         if (i == 0) cycle
         t%nr = t%nr + 1
         t%rate(t%nr) = i
@@ -133,25 +133,26 @@ contains
     end subroutine add_rates
   end subroutine list_laws
 
-  !> Sorts the ends by body.
+  !> Sorts the sides by body.
   subroutine sort_ends(r, m, list)
     type(row_system), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(in) :: list
     integer, allocatable :: fill(:)
-    logical, allocatable :: moves(:), turns_a(:), turns_b(:)
+    logical, allocatable :: moves(:), uses_angle_a(:), uses_angle_b(:)
     integer :: nb, n, k, i
     nb = size(m%s%bodies)
     n = list%n
-    allocate (r%first(nb + 1), r%row(n), r%place(n), r%kind(n), r%local(n), source=0)
-    allocate (r%wr(3, n), r%wc(3, n), r%jr(3, n), r%jc(3, n), r%mj(3, n), source=0.0_wp)
+    allocate (r%first(nb + 1), r%row(n), r%marker(n), r%kind(n), r%local(n), source=0)
+    allocate (r%marker_row(3, n), r%marker_column(3, n), r%frame_row(3, n), r%frame_column(3, n), source=0.0_wp)
+    allocate (r%solved_column(3, n), source=0.0_wp)
     allocate (r%acts(3, n), source=.false.)
-    allocate (moves(r%nc), turns_a(r%nc), turns_b(r%nc))
+    allocate (moves(r%nc), uses_angle_a(r%nc), uses_angle_b(r%nc))
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        moves(c%first:c%first + c%rows - 1) = c%moves()
-        turns_a(c%first:c%first + c%rows - 1) = c%turns_a()
-        turns_b(c%first:c%first + c%rows - 1) = c%turns_b()
+        moves(c%first:c%first + c%rows - 1) = c%uses_position()
+        uses_angle_a(c%first:c%first + c%rows - 1) = c%uses_angle_a()
+        uses_angle_b(c%first:c%first + c%rows - 1) = c%uses_angle_b()
       end associate
     end do
     do k = 1, n
@@ -166,13 +167,13 @@ contains
       i = fill(list%body(k))
       fill(list%body(k)) = i + 1
       r%row(i) = list%row(k)
-      r%place(i) = list%place(k)
+      r%marker(i) = list%marker(k)
       r%kind(i) = list%kind(k)
       select case (r%kind(i))
       case (-1)
-        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), turns_a(r%row(i))]
+        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), uses_angle_a(r%row(i))]
       case (-2)
-        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), turns_b(r%row(i))]
+        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), uses_angle_b(r%row(i))]
       case (3)
         r%acts(3, i) = .true.
       case default
@@ -181,12 +182,12 @@ contains
     end do
   end subroutine sort_ends
 
-  !> Orders the rows: rows meet in bodies, and through laws each soft row meets all rows of the bodies its law joins.
+  !> Orders the rows: rows meet in bodies, and through laws each displacement row meets all rows of the bodies its law joins.
   subroutine order_rows(r)
     type(row_system), intent(inout) :: r
     integer, allocatable :: rows(:), cols(:), order(:), starts(:), body(:)
     integer :: k, n, b, e, f, i, j, pass
-    allocate (body(r%n), source=0)          ! of soft rows
+    allocate (body(r%n), source=0)          ! of displacement rows
     do b = 1, size(r%first) - 1
       do e = r%first(b), r%first(b + 1) - 1
         body(r%row(e)) = b

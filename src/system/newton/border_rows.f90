@@ -1,8 +1,10 @@
-!> The rows that bodies meet in when a step is solved implicitly: constraint rows, soft rows (displacements of places on
+!> The rows that bodies meet in when a step is solved implicitly: constraint rows, displacement rows (displacements of markers on
 !> which force elements and curved joints act by a linear law) and rate rows (what turning adds to the rates that dampers
 !> see). With d the rows' displacements under the residual alone and S = J T^-1 J^T the rows' compliance:
 !>
-!>   constraint rows  S y = d + Phi         soft rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j         rate rows  y_j = (d - S y)_j
+!>   constraint rows    S y = d + Phi
+!>   displacement rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j
+!>   rate rows          y_j = (d - S y)_j
 !>
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
 module border_rows
@@ -16,13 +18,13 @@ module border_rows
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of row_system%shift [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
-  !> A law between soft rows: force_i = sum_j k_ij u_j + g_ij y_j.
+  !> A law between displacement rows: force_i = sum_j k_ij u_j + g_ij y_j.
   type :: coupling
     integer :: kind = 0                      !! from_joint, from_element
     integer :: item = 0                      !! its number
-    integer :: n = 0                         !! soft rows
+    integer :: n = 0                         !! displacement rows
     integer :: row(6) = 0                    !! their numbers among all rows
-    integer :: slot(6) = 0                   !! place component 1 to 6 (a then b) of each
+    integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
     integer :: nr = 0                        !! rate rows
     integer :: rate(6) = 0                   !! their numbers
     integer :: rate_slot(6) = 0
@@ -30,19 +32,19 @@ module border_rows
     real(wp) :: g(6, 6) = 0.0_wp             !! on the rates that turning adds [N s/m]
   end type coupling
 
-  !> Rows, their ends on bodies, and the system between them.
+  !> Rows, their sides on bodies, and the system between them.
   type :: row_system
     integer :: n = 0                         !! all rows
     integer :: nc = 0                        !! constraint rows, the first ones
-    integer, allocatable :: first(:)         !! (nb+1) ends of each body
-    integer, allocatable :: row(:)           !! (ends) row
-    integer, allocatable :: place(:)         !! (ends) place
-    integer, allocatable :: local(:)         !! (ends) the place's number on its flexible body
-    integer, allocatable :: kind(:)          !! (ends) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
-    logical, allocatable :: acts(:, :)       !! (3, ends) components of the place that it may see
-    real(wp), allocatable :: wr(:, :), wc(:, :)   !! (3, ends) row and column on the place, body axes
-    real(wp), allocatable :: jr(:, :), jc(:, :)   !! (3, ends) the same on the condensed frame
-    real(wp), allocatable :: mj(:, :)        !! (3, ends) inverse of the condensed frame times jc
+    integer, allocatable :: first(:)         !! (nb+1) sides of each body
+    integer, allocatable :: row(:)           !! (sides) row
+    integer, allocatable :: marker(:)        !! (sides) marker
+    integer, allocatable :: local(:)         !! (sides) the marker's number on its flexible body
+    integer, allocatable :: kind(:)          !! (sides) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
+    logical, allocatable :: acts(:, :)       !! (3, sides) components of the marker that it may see
+    real(wp), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row and column on the marker, body axes
+    real(wp), allocatable :: frame_row(:, :), frame_column(:, :)   !! (3, sides) the same on the condensed frame
+    real(wp), allocatable :: solved_column(:, :)        !! (3, sides) inverse of the condensed frame times frame_column
     type(coupling), allocatable :: laws(:)
     logical, allocatable :: rate_row(:)      !! (n)
     integer :: kd = 0                        !! half band width
@@ -124,7 +126,7 @@ contains
     r%shift = light_shift
   end subroutine hold_weak_rows
 
-  !> e <- e + x s, s the compliance of the row o places further on.
+  !> e <- e + x s, s the compliance of the row o markers further on.
   pure subroutine add_row(kd, o, x, s, e)
     integer, intent(in) :: kd, o
     real(wp), intent(in) :: x, s(-kd:kd)

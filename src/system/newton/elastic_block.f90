@@ -18,7 +18,7 @@ module elastic_block
     integer :: n = 0
     type(band_factor) :: base                !! of T0
     integer, allocatable :: row(:), col(:)   !! of T0's lower triangle
-    integer, allocatable :: entry(:)         !! these entries' places on the even pattern of the operators
+    integer, allocatable :: entry(:)         !! these entries' markers on the even pattern of the operators
     real(wp), allocatable :: value(:)        !! (even pattern) T0 [kg/s2, ...]
     real(wp), allocatable :: lower(:)        !! its lower triangle [N/m, N, N m]
     integer, allocatable :: reordered(:)     !! (n) reordered row of each coordinate
@@ -71,7 +71,7 @@ contains
     associate (op => eq%op)
       self%value = c1*(op%m + op%j) + c2*op%c + op%k
       do i = 1, size(op%entry)
-        self%value(op%entry(i)) = self%value(op%entry(i)) + (eq%factor(op%run(i)) - 1)*op%part(i)
+        self%value(op%entry(i)) = self%value(op%entry(i)) + (eq%factor(op%segment(i)) - 1)*op%part(i)
       end do
     end associate
     do i = 1, size(self%entry)
@@ -94,10 +94,10 @@ contains
   end subroutine factor_base
 
   !> Fills and factors the whole block at the state of eq's last residual.
-  subroutine factor_whole(self, eq, bo, c2, w, wd, bad)
+  subroutine factor_whole(self, eq, body, c2, w, wd, bad)
     class(block_factor), intent(inout) :: self
     type(body_equations), intent(in) :: eq
-    type(body_model), intent(in) :: bo
+    type(body_model), intent(in) :: body
     real(wp), intent(in) :: c2               !! [1/s]
     real(wp), intent(in) :: w                !! frame rate [rad/s]
     real(wp), intent(in) :: wd               !! frame acceleration [rad/s2]
@@ -108,15 +108,15 @@ contains
     self%lu = 0.0_wp
     associate (op => eq%op)
       do e = 1, size(self%value)             ! a pattern's column is the row's number in the operators
-        call place(self, op%even%col(e), op%even%row(e), self%value(e) - w**2*op%m(e))
+        call marker(self, op%even%col(e), op%even%row(e), self%value(e) - w**2*op%m(e))
       end do
       do e = 1, size(op%z)
-        call place(self, op%odd%col(e), op%odd%row(e), -turn*op%z(e))
+        call marker(self, op%odd%col(e), op%odd%row(e), -turn*op%z(e))
       end do
     end associate
-    if (bo%stiffening) then
-      do e = 1, bo%ne
-        call add_stiffening(self, eq, bo, e)
+    if (body%stiffening) then
+      do e = 1, body%ne
+        call add_stiffening(self, eq, body, e)
       end do
     end if
     call dgbtrf(self%n, self%n, self%kb, self%kb, self%lu, 3*self%kb + 1, self%pivots, info)
@@ -124,7 +124,7 @@ contains
   end subroutine factor_whole
 
   !> Adds an entry of the whole block.
-  pure subroutine place(self, row, col, x)
+  pure subroutine marker(self, row, col, x)
     class(block_factor), intent(inout) :: self
     integer, intent(in) :: row, col
     real(wp), intent(in) :: x                !! [kg/s2, ...]
@@ -132,27 +132,27 @@ contains
     i = self%position(row)
     j = self%position(col)
     self%lu(2*self%kb + 1 + i - j, j) = self%lu(2*self%kb + 1 + i - j, j) + x
-  end subroutine place
+  end subroutine marker
 
   !> Adds what stiffening changes of an element's stiffness, at the coordinates bo%qx.
-  subroutine add_stiffening(self, eq, bo, e)
+  subroutine add_stiffening(self, eq, body, e)
     class(block_factor), intent(inout) :: self
     type(body_equations), intent(in) :: eq
-    type(body_model), intent(in) :: bo
+    type(body_model), intent(in) :: body
     integer, intent(in) :: e
     real(wp) :: x(6), k(6, 6), g(6, 6), n, factor
     integer :: i, j, r
     factor = 1.0_wp
-    do r = 1, size(bo%runs)
-      if (e >= bo%runs(r)%first .and. e <= bo%runs(r)%last) factor = eq%factor(r)
+    do r = 1, size(body%segments)
+      if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) factor = eq%factor(r)
     end do
-    x = bo%qx(bo%edof(:, e))
-    n = bo%elements(e)%ea_l*merge(bo%ds(1, e), bo%d(1, e), size(bo%runs) > 0)
-    call stiffening_tangent(bo%elements(e), x, n, k, g)
-    k = factor*(k - element_stiffness(bo%elements(e))) + g
+    x = body%qx(body%edof(:, e))
+    n = body%elements(e)%ea_l*merge(body%ds(1, e), body%d(1, e), size(body%segments) > 0)
+    call stiffening_tangent(body%elements(e), x, n, k, g)
+    k = factor*(k - element_stiffness(body%elements(e))) + g
     do j = 1, 6
       do i = 1, 6
-        if (bo%edof(i, e) > 0 .and. bo%edof(j, e) > 0) call place(self, bo%edof(i, e), bo%edof(j, e), k(i, j))
+        if (body%edof(i, e) > 0 .and. body%edof(j, e) > 0) call marker(self, body%edof(i, e), body%edof(j, e), k(i, j))
       end do
     end do
   end subroutine add_stiffening

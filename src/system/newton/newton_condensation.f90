@@ -6,7 +6,7 @@ module newton_condensation
   use border_rows, only: solve_rows
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix, newton_body
-  use place, only: place_model
+  use marker, only: marker_model
   use small_matrices, only: invert3
   implicit none (type, external)
   private
@@ -33,9 +33,9 @@ contains
       y = 0.0_wp
       rx = 0.0_wp
       rc = 0.0_wp
-      associate (bo => m%s%bodies(b))
+      associate (body => m%s%bodies(b))
         do k = 1, t%eq%n
-          y = y + bo%sbar(k, :)*t%eq%column(k)
+          y = y + body%sbar(k, :)*t%eq%column(k)
           rx = rx + t%eq%row(k)*t%at%xs(k, :)
           rc = rc + t%eq%row(k)*t%eq%column(k)
         end do
@@ -52,13 +52,13 @@ contains
         t%at%rxe(j) = rc
       end do
       do j = 1, t%at%na
-        t%at%exy(:, j) = m%s%places(t%at%place(j))%elastic(t%eq%column(1:t%eq%n))
+        t%at%exy(:, j) = m%s%markers(t%at%marker(j))%elastic(t%eq%column(1:t%eq%n))
       end do
     end if
     call invert3(a, t%inverse, bad)
   end subroutine condense_frame
 
-  !> Ends of all rows on the condensed frames, and the rows' compliance.
+  !> Sides of all rows on the condensed frames, and the rows' compliance.
   subroutine condense_rows(self, m, v)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -73,7 +73,7 @@ contains
     end do
   end subroutine condense_rows
 
-  !> One end: row and column on place and condensed frame.
+  !> One side: row and column on marker and condensed frame.
   subroutine one_end(self, m, v, b, e)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -83,7 +83,7 @@ contains
     integer :: i, k, l, c, col
     associate (r => self%rows, t => self%b(b))
       i = r%row(e)
-      k = r%place(e)
+      k = r%marker(e)
       w = 0.0_wp
       n = 0.0_wp
       select case (r%kind(e))
@@ -100,38 +100,39 @@ contains
       case default
         w(3) = 1.0_wp
       end select
-      w(1) = m%c(b)*n(1) + m%sn(b)*n(2)
-      w(2) = m%c(b)*n(2) - m%sn(b)*n(1)
+      w(1) = m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2)
+      w(2) = m%cos_theta(b)*n(2) - m%sin_theta(b)*n(1)
       j = [w(1), w(2), w(3) + m%p%rho(1, k)*w(2) - m%p%rho(2, k)*w(1)]
-      r%wc(:, e) = w
-      r%jc(:, e) = j
-      if (r%kind(e) > 3) then                ! what turning adds to a place's rate
+      r%marker_column(:, e) = w
+      r%frame_column(:, e) = j
+      if (r%kind(e) > 3) then                ! what turning adds to a marker's rate
         rel = m%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
-        rel = [m%c(b)*rel(1) + m%sn(b)*rel(2), m%c(b)*rel(2) - m%sn(b)*rel(1)]
+        rel = [m%cos_theta(b)*rel(1) + m%sin_theta(b)*rel(2), m%cos_theta(b)*rel(2) - m%sin_theta(b)*rel(1)]
         j = [0.0_wp, 0.0_wp, w(2)*rel(1) - w(1)*rel(2)]
         w(1:2) = v(m%s%qo(b) + 3)*[w(2), -w(1)]
-        r%wc(:, e) = 0.0_wp
-        r%jc(:, e) = 0.0_wp
+        r%marker_column(:, e) = 0.0_wp
+        r%frame_column(:, e) = 0.0_wp
       end if
-      r%wr(:, e) = w
-      r%jr(:, e) = j
+      r%marker_row(:, e) = w
+      r%frame_row(:, e) = j
       if (t%eq%n > 0) then
         l = r%local(e)
-        r%jr(1, e) = j(1) - self%c1*dot_product(t%at%exs(:, 1, l), w)
-        r%jr(2, e) = j(2) - self%c1*dot_product(t%at%exs(:, 2, l), w)
-        r%jr(3, e) = j(3) - dot_product(t%at%exy(:, l), w)
+        r%frame_row(1, e) = j(1) - self%c1*dot_product(t%at%exs(:, 1, l), w)
+        r%frame_row(2, e) = j(2) - self%c1*dot_product(t%at%exs(:, 2, l), w)
+        r%frame_row(3, e) = j(3) - dot_product(t%at%exy(:, l), w)
         x = 0.0_wp
         do c = 1, 3
           col = t%at%column(c, l)
           if (col == 0) cycle
-          x = x + t%at%sxe(:, col)*r%wc(c, e)
-          r%jc(3, e) = r%jc(3, e) - t%at%rxe(col)*r%wc(c, e)
+          x = x + t%at%sxe(:, col)*r%marker_column(c, e)
+          r%frame_column(3, e) = r%frame_column(3, e) - t%at%rxe(col)*r%marker_column(c, e)
         end do
-        r%jc(1, e) = r%jc(1, e) - t%eq%origin(1)*x(1) + t%eq%origin(2)*x(2)
-        r%jc(2, e) = r%jc(2, e) - t%eq%origin(1)*x(2) - t%eq%origin(2)*x(1)
+        r%frame_column(1, e) = r%frame_column(1, e) - t%eq%origin(1)*x(1) + t%eq%origin(2)*x(2)
+        r%frame_column(2, e) = r%frame_column(2, e) - t%eq%origin(1)*x(2) - t%eq%origin(2)*x(1)
       end if
       do c = 1, 3
-        r%mj(c, e) = t%inverse(c, 1)*r%jc(1, e) + t%inverse(c, 2)*r%jc(2, e) + t%inverse(c, 3)*r%jc(3, e)
+        r%solved_column(c, e) = t%inverse(c, 1)*r%frame_column(1, e) + t%inverse(c, 2)*r%frame_column(2, e) &
+                                + t%inverse(c, 3)*r%frame_column(3, e)
       end do
     end associate
   end subroutine one_end
@@ -147,12 +148,13 @@ contains
         i = r%position(r%row(e))
         do f = r%first(b), r%first(b + 1) - 1
           if (r%kind(f) > 3) cycle
-          x = r%jr(1, e)*r%mj(1, f) + r%jr(2, e)*r%mj(2, f) + r%jr(3, e)*r%mj(3, f)
+          x = r%frame_row(1, e)*r%solved_column(1, f) + r%frame_row(2, e)*r%solved_column(2, f) &
+              + r%frame_row(3, e)*r%solved_column(3, f)
           if (t%eq%n > 0) then
             do c = 1, 3
-              x = x + r%wc(c, f)*(r%wr(1, e)*t%at%compliance(1, c, r%local(e), r%local(f)) &
-                                  + r%wr(2, e)*t%at%compliance(2, c, r%local(e), r%local(f)) &
-                                  + r%wr(3, e)*t%at%compliance(3, c, r%local(e), r%local(f)))
+              x = x + r%marker_column(c, f)*(r%marker_row(1, e)*t%at%compliance(1, c, r%local(e), r%local(f)) &
+                                  + r%marker_row(2, e)*t%at%compliance(2, c, r%local(e), r%local(f)) &
+                                  + r%marker_row(3, e)*t%at%compliance(3, c, r%local(e), r%local(f)))
             end do
           end if
           j = r%position(r%row(f))
@@ -198,15 +200,15 @@ contains
         rc(2) = rc(2) - t%eq%origin(1)*x(2) - t%eq%origin(2)*x(1)
         rc(3) = rc(3) - y
         do k = 1, t%at%na
-          t%at%exf(:, k) = m%s%places(t%at%place(k))%elastic(t%eq%elastic(1:t%eq%n))
+          t%at%exf(:, k) = m%s%markers(t%at%marker(k))%elastic(t%eq%elastic(1:t%eq%n))
         end do
       end if
       do k = 1, 3
         t%free(k) = -(t%inverse(k, 1)*rc(1) + t%inverse(k, 2)*rc(2) + t%inverse(k, 3)*rc(3))
       end do
       do e = r%first(b), r%first(b + 1) - 1
-        y = dot_product(r%jr(:, e), t%free)
-        if (t%eq%n > 0) y = y - dot_product(r%wr(:, e), t%at%exf(:, r%local(e)))
+        y = dot_product(r%frame_row(:, e), t%free)
+        if (t%eq%n > 0) y = y - dot_product(r%marker_row(:, e), t%at%exf(:, r%local(e)))
         r%d(r%row(e)) = r%d(r%row(e)) + y
       end do
     end associate
@@ -224,16 +226,16 @@ contains
       x = t%free
       if (t%eq%n > 0) t%at%load = 0.0_wp
       do e = r%first(b), r%first(b + 1) - 1
-        x = x - r%mj(:, e)*r%y(r%row(e))
+        x = x - r%solved_column(:, e)*r%y(r%row(e))
         if (t%eq%n == 0) cycle
         do c = 1, 3
           col = t%at%column(c, r%local(e))
-          if (col > 0) t%at%load(col) = t%at%load(col) + r%wc(c, e)*r%y(r%row(e))
+          if (col > 0) t%at%load(col) = t%at%load(col) + r%marker_column(c, e)*r%y(r%row(e))
         end do
       end do
       i = m%s%qo(b)
-      dq(i + 1) = m%c(b)*x(1) - m%sn(b)*x(2)
-      dq(i + 2) = m%sn(b)*x(1) + m%c(b)*x(2)
+      dq(i + 1) = m%cos_theta(b)*x(1) - m%sin_theta(b)*x(2)
+      dq(i + 2) = m%sin_theta(b)*x(1) + m%cos_theta(b)*x(2)
       dq(i + 3) = x(3)
       if (t%eq%n == 0) return
       x(1:2) = self%c1*x(1:2)
@@ -249,37 +251,37 @@ contains
   end subroutine body_correction
 
   !> Columns of the inverse elastic block, T0^-1 S-bar^T and T0^-1 E^T, and their products.
-  subroutine fill_columns(t, bo, places, whole)
+  subroutine fill_columns(t, body, markers, whole)
     type(newton_body), intent(inout) :: t
-    type(body_model), intent(in) :: bo
-    type(place_model), intent(in) :: places(:)
+    type(body_model), intent(in) :: body
+    type(marker_model), intent(in) :: markers(:)
     logical, intent(in) :: whole             !! by the whole block
     real(wp) :: unit(3)
     integer :: i, j
     associate (at => t%at)
       at%whole = whole
-      at%xs = bo%sbar
+      at%xs = body%sbar
       call t%block%solve_two(whole, at%xs(:, 1), at%xs(:, 2))
       at%xe = 0.0_wp
       at%compliance = 0.0_wp
       do j = 1, size(at%xe, 2)
         unit = 0.0_wp
         unit(at%component_of(j)) = 1.0_wp
-        call places(at%place(at%place_of(j)))%push_elastic(unit, at%xe(:, j))
+        call markers(at%marker(at%marker_of(j)))%push_elastic(unit, at%xe(:, j))
         call t%block%solve(whole, at%xe(:, j))
         do i = 1, 2
-          at%sxe(i, j) = dot_product(bo%sbar(:, i), at%xe(:, j))
+          at%sxe(i, j) = dot_product(body%sbar(:, i), at%xe(:, j))
         end do
         do i = 1, at%na
-          at%compliance(:, at%component_of(j), i, at%place_of(j)) = places(at%place(i))%elastic(at%xe(:, j))
+          at%compliance(:, at%component_of(j), i, at%marker_of(j)) = markers(at%marker(i))%elastic(at%xe(:, j))
         end do
       end do
       do j = 1, 2
         do i = 1, 2
-          at%pss(i, j) = dot_product(bo%sbar(:, i), at%xs(:, j))
+          at%pss(i, j) = dot_product(body%sbar(:, i), at%xs(:, j))
         end do
         do i = 1, at%na
-          at%exs(:, j, i) = places(at%place(i))%elastic(at%xs(:, j))
+          at%exs(:, j, i) = markers(at%marker(i))%elastic(at%xs(:, j))
         end do
       end do
     end associate

@@ -5,8 +5,8 @@ module newton_equations
   use kinds, only: wp
   use body_terms, only: body_residual, body_tangent
   use border_rows, only: from_joint, factor_rows
-  use constraint, only: place_stiffness
-  use dynamics, only: set_frames, place_kinematics, constraint_values, applied_forces
+  use constraint, only: marker_stiffness
+  use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
   use mechanism, only: mechanism_model, conditions_of
   use newton_condensation, only: condense_frame, condense_rows, fill_columns
   use newton_system, only: newton_matrix
@@ -33,7 +33,7 @@ contains
     self%element_factor = 1.0_wp
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        if (t%body > 0) self%b(t%body)%eq%factor(t%run) = self%b(t%body)%eq%factor(t%run) + t%alpha*(1 - t%g)
+        if (t%body > 0) self%b(t%body)%eq%factor(t%segment) = self%b(t%body)%eq%factor(t%segment) + t%alpha*(1 - t%g)
         if (t%element > 0) self%element_factor(t%element) = self%element_factor(t%element) + t%alpha*(1 - t%g)
       end associate
     end do
@@ -43,7 +43,7 @@ contains
         if (x%eq%n == 0) cycle
         call x%block%factor_base(x%eq, c1, c2, bad)
         if (bad) return
-        call fill_columns(x, m%s%bodies(b), m%s%places, .false.)
+        call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
         self%base_factors = self%base_factors + 1
       end associate
     end do
@@ -65,9 +65,9 @@ contains
         i = t%first
         call t%offsets(t%last - i + 1, z(i:t%last), zd(i:t%last), zdd(i:t%last), self%offset(i:t%last))
         if (t%body == 0) cycle
-        associate (x => self%b(t%body)%eq%past, run => m%s%bodies(t%body)%runs(t%run))
-          first = run%first
-          if (m%s%bodies(t%body)%modal) first = t%run
+        associate (x => self%b(t%body)%eq%past, segment => m%s%bodies(t%body)%segments(t%segment))
+          first = segment%first
+          if (m%s%bodies(t%body)%modal) first = t%segment
           do e = first, first + (t%last - t%first)/size(x, 1)
             x(:, e) = x(:, e) + t%alpha*self%offset(i:i + size(x, 1) - 1)
             i = i + size(x, 1)
@@ -87,7 +87,7 @@ contains
     integer :: b, i, n, k
     self%solved = .false.
     call set_frames(m, q)
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
     call element_state(self, m)
     call applied_forces(m, t, self%element_z, self%element_zd)
     call constraint_values(m, t)
@@ -97,12 +97,12 @@ contains
       n = i + 3 + self%b(b)%eq%n
       call body_residual(self%b(b)%eq, m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, b, a))
     end do
-    do k = 1, size(m%s%places)
-      b = m%place_body(k)
+    do k = 1, size(m%s%markers)
+      b = m%marker_body(k)
       if (b == 0) cycle
       associate (eq => self%b(b)%eq)
         if (eq%n > 0) then
-          call m%s%places(k)%push(m%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
+          call m%s%markers(k)%push(m%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
         else
           eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
           eq%frame(3) = eq%frame(3) + self%wrench(3, k) + m%p%rho(1, k)*self%wrench(2, k) - m%p%rho(2, k)*self%wrench(1, k)
@@ -118,8 +118,8 @@ contains
     real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
     real(wp) :: x(2), g(2)                   !! [m/s2]
     g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - m%s%gravity
-    x(1) = m%c(b)*g(1) + m%sn(b)*g(2)
-    x(2) = m%c(b)*g(2) - m%sn(b)*g(1)
+    x(1) = m%cos_theta(b)*g(1) + m%sin_theta(b)*g(2)
+    x(2) = m%cos_theta(b)*g(2) - m%sin_theta(b)*g(1)
   end function frame_acceleration
 
   !> Dissipative coordinates of the force elements at the trial state: their forces are asked for before the step ends.
@@ -137,7 +137,7 @@ contains
     end do
   end subroutine element_state
 
-  !> Residual force (body axes) and moment on every place: multipliers' minus applied ones.
+  !> Residual force (body axes) and moment on every marker: multipliers' minus applied ones.
   subroutine gather_wrenches(self, m, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -145,22 +145,22 @@ contains
     integer :: i
     self%wrench = -m%wrench
     do i = 1, m%s%rows
-      call add(m%row_place(1, i), m%rows%na(:, i), m%rows%sa(i), lambda(i))
-      call add(m%row_place(2, i), m%rows%nb(:, i), m%rows%sb(i), lambda(i))
+      call add(m%row_marker(1, i), m%rows%na(:, i), m%rows%sa(i), lambda(i))
+      call add(m%row_marker(2, i), m%rows%nb(:, i), m%rows%sb(i), lambda(i))
     end do
   contains
     !> Adds a unit wrench times a multiplier.
-    subroutine add(place, n, s, x)
-      integer, intent(in) :: place
+    subroutine add(marker, n, s, x)
+      integer, intent(in) :: marker
       real(wp), intent(in) :: n(2)             !! global [-]
       real(wp), intent(in) :: s                !! [m]
       real(wp), intent(in) :: x                !! [N]
       integer :: b
-      b = m%place_body(place)
+      b = m%marker_body(marker)
       if (b == 0) return
-      self%wrench(1, place) = self%wrench(1, place) + x*(m%c(b)*n(1) + m%sn(b)*n(2))
-      self%wrench(2, place) = self%wrench(2, place) + x*(m%c(b)*n(2) - m%sn(b)*n(1))
-      self%wrench(3, place) = self%wrench(3, place) + x*s
+      self%wrench(1, marker) = self%wrench(1, marker) + x*(m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2))
+      self%wrench(2, marker) = self%wrench(2, marker) + x*(m%cos_theta(b)*n(2) - m%sin_theta(b)*n(1))
+      self%wrench(3, marker) = self%wrench(3, marker) + x*s
     end subroutine add
   end subroutine gather_wrenches
 
@@ -194,7 +194,7 @@ contains
             if (bad) return
             self%whole_factors = self%whole_factors + 1
           end if
-          if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%places, whole)
+          if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%markers, whole)
           call x%block%solve_two(whole, x%eq%elastic(1:x%eq%n), x%eq%column(1:x%eq%n))
         end if
         call condense_frame(x, m, b, self%c1, bad)
@@ -206,43 +206,43 @@ contains
     bad = self%rows%bad
   end subroutine renew
 
-  !> Residual wrenches on places turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
+  !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
   !> axes are constant there, so that their part of the columns goes again.
   subroutine turn_wrenches(self, m)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp) :: f(2)
     integer :: k, b
-    do k = 1, size(m%s%places)
-      b = m%place_body(k)
+    do k = 1, size(m%s%markers)
+      b = m%marker_body(k)
       if (b == 0) cycle
       associate (eq => self%b(b)%eq, w => self%wrench(:, k))
         eq%block(3, 3) = eq%block(3, 3) - m%p%rho(1, k)*w(1) - m%p%rho(2, k)*w(2)
         if (eq%n == 0) cycle
-        call m%s%places(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
-        call m%s%places(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
+        call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
+        call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
       end associate
     end do
     do k = 1, size(m%s%forces)
       if (.not. m%s%forces(k)%item%in_frame) cycle
-      b = m%place_body(m%s%forces(k)%item%ia)
-      associate (eq => self%b(b)%eq, place => m%s%forces(k)%item%ia, w => m%action(k)%a)
-        f = [m%c(b)*w(1) + m%sn(b)*w(2), m%c(b)*w(2) - m%sn(b)*w(1)]
+      b = m%marker_body(m%s%forces(k)%item%ia)
+      associate (eq => self%b(b)%eq, marker => m%s%forces(k)%item%ia, w => m%action(k)%a)
+        f = [m%cos_theta(b)*w(1) + m%sin_theta(b)*w(2), m%cos_theta(b)*w(2) - m%sin_theta(b)*w(1)]
         eq%block(1, 3) = eq%block(1, 3) + f(2)
         eq%block(2, 3) = eq%block(2, 3) - f(1)
-        eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, place), f)
-        if (eq%n > 0) call m%s%places(place)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
+        eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, marker), f)
+        if (eq%n > 0) call m%s%markers(marker)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
       end associate
     end do
   end subroutine turn_wrenches
 
-  !> Place-level tangents of curved joints and of force elements.
+  !> Marker-level tangents of curved joints and of force elements.
   subroutine fill_laws(self, m, t, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
-    type(place_stiffness) :: p
+    type(marker_stiffness) :: p
     integer :: k
     do k = 1, size(self%rows%laws)
       associate (law => self%rows%laws(k))

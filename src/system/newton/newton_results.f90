@@ -4,7 +4,7 @@ module newton_results
   use kinds, only: wp
   use body, only: body_model
   use body_terms, only: body_equations
-  use dynamics, only: set_frames, place_kinematics, applied_forces
+  use dynamics, only: set_frames, marker_kinematics, applied_forces
   use elastic_operators, only: add_product
   use ghm_law, only: term_product
   use mechanism, only: mechanism_model
@@ -27,7 +27,7 @@ contains
     integer :: k, b
     if (size(self%terms) == 0) return
     call set_frames(m, q)
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
     call deform(m, q)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
@@ -38,7 +38,7 @@ contains
         else if (m%s%bodies(b)%modal) then
           call t%increments(j - i + 1, m%s%bodies(b)%qx(1), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
         else
-          call t%increments(j - i + 1, m%s%bodies(b)%d(1, m%s%bodies(b)%runs(t%run)%first), z(i:j), zd(i:j), zdd(i:j), &
+          call t%increments(j - i + 1, m%s%bodies(b)%d(1, m%s%bodies(b)%segments(t%segment)%first), z(i:j), zd(i:j), zdd(i:j), &
                             dz(i:j))
         end if
       end associate
@@ -51,11 +51,11 @@ contains
     real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
     integer :: b, i
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b))
-        if (bo%nz == 0) cycle
+      associate (body => m%s%bodies(b))
+        if (body%nz == 0) cycle
         i = m%s%qo(b) + 3
-        bo%qx(1:bo%nf) = q(i + 1:i + bo%nf)
-        if (.not. bo%modal) call deformations(bo, bo%qx, bo%d)
+        body%qx(1:body%nf) = q(i + 1:i + body%nf)
+        if (.not. body%modal) call deformations(body, body%qx, body%d)
       end associate
     end do
   end subroutine deform
@@ -84,8 +84,8 @@ contains
           else if (m%s%bodies(t%body)%modal) then
             a(i:j) = a(i:j) + 0.5_wp*side*m%s%bodies(t%body)%qx(1:)
           else
-            associate (bo => m%s%bodies(t%body), run => m%s%bodies(t%body)%runs(t%run))
-              a(i:j) = a(i:j) + 0.5_wp*side*reshape(bo%d(:, run%first:run%last), [j - i + 1])
+            associate (body => m%s%bodies(t%body), segment => m%s%bodies(t%body)%segments(t%segment))
+              a(i:j) = a(i:j) + 0.5_wp*side*reshape(body%d(:, segment%first:segment%last), [j - i + 1])
             end associate
           end if
         end associate
@@ -111,7 +111,7 @@ contains
     m%dissipated_power = 0.0_wp
     m%input_power = 0.0_wp
     call set_frames(m, q)
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
     call applied_forces(m, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
@@ -148,7 +148,8 @@ contains
     do b = 1, size(self%b)
       i = m%s%qo(b)
       n = self%b(b)%eq%n
-      total = total + body_product(self%b(b)%eq, m%s%bodies(b), m%c(b), m%sn(b), q(i + 4:i + 3 + n), x(i + 1:i + 3 + n, :))
+      total = total + body_product(self%b(b)%eq, m%s%bodies(b), m%cos_theta(b), m%sin_theta(b), q(i + 4:i + 3 + n), x(i + 1:i &
+          + 3 + n, :))
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
@@ -165,15 +166,15 @@ contains
   end function mass_product
 
   !> x1^T M x2 + x3^T M x4 of one body.
-  real(wp) function body_product(eq, bo, c, s, q, x) result(total)
+  real(wp) function body_product(eq, body, c, s, q, x) result(total)
     type(body_equations), intent(inout) :: eq
-    type(body_model), intent(in) :: bo
+    type(body_model), intent(in) :: body
     real(wp), intent(in) :: c, s              !! of the frame angle [-]
     real(wp), intent(in) :: q(:)              !! (nf) elastic coordinates [m, rad]
     real(wp), intent(in) :: x(:, :)           !! (3 + nf, 4) frames in global axes [any]
     real(wp) :: p(2), r(2, 4), f(2, 4), tf(4)
     integer :: j, k
-    p = bo%i1
+    p = body%i1
     do j = 1, 4
       r(1, j) = c*x(1, j) + s*x(2, j)
       r(2, j) = c*x(2, j) - s*x(1, j)
@@ -181,15 +182,15 @@ contains
     f = 0.0_wp
     tf = 0.0_wp
     do k = 1, eq%n
-      p = p + bo%sbar(k, :)*q(k)
+      p = p + body%sbar(k, :)*q(k)
       do j = 1, 4
-        f(:, j) = f(:, j) + bo%sbar(k, :)*x(3 + k, j)
-        tf(j) = tf(j) + bo%c0(k)*x(3 + k, j)
+        f(:, j) = f(:, j) + body%sbar(k, :)*x(3 + k, j)
+        tf(j) = tf(j) + body%c0(k)*x(3 + k, j)
       end do
     end do
     total = 0.0_wp
     do j = 1, 3, 2
-      total = total + bo%mass*dot_product(r(:, j), r(:, j + 1)) + x(3, j)*bo%i11*x(3, j + 1) &
+      total = total + body%mass*dot_product(r(:, j), r(:, j + 1)) + x(3, j)*body%i11*x(3, j + 1) &
               + x(3, j)*(p(1)*r(2, j + 1) - p(2)*r(1, j + 1) + tf(j + 1)) &
               + x(3, j + 1)*(p(1)*r(2, j) - p(2)*r(1, j) + tf(j)) &
               + dot_product(r(:, j), f(:, j + 1)) + dot_product(r(:, j + 1), f(:, j))
@@ -249,18 +250,18 @@ contains
     allocate (group(m%s%nq), weight(m%s%nq), scale(4*size(m%s%bodies)), grows(4*size(m%s%bodies)))
     weight = 1.0_wp
     do b = 1, size(m%s%bodies)
-      associate (bo => m%s%bodies(b))
+      associate (body => m%s%bodies(b))
         i = m%s%qo(b)
         group(i + 1:i + 2) = 4*b - 3
         group(i + 3) = 4*b - 2
-        group(i + 4:i + 3 + bo%nf) = 4*b - 1
-        if (bo%modal) then
-          do k = 1, bo%nf
-            weight(i + 3 + k) = maxval(abs(bo%psi(:, k)))
+        group(i + 4:i + 3 + body%nf) = 4*b - 1
+        if (body%modal) then
+          do k = 1, body%nf
+            weight(i + 3 + k) = maxval(abs(body%psi(:, k)))
           end do
-        else if (bo%flexible) then
-          do k = 1, bo%nn
-            if (bo%dof(3, k) > 0) group(i + 3 + bo%dof(3, k)) = 4*b
+        else if (body%flexible) then
+          do k = 1, body%nn
+            if (body%dof(3, k) > 0) group(i + 3 + body%dof(3, k)) = 4*b
           end do
         end if
         scale(4*b - 3:4*b) = [m%s%size, 1.0_wp, 1.0e-6_wp*m%s%size, 1.0e-6_wp]
@@ -271,12 +272,12 @@ contains
     where (mod(group, 2) == 0) whole = weight
   end subroutine position_groups
 
-  !> How far places are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
+  !> How far markers are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
   pure real(wp) function scene_reach(m, q) result(reach)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)              !! (nq) [m, rad]
     integer :: b
-    reach = 1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size             ! without places the largest is -huge
+    reach = 1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size             ! without markers the largest is -huge
     do b = 1, size(m%s%bodies)
       reach = max(reach, abs(q(m%s%qo(b) + 3)))
     end do

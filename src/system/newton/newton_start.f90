@@ -3,7 +3,7 @@
 module newton_start
   use kinds, only: wp
   use border_rows, only: hold_weak_rows
-  use dynamics, only: set_frames, place_kinematics, constraint_values, row_rates
+  use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: residual, renew
@@ -44,7 +44,7 @@ contains
     call renew(self, m, t, q, v, none, lambda, .false., bad)
     if (bad) return
     call hold_weak_rows(self%rows)
-    call place_kinematics(m, q, a)
+    call marker_kinematics(m, q, a)
     call row_rates(m, m%rows%phi)             ! rows of x as those of a
     m%rows%phi = m%rows%phi_t - m%rows%phi
     call correction(self, m, inertia)
@@ -61,17 +61,17 @@ contains
     real(wp), intent(out), contiguous :: acceleration(:)     !! (rows) [m/s2]
     integer :: i
     call set_frames(m, q)
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
     call constraint_values(m, t)
     call row_rates(m, rate)
     do i = 1, m%s%rows
-      acceleration(i) = m%rows%extra(i) + dot_product(m%rows%na(:, i), m%p%bias(:, m%row_place(1, i))) &
-                        + dot_product(m%rows%nb(:, i), m%p%bias(:, m%row_place(2, i)))
+      acceleration(i) = m%rows%acceleration_bias(i) + dot_product(m%rows%na(:, i), m%p%bias(:, m%row_marker(1, i))) &
+                        + dot_product(m%rows%nb(:, i), m%p%bias(:, m%row_marker(2, i)))
     end do
-    call place_kinematics(m, q, a)
+    call marker_kinematics(m, q, a)
     call row_rates(m, m%schur%r)
     acceleration = acceleration + m%schur%r - m%rows%phi_t
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
   end subroutine row_gaps
 
   !> Phi_q x at the positions of the last row_gaps.
@@ -79,7 +79,7 @@ contains
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in), contiguous :: q(:), x(:)        !! (nq) these positions [m, rad]; [any]
     real(wp), intent(out), contiguous :: slope(:)         !! (rows) [any]
-    call place_kinematics(m, q, x)
+    call marker_kinematics(m, q, x)
     call row_rates(m, slope)
     slope = slope - m%rows%phi_t
   end subroutine row_slopes
@@ -109,7 +109,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and rates
     real(wp), intent(out) :: x(:)                         !! (nq) [m/s, rad/s]
     call set_frames(m, q)
-    call place_kinematics(m, q, v)
+    call marker_kinematics(m, q, v)
     call constraint_values(m, t)
     call row_rates(m, m%schur%r)
     call along_rows(self, m, q, m%schur%r, x)

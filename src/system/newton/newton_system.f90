@@ -14,13 +14,13 @@ module newton_system
   private
   public :: set_up_newton
 
-  !> Markers of a flexible body where rows act: columns of the inverse block, and what places see of them.
+  !> Markers of a flexible body where rows act: columns of the inverse block, and what markers see of them.
   type, public :: marker_columns
     integer :: na = 0                        !! such markers
     logical :: whole = .false.               !! the columns belong to the whole block, not to T0
-    integer, allocatable :: place(:)         !! (na) their numbers
+    integer, allocatable :: marker(:)        !! (na) their numbers
     integer, allocatable :: column(:, :)     !! (3, na) column of each component, 0: none
-    integer, allocatable :: place_of(:), component_of(:)   !! (nc) marker (1 to na) and component of each column
+    integer, allocatable :: marker_of(:), component_of(:)  !! (nc) marker (1 to na) and component of each column
     real(wp), allocatable :: xs(:, :)        !! (n, 2) T0^-1 S-bar^T [m/N kg ...]
     real(wp), allocatable :: xe(:, :)        !! (n, nc) T0^-1 E^T [m/N ...]
     real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i T0^-1 E_j^T [m/N ...]
@@ -54,7 +54,7 @@ module newton_system
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
     real(wp), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
     real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates
-    real(wp), allocatable :: wrench(:, :)    !! (3, places) residual force (body axes) and moment [N, N m]
+    real(wp), allocatable :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment [N, N m]
     integer(ip) :: base_factors = 0          !! of T0 blocks so far
     integer(ip) :: whole_factors = 0         !! of whole blocks so far
   end type newton_matrix
@@ -68,7 +68,7 @@ contains
     integer :: b, nz
     nz = m%s%nz
     allocate (self%offset(nz), self%element_z(nz), self%element_zd(nz), source=0.0_wp)
-    allocate (self%wrench(3, size(m%s%places)), source=0.0_wp)
+    allocate (self%wrench(3, size(m%s%markers)), source=0.0_wp)
     allocate (self%element_factor(size(m%s%forces)), source=1.0_wp)
     call list_terms(m%s, self%terms)
     call list_rows(self%rows, m)
@@ -89,12 +89,12 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
     integer, allocatable :: local(:)
-    logical, allocatable :: wanted(:, :)         !! (3, places) components that rows may see
+    logical, allocatable :: wanted(:, :)         !! (3, markers) components that rows may see
     integer :: k, c, e, nc, n
-    allocate (local(size(m%s%places)), source=0)
-    allocate (wanted(3, size(m%s%places)), source=.false.)
+    allocate (local(size(m%s%markers)), source=0)
+    allocate (wanted(3, size(m%s%markers)), source=.false.)
     do e = r%first(b), r%first(b + 1) - 1
-      k = r%place(e)
+      k = r%marker(e)
       if (local(k) == 0) then
         at%na = at%na + 1
         local(k) = at%na
@@ -102,16 +102,16 @@ contains
       r%local(e) = local(k)
       wanted(:, k) = wanted(:, k) .or. r%acts(:, e)
     end do
-    allocate (at%place(at%na), at%column(3, at%na), at%place_of(3*at%na), at%component_of(3*at%na), source=0)
+    allocate (at%marker(at%na), at%column(3, at%na), at%marker_of(3*at%na), at%component_of(3*at%na), source=0)
     nc = 0
     do k = 1, size(local)
       if (local(k) == 0) cycle
-      at%place(local(k)) = k
+      at%marker(local(k)) = k
       do c = 1, 3
-        if (.not. wanted(c, k) .or. .not. m%s%places(k)%moves(c)) cycle
+        if (.not. wanted(c, k) .or. .not. m%s%markers(k)%moves(c)) cycle
         nc = nc + 1
         at%column(c, local(k)) = nc
-        at%place_of(nc) = local(k)
+        at%marker_of(nc) = local(k)
         at%component_of(nc) = c
       end do
     end do

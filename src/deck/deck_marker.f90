@@ -1,24 +1,24 @@
-!> Places on bodies: a node of a beam or frame, a point of a rigid body or of the ground, or the frame of a body.
-module deck_place
+!> Markers on bodies: a node of a beam or frame, a point of a rigid body or of the ground, or the frame of a body.
+module deck_marker
   use text, only: to_text
   use deck_input, only: deck_source, quoted
   use deck_get, only: get, get_pair
   use deck_words, only: get_reference
   use deck_kinds, only: in_body
-  use deck_records, only: deck_record => deck, place_record
+  use deck_records, only: deck_record => deck, marker_record
   implicit none (type, external)
   private
-  public :: read_place, forbid_ground, forbid_rigid_pair, body_text
+  public :: read_marker, forbid_ground, forbid_rigid_pair, body_text
 
 contains
 
-  !> Reads a body and a place on it from the variables body, node and point with a suffix. Kinds are values of the
+  !> Reads a body and a marker on it from the variables body, node and point with a suffix. Kinds are values of the
   !> group's selecting variable; an absent list of kinds means that all do.
-  subroutine read_place(deck, d, suffix, place, need, body_kinds, node_kinds, point_kinds, frame_kinds)
+  subroutine read_marker(deck, d, suffix, marker, need, body_kinds, node_kinds, point_kinds, frame_kinds)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d                   !! its bodies are read
     character(*), intent(in) :: suffix                   !! '', '_a' or '_b'
-    type(place_record), intent(inout) :: place           !! default: the origin of the ground
+    type(marker_record), intent(inout) :: marker         !! default: the origin of the ground
     logical, intent(in) :: need                          !! whether the body is required
     character(*), intent(in), optional :: body_kinds     !! kinds that name a body
     character(*), intent(in), optional :: node_kinds     !! kinds that may name a node of it
@@ -27,9 +27,9 @@ contains
     integer :: node
     logical :: known, frame, wants_node
     node = 0
-    call get_reference(deck, 'body'//suffix, in_body, place%body, need, body_kinds)
+    call get_reference(deck, 'body'//suffix, in_body, marker%body, need, body_kinds)
     call get(deck, 'node'//suffix, node, kinds=node_kinds)
-    call get_pair(deck, 'point'//suffix, place%point, kinds=point_kinds)
+    call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
     known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
     if (.not. (known .and. deck%choice_is_known())) return
     wants_node = .true.
@@ -37,16 +37,16 @@ contains
     if (.not. wants_node) return
     frame = .false.
     if (present(frame_kinds)) frame = deck%choice_in(frame_kinds)
-    if (place%body == 0) then
-      call check_point(deck, d, suffix, place%body, node, frame)
-    else if (deck%body_known(place%body)) then
-      if (d%bodies(place%body)%kind == 'rigid') then
-        call check_point(deck, d, suffix, place%body, node, frame)
+    if (marker%body == 0) then
+      call check_point(deck, d, suffix, marker%body, node, frame)
+    else if (deck%body_known(marker%body)) then
+      if (d%bodies(marker%body)%kind == 'rigid') then
+        call check_point(deck, d, suffix, marker%body, node, frame)
       else
-        call check_node(deck, d, suffix, place, node, frame)
+        call check_node(deck, d, suffix, marker, node, frame)
       end if
     end if
-  end subroutine read_place
+  end subroutine read_marker
 
   !> A rigid body and the ground have points, no nodes.
   subroutine check_point(deck, d, suffix, body, node, frame)
@@ -65,27 +65,27 @@ contains
   end subroutine check_point
 
   !> A beam or frame has nodes; the last one may be called -1.
-  subroutine check_node(deck, d, suffix, place, node, frame)
+  subroutine check_node(deck, d, suffix, marker, node, frame)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     character(*), intent(in) :: suffix               !! '', '_a' or '_b'
-    type(place_record), intent(inout) :: place       !! its body is known; receives the node
+    type(marker_record), intent(inout) :: marker     !! its body is known; receives the node
     integer, intent(in) :: node                      !! node named
     logical, intent(in) :: frame                     !! whether naming none means the body's frame
     character(:), allocatable :: expected
-    associate (b => d%bodies(place%body))
+    associate (b => d%bodies(marker%body))
       expected = '1 to '//to_text(b%nodes)//' or -1 (the last)'
       if (frame) expected = '1 to '//to_text(b%nodes)//', -1 (the last) or 0 (the frame)'
       if (deck%is_set('point'//suffix)) then
-        call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, place%body)// &
+        call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, marker%body)// &
           ', which has nodes, expected node'//suffix//' '//expected)
       else if (deck%is_set('node'//suffix)) then
-        place%node = node
-        if (node == -1) place%node = b%nodes
+        marker%node = node
+        if (node == -1) marker%node = b%nodes
         if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
-          '='//to_text(node)//' is out of range for '//body_text(d, place%body)//', expected '//expected)
+          '='//to_text(node)//' is out of range for '//body_text(d, marker%body)//', expected '//expected)
       else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
-        call deck%note_missing('node'//suffix, 'a node of '//body_text(d, place%body)//', '//expected)
+        call deck%note_missing('node'//suffix, 'a node of '//body_text(d, marker%body)//', '//expected)
       end if
     end associate
   end subroutine check_node
@@ -114,27 +114,27 @@ contains
       ', expected the name of a &body')
   end subroutine forbid_ground
 
-  !> Reports two places that cannot move relative to each other: both on the ground or on one rigid body, or the same
+  !> Reports two markers that cannot move relative to each other: both on the ground or on one rigid body, or the same
   !> node or frame of one body.
   subroutine forbid_rigid_pair(deck, d, a, b)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
-    type(place_record), intent(in) :: a, b   !! the two places
-    character(:), allocatable :: place
+    type(marker_record), intent(in) :: a, b  !! the two markers
+    character(:), allocatable :: marker
     if (a%body /= b%body .or. .not. deck%is_set('body_a')) return
     if (deck%is_given('body_b') .and. .not. deck%is_set('body_b')) return
     if (a%body == 0) then
-      place = 'on '//body_text(d, 0)
+      marker = 'on '//body_text(d, 0)
     else
       if (.not. deck%body_known(a%body)) return
-      place = 'on '//body_text(d, a%body)
+      marker = 'on '//body_text(d, a%body)
       if (d%bodies(a%body)%kind /= 'rigid') then
         if (a%node /= b%node .or. .not. deck%is_clean()) return
-        place = 'node '//to_text(a%node)//' of '//body_text(d, a%body)
-        if (a%node == 0) place = 'the frame of '//body_text(d, a%body)
+        marker = 'node '//to_text(a%node)//' of '//body_text(d, a%body)
+        if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if
     end if
-    call deck%complain('body_b', 'both places are '//place//' and cannot move relative to each other, expected two '// &
+    call deck%complain('body_b', 'both places are '//marker//' and cannot move relative to each other, expected two '// &
       'bodies')
   end subroutine forbid_rigid_pair
-end module deck_place
+end module deck_marker

@@ -1,29 +1,29 @@
-!> Places of the model from places of the deck, each kept once; the size of a scene.
-module build_places
+!> Markers of the model from markers of the deck, each kept once; the size of a scene.
+module build_markers
   use kinds, only: wp
   use body_setup, only: body_length
-  use deck_records, only: deck, place_record
-  use place, only: place_model
+  use deck_records, only: deck, marker_record
+  use marker, only: marker_model
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: place_table, make_place, find_place, scene_size, list_loaded, sort_by_body
+  public :: marker_table, make_marker, find_marker, scene_size, list_loaded, sort_by_body
 
-  !> Places found so far, body by body, so that each is kept once.
-  type :: place_table
-    type(place_model), allocatable :: items(:)
-    integer, allocatable :: next(:)        !! next place of the same body, 0: none
-    integer, allocatable :: head(:)        !! (0:nb) first place of each body
+  !> Markers found so far, body by body, so that each is kept once.
+  type :: marker_table
+    type(marker_model), allocatable :: items(:)
+    integer, allocatable :: next(:)        !! next marker of the same body, 0: none
+    integer, allocatable :: head(:)        !! (0:nb) first marker of each body
     integer :: count = 0
-  end type place_table
+  end type marker_table
 
 contains
 
-  !> A place of the model from a deck's place.
-  function make_place(s, r) result(p)
+  !> A marker of the model from a deck's place.
+  function make_marker(s, r) result(p)
     type(scene), intent(in) :: s
-    type(place_record), intent(in) :: r
-    type(place_model) :: p
+    type(marker_record), intent(in) :: r
+    type(marker_model) :: p
     p%body = r%body
     p%node = r%node
     p%x = r%point
@@ -37,36 +37,36 @@ contains
         p%dof = b%dof(:, r%node)
       end if
     end associate
-  end function make_place
+  end function make_marker
 
-  !> Index of a place, added where it is new.
-  integer function find_place(s, places, r) result(k)
+  !> Index of a marker, added where it is new.
+  integer function find_marker(s, markers, r) result(k)
     type(scene), intent(in) :: s
-    type(place_table), intent(inout) :: places
-    type(place_record), intent(in) :: r
-    k = places%head(r%body)
+    type(marker_table), intent(inout) :: markers
+    type(marker_record), intent(in) :: r
+    k = markers%head(r%body)
     do while (k > 0)
-      if (places%items(k)%node == r%node) then
+      if (markers%items(k)%node == r%node) then
         if (r%node > 0) return
-        if (all(abs(places%items(k)%x - r%point) <= 0.0_wp)) return
+        if (all(abs(markers%items(k)%x - r%point) <= 0.0_wp)) return
       end if
-      k = places%next(k)
+      k = markers%next(k)
     end do
-    places%count = places%count + 1
-    k = places%count
-    places%items(k) = make_place(s, r)
-    places%next(k) = places%head(r%body)
-    places%head(r%body) = k
-  end function find_place
+    markers%count = markers%count + 1
+    k = markers%count
+    markers%items(k) = make_marker(s, r)
+    markers%next(k) = markers%head(r%body)
+    markers%head(r%body) = k
+  end function find_marker
 
-  !> The scene's size S: the largest distance between two places, nodes or mass centres of one body, or between two
-  !> places on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not places.
+  !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
+  !> markers on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not markers.
   function scene_size(d, s) result(size_s)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
     real(wp) :: size_s                      !! [m]
     real(wp), allocatable :: points(:, :)   !! (2, n) points of one body [m]
-    type(place_record), allocatable :: list(:)
+    type(marker_record), allocatable :: list(:)
     integer, allocatable :: first(:), sorted(:)
     integer :: b, k, n
     call list_points(d, list)
@@ -91,10 +91,10 @@ contains
     if (.not. size_s > 0.0_wp) size_s = 1.0_wp
   end function scene_size
 
-  !> All places that are points, nodes left out (bodies know their nodes).
+  !> All markers that are points, nodes left out (bodies know their nodes).
   subroutine list_points(d, list)
     type(deck), intent(in) :: d
-    type(place_record), allocatable, intent(out) :: list(:)
+    type(marker_record), allocatable, intent(out) :: list(:)
     integer :: k, n
     allocate (list(2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces) + size(d%sensors)))
     n = 0
@@ -113,20 +113,20 @@ contains
       call put(d%springs(k)%b)
     end do
     do k = 1, size(d%forces)
-      if (d%forces(k)%type /= 'torque') call put(d%forces(k)%place)
+      if (d%forces(k)%type /= 'torque') call put(d%forces(k)%marker)
     end do
     do k = 1, size(d%sensors)
       if (any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration'])) &
-        call put(d%sensors(k)%place)
+        call put(d%sensors(k)%marker)
     end do
     list = list(1:n)
   contains
-    !> Adds a place that is a point.
-    subroutine put(place)
-      type(place_record), intent(in) :: place
-      if (place%node > 0) return
+    !> Adds a marker that is a point.
+    subroutine put(marker)
+      type(marker_record), intent(in) :: marker
+      if (marker%node > 0) return
       n = n + 1
-      list(n) = place
+      list(n) = marker
     end subroutine put
   end subroutine list_points
 
@@ -153,20 +153,20 @@ contains
     end do
   end subroutine sort_by_body
 
-  !> Places on bodies where springs and loads act, sorted by body.
+  !> Markers on bodies where springs and loads act, sorted by body.
   subroutine list_loaded(s)
     type(scene), intent(inout) :: s
     logical, allocatable :: acts(:)
     integer, allocatable :: first(:), sorted(:)
     integer :: k
-    allocate (acts(size(s%places)), source=.false.)
+    allocate (acts(size(s%markers)), source=.false.)
     do k = 1, size(s%forces)
       acts([s%forces(k)%item%ia, s%forces(k)%item%ib]) = .true.
     end do
     associate (active => pack([(k, k=1, size(acts))], acts))
-      call sort_by_body(s%places(active)%body, size(s%bodies), first, sorted)
+      call sort_by_body(s%markers(active)%body, size(s%bodies), first, sorted)
       s%loaded = active(sorted(first(1):))
     end associate
     s%loaded_first = first(1:) - first(1) + 1
   end subroutine list_loaded
-end module build_places
+end module build_markers

@@ -1,11 +1,11 @@
-!> Motion of the frames and of the places on bodies, from the coordinates and their rates (theory.md, section 6).
-module place_motion
+!> Motion of the frames and of the markers on bodies, from the coordinates and their rates (theory.md, section 6).
+module marker_motion
   use kinds, only: wp
   use mechanism, only: mechanism_model
-  use place, only: place_model, place_states
+  use marker, only: marker_model, marker_states
   implicit none (type, external)
   private
-  public :: set_frames, place_kinematics, one_place
+  public :: set_frames, marker_kinematics, one_marker
 
 contains
 
@@ -15,45 +15,48 @@ contains
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp) :: angle
     integer :: b
-    do b = 1, size(self%c)
+    do b = 1, size(self%cos_theta)
       angle = q(self%s%qo(b) + 3)
-      self%c(b) = cos(angle)
-      self%sn(b) = sin(angle)
+      self%cos_theta(b) = cos(angle)
+      self%sin_theta(b) = sin(angle)
     end do
   end subroutine set_frames
 
-  !> States of all places.
-  pure subroutine place_kinematics(self, q, v)
+  !> States of all markers.
+  pure subroutine marker_kinematics(self, q, v)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n
-    if (size(self%rigid_places) > 0) call rigid_places(size(self%rigid_places), self%rigid_places, size(self%place_body), &
-                                                  size(self%c), self%place_body, self%s%qo, self%c, self%sn, size(q), q, v, &
+    if (size(self%rigid_markers) > 0) call rigid_markers(size(self%rigid_markers), self%rigid_markers, size(self%marker_body), &
+                                                  size(self%cos_theta), self%marker_body, self%s%qo, self%cos_theta, &
+                                                      self%sin_theta, size(q), q, v, &
                                                   self%p%rho, self%p%r, self%p%v, self%p%bias, self%p%angle, self%p%rate)
-    if (size(self%nodal_places) > 0) call nodal_places(size(self%nodal_places), self%nodal_places, size(self%place_body), &
-                                                  size(self%c), self%place_body, self%s%qo, self%place_dof, self%place_x, &
-                                                  self%c, self%sn, size(q), q, v, self%p%rho, self%p%r, self%p%v, &
+    if (size(self%nodal_markers) > 0) call nodal_markers(size(self%nodal_markers), self%nodal_markers, size(self%marker_body), &
+                                                  size(self%cos_theta), self%marker_body, self%s%qo, self%marker_dof, &
+                                                      self%marker_x, &
+                                                  self%cos_theta, self%sin_theta, size(q), q, v, self%p%rho, self%p%r, self%p%v, &
                                                   self%p%bias, self%p%angle, self%p%rate)
-    do j = 1, size(self%modal_places)
-      k = self%modal_places(j)
-      b = self%place_body(k)
+    do j = 1, size(self%modal_markers)
+      k = self%modal_markers(j)
+      b = self%marker_body(k)
       i = self%s%qo(b)
       n = self%s%bodies(b)%nf
-      call one_place(self%s%places(k), self%c(b), self%sn(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 + n), &
-                     v(i + 4:i + 3 + n), self%p, k)
+      call one_marker(self%s%markers(k), self%cos_theta(b), self%sin_theta(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 &
+          + n), &
+                      v(i + 4:i + 3 + n), self%p, k)
     end do
-  end subroutine place_kinematics
+  end subroutine marker_kinematics
 
-  !> States of the places on rigid bodies, whose rho is constant.
-  pure subroutine rigid_places(n, list, np, nb, body, offset, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
+  !> States of the markers on rigid bodies, whose rho is constant.
+  pure subroutine rigid_markers(n, list, np, nb, body, offset, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
     integer, intent(in) :: n, np, nb, nq
-    integer, intent(in) :: list(n)                    !! these places
-    integer, intent(in) :: body(np)                   !! of each place
+    integer, intent(in) :: list(n)                    !! these markers
+    integer, intent(in) :: body(np)                   !! of each marker
     integer, intent(in) :: offset(nb)                 !! of each body's coordinates
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
     real(wp), intent(in) :: q(nq), v(nq)              !! [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rho(2, np)                !! body axes [m]
-    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as place_states [m, rad, per s, s2]
+    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as marker_states [m, rad, per s, s2]
     real(wp) :: x(2), w
     integer :: j, k, b, i
     do j = 1, n
@@ -72,20 +75,20 @@ contains
       angle(k) = q(i + 3)
       rate(k) = w
     end do
-  end subroutine rigid_places
+  end subroutine rigid_markers
 
-  !> States of the places on flexible bodies in nodal coordinates (theory.md, section 6).
-  pure subroutine nodal_places(n, list, np, nb, body, offset, dof, x, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
+  !> States of the markers on flexible bodies in nodal coordinates (theory.md, section 6).
+  pure subroutine nodal_markers(n, list, np, nb, body, offset, dof, x, c, s, nq, q, v, rho, r, rv, bias, angle, rate)
     integer, intent(in) :: n, np, nb, nq
-    integer, intent(in) :: list(n)                    !! these places
-    integer, intent(in) :: body(np)                   !! of each place
+    integer, intent(in) :: list(n)                    !! these markers
+    integer, intent(in) :: body(np)                   !! of each marker
     integer, intent(in) :: offset(nb)                 !! of each body's coordinates
-    integer, intent(in) :: dof(3, np)                 !! elastic coordinates of each place, 0: none
+    integer, intent(in) :: dof(3, np)                 !! elastic coordinates of each marker, 0: none
     real(wp), intent(in) :: x(2, np)                  !! undeformed, body axes [m]
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
     real(wp), intent(in) :: q(nq), v(nq)              !! [m, rad], [m/s, rad/s]
     real(wp), intent(inout) :: rho(2, np)             !! body axes [m]
-    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as place_states [m, rad, per s, s2]
+    real(wp), intent(inout) :: r(2, np), rv(2, np), bias(2, np), angle(np), rate(np)   !! as marker_states [m, rad, per s, s2]
     real(wp) :: u(3), ud(3)
     integer :: j, k, b, i, m
     do j = 1, n
@@ -101,18 +104,18 @@ contains
       end do
       rho(1, k) = x(1, k) + u(1)
       rho(2, k) = x(2, k) + u(2)
-      call move_place(c(b), s(b), q(i + 1), v(i + 1), rho(1, k), u(3), ud, r(1, k), rv(1, k), bias(1, k), angle(k), rate(k))
+      call move_marker(c(b), s(b), q(i + 1), v(i + 1), rho(1, k), u(3), ud, r(1, k), rv(1, k), bias(1, k), angle(k), rate(k))
     end do
-  end subroutine nodal_places
+  end subroutine nodal_markers
 
-  !> Global position, velocity, velocity-dependent acceleration, angle and rate of a place (theory.md, section 6).
-  pure subroutine move_place(c, s, q, v, rho, turned, ud, r, rv, bias, angle, rate)
+  !> Global position, velocity, velocity-dependent acceleration, angle and rate of a marker (theory.md, section 6).
+  pure subroutine move_marker(c, s, q, v, rho, turned, ud, r, rv, bias, angle, rate)
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
     real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rho(2)          !! x + u in body axes [m]
     real(wp), intent(in) :: turned          !! elastic rotation [rad]
     real(wp), intent(in) :: ud(3)           !! rates of u, v, rotation [m/s, rad/s]
-    real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as place_states [m, rad, per s, s2]
+    real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as marker_states [m, rad, per s, s2]
     real(wp) :: rel(2), b(2), w
     w = v(3)
     rel(1) = ud(1) - w*rho(2)
@@ -127,43 +130,43 @@ contains
     bias(2) = s*b(1) + c*b(2)
     angle = q(3) + turned
     rate = w + ud(3)
-  end subroutine move_place
+  end subroutine move_marker
 
-  !> State of one place (theory.md, section 6).
-  pure subroutine one_place(place, c, s, q, v, nf, qf, vf, p, k)
-    type(place_model), intent(in) :: place
+  !> State of one marker (theory.md, section 6).
+  pure subroutine one_marker(marker, c, s, q, v, nf, qf, vf, p, k)
+    type(marker_model), intent(in) :: marker
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
     real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates [m, rad], [m/s, rad/s]
     integer, intent(in) :: nf
     real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates [m, rad], [m/s, rad/s]
-    type(place_states), intent(inout) :: p
+    type(marker_states), intent(inout) :: p
     integer, intent(in) :: k                !! entry of p to fill
     real(wp) :: u(3), ud(3)
-    call place_displacement(place, nf, qf, vf, u, ud)
-    p%rho(:, k) = place%x + u(1:2)
-    call move_place(c, s, q, v, p%rho(:, k), u(3), ud, p%r(:, k), p%v(:, k), p%bias(:, k), p%angle(k), p%rate(k))
-  end subroutine one_place
+    call marker_displacement(marker, nf, qf, vf, u, ud)
+    p%rho(:, k) = marker%x + u(1:2)
+    call move_marker(c, s, q, v, p%rho(:, k), u(3), ud, p%r(:, k), p%v(:, k), p%bias(:, k), p%angle(k), p%rate(k))
+  end subroutine one_marker
 
-  !> Elastic displacement of a place and its rate: u, v, rotation in body axes.
-  pure subroutine place_displacement(place, nf, qf, vf, u, ud)
-    type(place_model), intent(in) :: place
+  !> Elastic displacement of a marker and its rate: u, v, rotation in body axes.
+  pure subroutine marker_displacement(marker, nf, qf, vf, u, ud)
+    type(marker_model), intent(in) :: marker
     integer, intent(in) :: nf
     real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: u(3), ud(3)    !! [m, m, rad] and per second
     integer :: i
     u = 0.0_wp
     ud = 0.0_wp
-    if (allocated(place%psi)) then
-      call modal_displacement(nf, place%psi, qf, u)
-      call modal_displacement(nf, place%psi, vf, ud)
+    if (allocated(marker%psi)) then
+      call modal_displacement(nf, marker%psi, qf, u)
+      call modal_displacement(nf, marker%psi, vf, ud)
     else
       do i = 1, 3
-        if (place%dof(i) == 0) cycle
-        u(i) = qf(place%dof(i))
-        ud(i) = vf(place%dof(i))
+        if (marker%dof(i) == 0) cycle
+        u(i) = qf(marker%dof(i))
+        ud(i) = vf(marker%dof(i))
       end do
     end if
-  end subroutine place_displacement
+  end subroutine marker_displacement
 
   !> u = Psi q.
   pure subroutine modal_displacement(nf, psi, q, u)
@@ -178,4 +181,4 @@ contains
       u(3) = u(3) + psi(3, i)*q(i)
     end do
   end subroutine modal_displacement
-end module place_motion
+end module marker_motion

@@ -1,6 +1,6 @@
-!> Force elements as wrenches on their places, and what these do to the frames and the elastic coordinates (theory.md,
+!> Force elements as wrenches on their markers, and what these do to the frames and the elastic coordinates (theory.md,
 !> section 3). Wrenches are kept in body axes.
-module place_forces
+module marker_forces
   use kinds, only: wp
   use force_element, only: conditions
   use mechanism, only: mechanism_model
@@ -10,7 +10,7 @@ module place_forces
 
 contains
 
-  !> Force elements as wrenches on their places; adds to the powers.
+  !> Force elements as wrenches on their markers; adds to the powers.
   subroutine applied_forces(self, t, z, zd)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -20,11 +20,11 @@ contains
     do k = 1, size(self%s%loaded)
       self%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
-    with = conditions(t, self%left, self%stage, self%load_factor)
+    with = conditions(t, self%left_limit, self%stage, self%load_factor)
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item, x => self%action(k))
-        b = self%place_body(f%ia)
-        if (b > 0) with%axes = [self%c(b), self%sn(b)]
+        b = self%marker_body(f%ia)
+        if (b > 0) with%axes = [self%cos_theta(b), self%sin_theta(b)]
         call f%act(self%p, with, z, zd, self%zdd, x)
         self%dissipated_power = self%dissipated_power + x%dissipated
         self%input_power = self%input_power + x%input
@@ -34,51 +34,51 @@ contains
     end do
   end subroutine applied_forces
 
-  !> Adds a force (global axes) and a moment to a place.
+  !> Adds a force (global axes) and a moment to a marker.
   pure subroutine add_wrench(self, k, w)
     type(mechanism_model), intent(inout) :: self
-    integer, intent(in) :: k                !! place
+    integer, intent(in) :: k                !! marker
     real(wp), intent(in) :: w(3)            !! [N], [N m]
     integer :: b
-    b = self%place_body(k)
+    b = self%marker_body(k)
     if (b == 0) return
-    self%wrench(1, k) = self%wrench(1, k) + self%c(b)*w(1) + self%sn(b)*w(2)
-    self%wrench(2, k) = self%wrench(2, k) - self%sn(b)*w(1) + self%c(b)*w(2)
+    self%wrench(1, k) = self%wrench(1, k) + self%cos_theta(b)*w(1) + self%sin_theta(b)*w(2)
+    self%wrench(2, k) = self%wrench(2, k) - self%sin_theta(b)*w(1) + self%cos_theta(b)*w(2)
     self%wrench(3, k) = self%wrench(3, k) + w(3)
   end subroutine add_wrench
 
-  !> Wrenches on places act on the frames: A^T F, (H rho).A^T F + M.
+  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M.
   pure subroutine load_frames(self)
     type(mechanism_model), intent(inout) :: self
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
-      b = self%place_body(k)
+      b = self%marker_body(k)
       self%rhs(1:2, b) = self%rhs(1:2, b) + self%wrench(1:2, k)
       self%rhs(3, b) = self%rhs(3, b) + self%wrench(3, k) + self%p%rho(1, k)*self%wrench(2, k) &
                        - self%p%rho(2, k)*self%wrench(1, k)
     end do
   end subroutine load_frames
 
-  !> Wrenches on places act on the elastic coordinates there.
+  !> Wrenches on markers act on the elastic coordinates there.
   pure subroutine load_elastic(self, b)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
     integer :: j, k, c, i
     do j = self%s%loaded_first(b), self%s%loaded_first(b + 1) - 1
       k = self%s%loaded(j)
-      associate (place => self%s%places(k), bo => self%s%bodies(b))
-        if (allocated(place%psi)) then
-          do i = 1, bo%nf
-            bo%fx(i) = bo%fx(i) + dot_product(place%psi(:, i), self%wrench(:, k))
+      associate (marker => self%s%markers(k), body => self%s%bodies(b))
+        if (allocated(marker%psi)) then
+          do i = 1, body%nf
+            body%elastic_force(i) = body%elastic_force(i) + dot_product(marker%psi(:, i), self%wrench(:, k))
           end do
         else
           do c = 1, 3
-            i = place%dof(c)
-            if (i > 0) bo%fx(i) = bo%fx(i) + self%wrench(c, k)
+            i = marker%dof(c)
+            if (i > 0) body%elastic_force(i) = body%elastic_force(i) + self%wrench(c, k)
           end do
         end if
       end associate
     end do
   end subroutine load_elastic
-end module place_forces
+end module marker_forces

@@ -1,13 +1,13 @@
-!> Places: where joints, drives, springs, loads and sensors act. A place is a point of the ground, a point or node of a
+!> Markers: where joints, drives, springs, loads and sensors act. A marker is a point of the ground, a point or node of a
 !> body with its section, or the frame of a body (which only moments see).
-module place
+module marker
   use kinds, only: wp
   implicit none (type, external)
   private
   public :: turn
 
-  !> A place on a body.
-  type, public :: place_model
+  !> A marker on a body.
+  type, public :: marker_model
     integer :: body = 0                      !! 0: the ground
     integer :: node = 0                      !! node of a beam or frame, 0: a point or the frame itself
     real(wp) :: x(2) = 0.0_wp                !! undeformed position: body axes, global on the ground [m]
@@ -19,10 +19,10 @@ module place
     procedure :: push
     procedure :: push_elastic
     procedure :: moves
-  end type place_model
+  end type marker_model
 
-  !> Kinematic state of all places of a list.
-  type, public :: place_states
+  !> Kinematic state of all markers of a list.
+  type, public :: marker_states
     real(wp), allocatable :: r(:, :)         !! (2, n) position, global [m]
     real(wp), allocatable :: v(:, :)         !! (2, n) velocity, global [m/s]
     real(wp), allocatable :: angle(:)        !! (n) angle of the section, or of the frame [rad]
@@ -31,20 +31,20 @@ module place
     real(wp), allocatable :: bias(:, :)      !! (2, n) velocity-dependent part of the acceleration, global [m/s2]
   contains
     procedure :: allocate => allocate_states
-  end type place_states
+  end type marker_states
 
 contains
 
-  !> Allocates the states of n places, at rest at the origin.
+  !> Allocates the states of n markers, at rest at the origin.
   pure subroutine allocate_states(self, n)
-    class(place_states), intent(inout) :: self
+    class(marker_states), intent(inout) :: self
     integer, intent(in) :: n
     allocate (self%r(2, n), self%v(2, n), self%angle(n), self%rate(n), self%rho(2, n), self%bias(2, n), source=0.0_wp)
   end subroutine allocate_states
 
-  !> E_k x: what the place sees of a vector of its body's elastic coordinates: u, v, rotation.
+  !> E_k x: what the marker sees of a vector of its body's elastic coordinates: u, v, rotation.
   pure function elastic(self, x) result(u)
-    class(place_model), intent(in) :: self
+    class(marker_model), intent(in) :: self
     real(wp), intent(in) :: x(:)             !! (nf) [m, rad], or their rates
     real(wp) :: u(3)                         !! body axes
     integer :: c
@@ -60,9 +60,9 @@ contains
     end if
   end function elastic
 
-  !> What the place sees of small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md, section 6).
+  !> What the marker sees of small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md, section 6).
   pure function shift(self, rho, frame, x) result(u)
-    class(place_model), intent(in) :: self
+    class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle [m, m, rad]
     real(wp), intent(in) :: x(:)             !! (nf) [m, rad]
@@ -81,9 +81,9 @@ contains
     end if
   end function shift
 
-  !> The transpose of `shift`: adds the generalised forces of a wrench on the place.
+  !> The transpose of `shift`: adds the generalised forces of a wrench on the marker.
   pure subroutine push(self, rho, w, frame, f)
-    class(place_model), intent(in) :: self
+    class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
     real(wp), intent(inout) :: frame(3)      !! on the frame, body axes [N, N, N m]
@@ -95,7 +95,7 @@ contains
 
   !> Its elastic part: adds E^T w.
   pure subroutine push_elastic(self, w, f)
-    class(place_model), intent(in) :: self
+    class(marker_model), intent(in) :: self
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
     real(wp), intent(inout) :: f(:)          !! (nf) [N, N m]
     integer :: c
@@ -112,7 +112,7 @@ contains
 
   !> Whether a component (u, v, rotation) moves with the elastic coordinates.
   pure logical function moves(self, c)
-    class(place_model), intent(in) :: self
+    class(marker_model), intent(in) :: self
     integer, intent(in) :: c
     moves = allocated(self%psi) .or. self%dof(c) > 0
   end function moves
@@ -124,4 +124,4 @@ contains
     y(1) = -x(2)
     y(2) = x(1)
   end function turn
-end module place
+end module marker

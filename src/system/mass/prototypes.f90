@@ -1,7 +1,7 @@
 !> Bodies that are made alike, as the links of a chain: their elastic constants are the same numbers, so that an evaluation may
 !> read those of the first of them for all. A long chain of flexible links then moves little more than its states through
 !> the processor's caches. The numbers being equal, so are the results, to the last bit.
-module like_bodies
+module prototypes
   use kinds, only: wp
   use banded, only: same_factor
   use body, only: body_model
@@ -14,27 +14,27 @@ module like_bodies
 
 contains
 
-  !> like and held_like of the mechanism: of every flexible body in nodal coordinates the first with the same constants, and
+ !> like and attached_prototype of the mechanism: of every flexible body in nodal coordinates the first with the same constants, and
   !> the first that is attached in the same way, too; of others themselves.
   subroutine find_like_bodies(self)
     type(mechanism_model), intent(inout) :: self
     integer :: kinds(most_kinds), held(most_kinds), b, n
     n = size(self%s%bodies)
-    self%like = [(b, b=1, n)]
-    self%held_like = self%like
+    self%prototype = [(b, b=1, n)]
+    self%attached_prototype = self%prototype
     kinds = 0
     held = 0
     do b = 1, n
-      associate (bo => self%s%bodies(b))
-        if (.not. bo%flexible .or. bo%modal) cycle
+      associate (body => self%s%bodies(b))
+        if (.not. body%flexible .or. body%modal) cycle
       end associate
-      self%like(b) = first_like(self, b, kinds, .false.)
-      self%held_like(b) = first_like(self, b, held, .true.)
+      self%prototype(b) = first_prototype(self, b, kinds, .false.)
+      self%attached_prototype(b) = first_prototype(self, b, held, .true.)
     end do
   end subroutine find_like_bodies
 
   !> The first body of the kind of b; b itself, which joins the list, where there is none.
-  integer function first_like(self, b, kinds, attached) result(first)
+  integer function first_prototype(self, b, kinds, attached) result(first)
     type(mechanism_model), intent(in) :: self
     integer, intent(in) :: b
     integer, intent(inout) :: kinds(:)           !! first bodies of the latest kinds, 0: none
@@ -49,7 +49,7 @@ contains
     end do
     first = b
     kinds = [b, kinds(1:size(kinds) - 1)]
-  end function first_like
+  end function first_prototype
 
   !> Whether two bodies have the same elastic coordinates and constants.
   logical function same_constants(a, b) result(same)
@@ -78,4 +78,4 @@ contains
     real(wp), intent(in) :: x(n), y(n)           !! [any]
     equal = all(abs(x - y) <= 0.0_wp)
   end function equal
-end module like_bodies
+end module prototypes
