@@ -209,7 +209,7 @@ contains
     integer, allocatable :: members(:), ranks(:)
     complex(wp), allocatable :: others(:)
     integer :: part, j, i, listed, owner, zeros
-    logical :: ok, settled(size(shapes, 2))
+    logical :: ok, spanned, settled(size(shapes, 2))
     listed = maxval([0, modes%mode])
     settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
     allocate (ranks(size(ds%groups)), source=0)
@@ -227,15 +227,40 @@ contains
         if (caught_signal() > 0) return
         owner = most_alike(poles%shape(:, i), shapes)
         if (owner > listed) then
-          if (.not. unlisted%claims(poles%lambda(i))) others = [others, poles%lambda(i)]
+          call name_pole(ds, model, poles%lambda(i), poles%shape(:, i), modes, unlisted, others)
         else
           call list_pole(ds, model, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
         end if
       end do
     end do
-    call check_damped(ds, model%exact .and. listed >= ds%n - ds%rows, ds%n - ds%rows - model%p, zeros, others, ranks, modes, &
-                      unlisted)
+    spanned = model%exact .and. model%p == ds%n - ds%rows
+    call check_damped(ds, spanned, spanned .and. listed >= model%p, zeros, others, ranks, modes, unlisted)
   end subroutine list_others
+
+  !> Names a pole of a mode that is not asked for. Where it may lie inside the region of the count, the true one.
+  subroutine name_pole(ds, model, lambda, shape, modes, unlisted, others)
+    type(stiffness_system), intent(inout) :: ds
+    type(reduced_model), intent(in) :: model
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: shape(:)                !! (p)
+    type(mode_set), intent(inout) :: modes, unlisted
+    complex(wp), allocatable, intent(inout) :: others(:)   !! estimates [1/s]
+    type(pole_state) :: pole
+    logical :: ok
+    if (unlisted%claims(lambda)) return
+    ok = lambda%im > 0.0_wp .and. -lambda%re < 0.5_wp*abs(lambda) .and. &
+         abs(lambda) < 1.5_wp*maxval(abs(modes%lambda))
+    if (ok) then
+      pole = start_pole(ds, lambda, matmul(model%basis, shape))
+      call refine_pole(ds, 1.0_wp, exact, pole, ok)
+    end if
+    if (.not. ok) then
+      others = [others, lambda]
+    else if (modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0 .and. &
+             unlisted%known(ds, pole%lambda, pole%x, vibration_mode) == 0) then
+      call unlisted%add(further_mode, 0, pole%lambda, 0.0_wp, pole%x)
+    end if
+  end subroutine name_pole
 
   !> Lists one pole of the reduced system as one of the whole, unless it is listed.
   subroutine list_pole(ds, model, lambda, shape, owner, settled, modes, unlisted)
@@ -267,7 +292,7 @@ contains
       ok = copies(pole%lambda, lambda) .or. modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if
     if (.not. ok) then
-      if (model%exact) modes%lost = [modes%lost, lambda]
+      modes%lost = [modes%lost, lambda]
       return
     end if
     kind = merge(further_mode, vibration_mode, settled)

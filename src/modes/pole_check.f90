@@ -47,44 +47,49 @@ contains
   end function doubled
 
   !> Counts the poles of the damped system.
-  subroutine check_damped(ds, whole, left_out, zeros, others, ranks, modes, unlisted)
+  subroutine check_damped(ds, spanned, whole, zeros, others, ranks, modes, unlisted)
     type(stiffness_system), intent(inout) :: ds
-    logical, intent(in) :: whole                       !! all poles that there are were looked for
-    integer, intent(in) :: left_out                    !! motions that the reduced system leaves out
+    logical, intent(in) :: spanned                     !! the reduced system spans all motions: its poles are the true ones
+    logical, intent(in) :: whole                       !! and all of them were looked for
     integer, intent(in) :: zeros                       !! poles at zero
     complex(wp), intent(in) :: others(:)               !! poles of modes that are not asked for, nearly [1/s]
     integer, intent(in) :: ranks(:)                    !! (groups) orders of the viscoelastic terms' own poles
     type(mode_set), intent(inout) :: modes, unlisted
     complex(wp), allocatable :: listed(:), named(:), laws(:), ends(:)
-    integer, allocatable :: orders(:), beyond(:)
+    integer, allocatable :: orders(:)
     type(pole_region) :: region
-    integer :: missing, number, j
+    integer :: missing, number, lost, unasked, j
     logical :: ok
     listed = pack(modes%lambda, modes%kind /= undamped_mode)
     number = size(listed) + count(listed%im > 0.0_wp)
-    modes%missing = size(modes%lost) + count(modes%lost%im > 0.0_wp)
+    lost = size(modes%lost) + count(modes%lost%im > 0.0_wp)
     modes%note_damped = 'poles: '//to_text(number)//' with conjugates'
-    if (modes%missing > 0) then
-      modes%note_damped = modes%note_damped//', '//to_text(modes%missing)//' missing between '//hertz(minval(abs(modes%lost)))// &
+    if (lost > 0 .and. spanned) then
+      modes%missing = lost
+      modes%note_damped = modes%note_damped//', '//to_text(lost)//' missing between '//hertz(minval(abs(modes%lost)))// &
                           ' and '//hertz(maxval(abs(modes%lost)))//' (moduli)'
       return
     end if
     if (size(listed) == 0) return
     named = [listed, unlisted%lambda, others]
     call law_poles(ds, ranks, laws, orders, ends)
-    beyond = chain_orders(ds, left_out)
     if (whole) then
       region = pole_region(0.5_wp*minval(abs(named)), 2*maxval([abs(named), abs(laws)]), &
                            widest([named, laws], 0.0_wp, huge(1.0_wp), steepest))
     else
       call region_of(named, maxval(abs(pack(listed, -listed%re < 0.5_wp*abs(listed)))), steepest, region, laws, ends)
     end if
+    associate (more => named(size(listed) + 1:))
+      unasked = count(abs(more) > region%inner .and. abs(more) < region%outer .and. atan2(more%im, more%re) < region%angle)
+    end associate
     named = [named, [((0.0_wp, 0.0_wp), j=1, zeros)]]
-    orders = [orders + beyond, -beyond]
-    call unnamed_poles(ds, 1.0_wp, region, named, [laws, ends], orders, missing, ok)
-    if (ok) modes%missing = max(missing, 0)
+    call unnamed_poles(ds, 1.0_wp, region, named, laws, orders, missing, ok)
+    ok = ok .and. missing >= 0                         ! else estimates stand for poles that are not there
+    if (ok) modes%missing = missing
     modes%note_damped = modes%note_damped//', '//verdict(region, .true., modes%missing, ok)
     if (ok .and. whole .and. missing == 0) modes%note_damped = 'poles: complete, all '//to_text(number)//' with conjugates'
+    if (ok .and. unasked > 0) modes%note_damped = modes%note_damped//', '//to_text(unasked)//' of modes not asked for left out'
+    if (lost > 0) modes%note_damped = modes%note_damped//'; '//to_text(lost)//' searches found no further one'
   end subroutine check_damped
 
   !> A region that holds the listed poles and whose boundary is far from all: it ends in the widest gap beyond the list, where
@@ -166,20 +171,6 @@ contains
       end associate
     end do
   end subroutine law_poles
-
-  !> About how many of the motions left out each set of terms damps: each has a chain of poles of its own, which lie near its
-  !> end. None crosses the boundary, so that they only smooth what is counted.
-  function chain_orders(ds, left_out) result(orders)
-    type(stiffness_system), intent(in) :: ds
-    integer, intent(in) :: left_out
-    integer, allocatable :: orders(:)                  !! of each pole of the terms
-    integer :: r, j, entries
-    allocate (orders(0))
-    entries = max(1, sum([(size(ds%groups(r)%entry), r=1, size(ds%groups))]))
-    do r = 1, size(ds%groups)
-      orders = [orders, [(nint(left_out*real(size(ds%groups(r)%entry), wp)/entries), j=1, ds%groups(r)%law%order())]]
-    end do
-  end function chain_orders
 
   !> The terms, of which each follows delta = sum_j share_j z_j, as equations of first order for z and, of second order, z'/omega.
   pure function chain(law, share) result(a)
