@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import deck_text
 import numpy as np
 import pytest
@@ -373,15 +376,53 @@ def test_a_copy_of_a_deck_finds_its_tables(run_deck, tmp_path):
     run_deck(copy, "--check")
 
 
-def test_a_periodic_history_that_began_more_turns_ago_than_a_short_integer_counts(run_deck):
-    """A table and a sequence of one second a turn, which begin 1e10 s before the run, against the same ones near it."""
-    deck = "&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&force name='f' type='force' body='b' fx=1.0 history='h' /\n"
-    deck += "&transient t_end=2.5 method='rk4' step=0.125 output_step=0.125 accept_unstable=.true. /\n"
-    deck += "&sensor name='x' quantity='position' body='b' /\n"
-    deck += "&history name='p' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=0.5 /\n"
-    deck += "&history name='q' kind='ramp' start_value=1.0 end_value=0.0 start=0.0 finish=0.5 /\n"
-    table = "&history name='h' kind='table' interpolation='linear' time={0},{1},{2} value=0.0,1.0,0.0 periodic=.true. /\n"
-    chain = "&history name='h' kind='sequence' histories='p','q' durations=0.5,0.5 start={0} periodic=.true. /\n"
-    for text in (table, chain):
-        near, far = (run_deck(deck + text.format(t, t + 0.5, t + 1.0)).history for t in (0.0, -1.0e10))
-        np.testing.assert_allclose(far["x.x"], near["x.x"], atol=1e-5)
+def zigzag(times, begins: float, up: float, down: float) -> np.ndarray:
+    """Return value and integral from t = 0 of a line from 0 to 1 and back, repeated, by exact fractions of the numbers given."""
+    up, turn = Fraction(up), Fraction(up) + Fraction(down)
+
+    def area(t: Fraction) -> Fraction:
+        turns, x = divmod(t - Fraction(begins), turn)
+        return turns * turn / 2 + (x**2 / up / 2 if x < up else turn / 2 - (turn - x) ** 2 / (turn - up) / 2)
+
+    rows = []
+    for t in map(Fraction, times):
+        x = (t - Fraction(begins)) % turn
+        rows.append((float(x / up if x < up else (turn - x) / (turn - up)), float(area(t) - area(Fraction(0)))))
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_periodic_history_that_began_or_begins_turns_by_the_billion_away(run_deck, seed):
+    """Up to 1e12 turns before or after the run: no count overflows, no digit of value or integral is lost."""
+    dice = np.random.default_rng(seed)
+    half = float(dice.choice([0.5, 0.05, 0.0123, 0.0031]))
+    begins = float(dice.choice([-1.0, 1.0]) * half * 10 ** dice.uniform(9.0, 12.3))
+    deck = f"&history name='p' coefficients=0.0,{1 / half!r} /\n&history name='q' coefficients=1.0,{-1 / half!r} /\n"
+    chain = f"&history name='h' kind='sequence' histories='p','q' durations={half!r},{half!r} start={begins!r} periodic=.true. /\n"
+    t = [begins, begins + half, begins + 2 * half]
+    table = f"&history name='h' kind='table' interpolation='linear' time={t[0]!r},{t[1]!r},{t[2]!r} value=0.0,1.0,0.0 "
+    for text, up, down in ((chain, half, half), (table + "periodic=.true. /\n", t[1] - t[0], t[2] - t[1])):
+        rows = followed(run_deck, deck + text, 0.0, direct=False)
+        value, area = zigzag(rows[0], begins, up, down)
+        np.testing.assert_allclose(rows[2], value, atol=1e-12 / half, err_msg=text)
+        np.testing.assert_allclose(rows[1], 0.2 + area, atol=1e-12, err_msg=text)
+
+
+@pytest.mark.parametrize("begins", [-1e15, 3e15, -1e16, 1e20])
+def test_a_periodic_history_that_begins_where_times_are_too_coarse_is_refused(run_deck, begins):
+    deck = "&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&force name='f' body='b' fx=1.0 history='h' /\n"
+    deck += "&transient t_end=2.5 step=0.125 /\n&history name='p' kind='sine' amplitude=1.0 frequency=2.0 /\n"
+    text = f"&history name='h' kind='sequence' histories='p','p' durations=0.5,0.5 start={begins} periodic=.true. /\n"
+    told = run_deck(deck + text, expect=2).stderr
+    assert "history/h: a turn begins at" in told
+    assert "too little for parts of 0.5 s, expected one that begins nearer to t = 0" in told
+
+
+@pytest.mark.parametrize("phase", [1.0e17, -3.0e20])
+def test_a_sine_of_many_turns_of_phase_moves(run_deck, phase):
+    deck = TOP.format("r", 0.2) + "&drive name='r' type='rotation' body_a='r' history='h' rate=.true. /\n" + RUN
+    deck += "&sensor name='r' quantity='angular_velocity' body='r' /\n"
+    history = "&history name='h' kind='sine' amplitude=1.0 frequency=2.0 phase={!r} /\n"
+    far, near = (run_deck(deck + history.format(x)).history["r"] for x in (phase, math.fmod(phase, 2 * math.pi)))
+    np.testing.assert_allclose(far, near, atol=1e-12)
+    assert np.ptp(near) > 1.9

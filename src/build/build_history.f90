@@ -37,7 +37,7 @@ contains
         sine%offset = r%offset
         sine%amplitude = r%amplitude
         sine%omega = 2*pi*r%frequency
-        sine%phase = r%phase
+        sine%phase = mod(r%phase, 2*pi)
         allocate (h, source=sine)
       case ('ramp')
         call ramp%set(r%start_value, r%end_value, r%start, r%finish)

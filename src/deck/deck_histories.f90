@@ -16,7 +16,8 @@ module deck_histories
   public :: read_history, check_histories, table_files
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
-  integer, parameter :: most_breakpoints = 1000000 !! of a periodic history over a run
+  integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
+  integer, parameter :: finest_part = 256        !! shortest part of a periodic history, in roundings of its beginning
 
 contains
 
@@ -175,16 +176,27 @@ contains
       if (list(k)%periodic) call check_turns(k, max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part.
+    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part. What
+    !> began so long ago, or begins so late, that times next to its beginning cannot be told apart, is refused.
     subroutine check_turns(number, until)
       integer, intent(in) :: number        !! the history
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
-      real(wp) :: period
-      period = sum(list(number)%durations)
-      if (size(list(number)%time) > 0) period = list(number)%time(size(list(number)%time)) - list(number)%time(1)
-      if (until*max(size(list(number)%time), size(list(number)%durations)) <= most_breakpoints*period) return
-      call blame(number, 'a turn takes '//to_text(period)//' s, too little against '//to_text(until)//' s: more than '// &
-                 to_text(most_breakpoints)//' corners, expected fewer turns (or kind=''sine'')')
+      real(wp) :: begins, period, shortest   ! [s]
+      integer :: n
+      associate (h => list(number))
+        begins = h%start
+        period = sum(h%durations)
+        n = max(size(h%time), size(h%durations))
+        shortest = minval(h%durations)
+        if (size(h%time) > 0) begins = h%time(1)
+        if (size(h%time) > 0) period = h%time(n) - begins
+        if (size(h%time) > 0) shortest = minval(h%time(2:) - h%time(:n - 1))
+      end associate
+      if (until*n > most_breakpoints*period) call blame(number, 'a turn takes '//to_text(period)//' s, too little against '// &
+        to_text(until)//' s: more than '//to_text(most_breakpoints)//' corners, expected fewer turns (or kind=''sine'')')
+      if (shortest < finest_part*spacing(abs(begins))) call blame(number, 'a turn begins at '//to_text(begins)// &
+        ' s, a time that is known to '//to_text(spacing(abs(begins)))//' s only: too little for parts of '//to_text(shortest)// &
+        ' s, expected one that begins nearer to t = 0')
     end subroutine check_turns
 
     !> Reports a fault of a history.

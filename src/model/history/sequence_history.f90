@@ -1,6 +1,6 @@
 !> Histories one after another, each in a time of its own that begins when the one before ends.
 module sequence_history
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, merged, rounding_of
   implicit none (type, external)
   private
@@ -32,6 +32,8 @@ contains
     n = size(durations)
     allocate (self%begins(n + 1), self%area(n + 1))
     self%begins(1) = start
+    if (periodic) self%period = sum(durations)
+    if (periodic) self%begins(1) = modulo(start, self%period)   ! in the first turn: later ones keep their digits
     self%area(1) = 0.0_wp
     size_of = 0.0_wp
     do k = 1, n
@@ -42,7 +44,6 @@ contains
         size_of(0) = max(size_of(0), abs(after(0)))
       end associate
     end do
-    if (periodic) self%period = self%begins(n + 1) - start
     do k = 1, n + 1
       call self%ends_of(k, before, after)
       size_of(0) = max(size_of(0), abs(before(0)), abs(after(0)))
@@ -82,12 +83,11 @@ contains
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp), intent(in) :: shift       !! added where the part is chosen: to see a breakpoint from one side [s]
-    real(wp), intent(out) :: turn       !! periods before, more than an integer holds where they are short [-]
+    integer(ip), intent(out) :: turn    !! periods before
     integer, intent(out) :: k           !! the part
     real(wp), intent(out) :: x          !! time since it began [s]
-    turn = 0.0_wp
-    if (self%period > 0.0_wp) turn = (t + shift - self%begins(1))/self%period
-    turn = aint(turn) - merge(1.0_wp, 0.0_wp, turn < aint(turn))
+    turn = 0
+    if (self%period > 0.0_wp) turn = floor((t + shift - self%begins(1))/self%period, ip)
     x = t - turn*self%period
     k = count(self%begins <= x + shift)
     if (self%period > 0.0_wp) k = min(max(k, 1), size(self%parts))
@@ -100,7 +100,8 @@ contains
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: x, turn, before(0:2)
+    real(wp) :: x, before(0:2)
+    integer(ip) :: turn
     integer :: k
     call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
     if (k < 1) then
@@ -117,7 +118,8 @@ contains
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]
-    real(wp) :: x, turn, h(0:2), before(0:2)
+    real(wp) :: x, h(0:2), before(0:2)
+    integer(ip) :: turn
     integer :: k
     call self%locate(t, 0.0_wp, turn, k, x)
     f = turn*self%area(size(self%area)) + self%area(max(k, 1))

@@ -1,6 +1,6 @@
 !> A table of points with a cubic (or straight) piece between each two of them; constant outside, or periodic.
 module table_history
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use history, only: history_model, breakpoint, breakpoint_order, rounding_of
   implicit none (type, external)
   private
@@ -30,7 +30,10 @@ contains
     integer :: i, n
     n = size(t)
     self%t = t
-    if (periodic) self%period = t(n) - t(1)
+    if (periodic) then
+      self%period = t(n) - t(1)
+      self%t = modulo(t(1), self%period) + (t - t(1))     ! begins in the first turn: later ones keep their digits
+    end if
     allocate (self%c(4, 0:n), self%area(n), source=0.0_wp)
     self%c(1, 0) = y(1)
     self%c(1, n) = y(n)
@@ -50,7 +53,7 @@ contains
       after = piece(self%c(:, i), 0.0_wp)
       if (periodic .and. i == 1) before = piece(self%c(:, n - 1), t(n) - t(n - 1))
       if (periodic .and. i == n) after = piece(self%c(:, 1), 0.0_wp)
-      self%breaks(i) = breakpoint(t(i), breakpoint_order(before, after, size_of))
+      self%breaks(i) = breakpoint(self%t(i), breakpoint_order(before, after, size_of))
     end do
     if (periodic) self%breaks = self%breaks(1:n - 1)
   end subroutine set_table
@@ -60,16 +63,15 @@ contains
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp), intent(in) :: shift       !! added where the piece is chosen: to see a point from one side [s]
-    real(wp), intent(out) :: turn       !! periods before, more than an integer holds where they are short [-]
+    integer(ip), intent(out) :: turn    !! periods before
     integer, intent(out) :: i           !! the piece
     real(wp), intent(out) :: x          !! time since it began [s]
     integer :: j, k
-    turn = 0.0_wp
+    turn = 0
     i = 0
     j = size(self%t) + 1
     if (self%period > 0.0_wp) then
-      turn = (t + shift - self%t(1))/self%period
-      turn = aint(turn) - merge(1.0_wp, 0.0_wp, turn < aint(turn))
+      turn = floor((t + shift - self%t(1))/self%period, ip)
       i = 1                             ! within a period, whatever rounding says
       j = j - 1
     end if
@@ -91,7 +93,8 @@ contains
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: x, turn
+    real(wp) :: x
+    integer(ip) :: turn
     integer :: i
     call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
     h = piece(self%c(:, i), x)
@@ -102,7 +105,8 @@ contains
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: f                       !! [unit s]
-    real(wp) :: x, turn
+    real(wp) :: x
+    integer(ip) :: turn
     integer :: i
     call self%locate(t, 0.0_wp, turn, i, x)
     f = turn*self%area(size(self%area)) + self%area(max(1, i)) + piece_area(self%c(:, i), x)
