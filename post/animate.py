@@ -34,9 +34,7 @@ LARGEST, SMALLEST = 4.5, 1.4  # width of one panel [inch]
 class Picture:
     """The mechanism on one axis: lines made once, moved to a row of the motion by `show`."""
 
-    def __init__(
-        self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False
-    ):
+    def __init__(self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False):
         self.scene, self.axis = scene, axis
         low, high = corners or scene.extent()
         room = MARGIN * (max(high - low) or 1.0)
@@ -50,7 +48,8 @@ class Picture:
             for k in range(len(scene.bodies))
         ]
         outlined = [path_effects.withStroke(linewidth=2.5, foreground="white")]
-        self.names = [axis.text(0, 0, f"  {name}", fontsize=8, path_effects=outlined, zorder=7) for name in scene.bodies if named]
+        look = {"fontsize": 8, "va": "bottom", "path_effects": outlined, "zorder": 7}
+        self.names = [axis.text(0, 0, f"  {name}  ", **look) for name in scene.bodies if named]
         self.nodes = [axis.plot([], [], "o", color=line.get_color(), ms=3.5, zorder=4)[0] for line in self.bodies]
         for path in scene.traces:
             axis.plot(*path.T, "-", color="#999999", lw=0.8, zorder=1)
@@ -75,6 +74,8 @@ class Picture:
         for text, line in zip(self.names, self.bodies):
             points = line.get_xydata()
             text.set_position(np.nanmean(points, axis=0) if len(points) else (0.0, 0.0))
+            along = points[-1] - points[0] if len(points) else np.zeros(2)
+            text.set_ha("right" if along[0] * along[1] > 0.0 else "left")  # above a line that rises its left side is free
         for lines, pairs in ((self.links, scene.links), (self.springs, scene.springs)):
             for line, pair in zip(lines, pairs):
                 line.set_data(*np.transpose([scene.at(place, row) for place in pair]))

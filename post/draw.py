@@ -55,6 +55,7 @@ class ScenePicture:
     def __init__(self, axis: plt.Axes, scene: dict):
         self.axis, self.scene = axis, scene
         self.labels: list[tuple[np.ndarray, str, str]] = []
+        self.rising: list[np.ndarray] = []  # middles of elements that rise to the right
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
         ends = [np.array(item[side]["at"]) for kind in ("joints", "springs") for item in scene[kind] for side in "ab"]
         points = np.array([*points, *ends])
@@ -98,6 +99,8 @@ class ScenePicture:
             self.axis.plot(*nodes.T, "o", color=colour, ms=3, zorder=4)
             first = np.array(body["elements"][len(body["elements"]) // 2]) - 1
             at = nodes[first].mean(axis=0)
+            if np.prod(np.diff(nodes[first], axis=0)) > 0.0:
+                self.rising.append(at)
         else:
             places = [body["frame"][:2], body["centre"], *self._places(body["name"])]
             outline = hull(np.array(places))
@@ -236,6 +239,7 @@ class ScenePicture:
         for at, lines in groups:
             right = at[0] >= self.middle[0] - 1.0e-9 * self.span
             up = at[1] >= self.middle[1]
+            right = not up if any(np.array_equal(at, middle) for middle in self.rising) else right
             for k, (text, colour) in enumerate(lines):
                 rise = 8 + 10 * (len(lines) - 1 - k) if up else -8 - 10 * k
                 note = self.axis.annotate(text, at, (9 if right else -9, rise), textcoords="offset points", color=colour)

@@ -158,9 +158,16 @@ def add_deck(scene: Mechanism, path: Path) -> None:
         HistoryError: the deck cannot be read, or is of another scene.
     """
     try:
-        groups = f90nml.reads(read_deck(path).text)
+        text = read_deck(path).text
     except DeckError as fault:
         raise HistoryError(str(fault)) from None
+    add_text(scene, text, path)
+
+
+def add_text(scene: Mechanism, text: str, path: Path) -> None:
+    """Add what the text of a deck says; path: where it comes from, for messages. Raises HistoryError as `add_deck`."""
+    try:
+        groups = f90nml.reads(text)
     except Exception as fault:
         raise HistoryError(f"{path}: cannot be read as a deck ({fault})") from None
     for group in _all(groups, "body"):

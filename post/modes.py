@@ -20,12 +20,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from animate import Picture, tiles
 from histories import RESULT_FILES, History, HistoryError, read
-from mechanism import Mechanism, add_deck, from_motion
-from plot import COLOURS, LOOK, STYLES, axis_label, save
+from mechanism import Mechanism, add_deck, add_text, from_motion
+from plot import COLOURS, LOOK, STYLES, axis_label, moving, save
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
 SIZE = 0.12
-ROUNDING = 1.0e-11
 ROUNDED = 1.0e-9  # the part of a pole that is rounding
 DECADES = 7  # of the axes of a picture of poles
 POSITIONS = "# positions:"
@@ -75,8 +74,8 @@ def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list
     return rows
 
 
-def moved(table: History, row: int, deck: Path | None) -> Mechanism:
-    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2).
+def moved(table: History, row: int, deck: Path | str | None) -> Mechanism:
+    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2); deck: where it is, or its text.
 
     Raises:
         HistoryError: the file or the deck cannot be read.
@@ -87,11 +86,16 @@ def moved(table: History, row: int, deck: Path | None) -> Mechanism:
         raise HistoryError(f"{table.path}: {len(rest)} positions for {len(names)} shape columns")
     points = np.array([rest[[k, k + 1]] for k, name in enumerate(names) if name.endswith(".x")])
     extent = max(np.max(np.ptp(points, axis=0)), 1.0e-9)
-    largest = shape[row][np.argmax(np.abs(shape[row]))] or 1.0
+    # an angle counts by how far it moves a rigid body, which has no nodes; those of a flexible body show what it moves
+    rigid = [name.endswith(".angle") and f"{name[:-6]}.1.x" not in names for name in names]
+    seen = np.array([extent * turns if name.endswith(".angle") else 1.0 for name, turns in zip(names, rigid)]) * shape[row]
+    largest = seen[np.argmax(np.abs(seen))] or 1.0
     part = SIZE * extent * (shape[row] / largest).real  # at the instant when the largest displacement is at its extreme
     rows = np.array([[0.0, *rest], [1.0, *(rest + part)], [2.0, *(rest - part)]])
     scene = from_motion(History(table.path, ["t", *names], {}, rows))
-    if deck:
+    if isinstance(deck, str):
+        add_text(scene, deck, table.path)
+    elif deck:
         add_deck(scene, deck)
     return scene
 
@@ -103,7 +107,7 @@ def caption(table: History, row: int) -> str:
     return text if table["kind"][row] == UNDAMPED else text + f", ζ = {ratio:.3g}"
 
 
-def draw_shapes(table: History, rows: list[int], deck: Path | None = None, title: str = "") -> plt.Figure:
+def draw_shapes(table: History, rows: list[int], deck: Path | str | None = None, title: str = "") -> plt.Figure:
     """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
     scenes = [moved(table, row, deck) for row in rows]
     corners = np.array([scene.extent() for scene in scenes])
@@ -185,14 +189,8 @@ def draw_poles(table: History, title: str = "") -> plt.Figure:
 
 def sensors(table: History, patterns: list[str] | None) -> list[str]:
     """Return the sensor columns of a frequency response that patterns select; without patterns all that are more than rounding."""
-    names = [name[: -len(".amplitude")] for name in table.match([f"{p}.amplitude" for p in patterns or ["*"]])]
-    if patterns:
-        return names
-    largest: dict[str, float] = {}
-    for name in names:
-        unit = table.units[f"{name}.amplitude"]
-        largest[unit] = max(largest.get(unit, 0.0), float(np.max(table[f"{name}.amplitude"])))
-    return [name for name in names if np.max(table[f"{name}.amplitude"]) > ROUNDING * largest[table.units[f"{name}.amplitude"]]]
+    names = table.match([f"{p}.amplitude" for p in patterns or ["*"]])
+    return [name[: -len(".amplitude")] for name in (names if patterns else moving([table], names))]
 
 
 def draw_response(table: History, names: list[str], title: str = "") -> plt.Figure:

@@ -2,8 +2,8 @@
 """Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
 
 Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are
-zero throughout are left out, unless they are named. Several runs lie over each other in one picture: the first blue, the second
-red (elastic, viscoelastic). Lengths against lengths (a path) are drawn to scale.
+zero throughout, or rounding beside others of their unit, are left out, unless they are named. Several runs lie over each other in
+one picture: the first blue, the second red (elastic, viscoelastic). Lengths against lengths (a path) are drawn to scale.
 
 Example: post/plot.py results/slider_crank_elastic results/slider_crank_viscoelastic --columns 'qf4.*'
 """
@@ -26,6 +26,8 @@ from histories import RESULT_FILES, History, HistoryError, read
 COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5b3a1e", "#8c8c8c"]
 STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
 FLAT = 50.0
+ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
+PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
 ONE_COLUMN = 5  # more panels stand in two columns
 LOOK = {
     "font.size": 10,
@@ -101,6 +103,8 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
     lines = -(-len(groups) // columns)
     with plt.rc_context(LOOK):
         size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
+        if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == "m":
+            size = _to_scale(runs, groups[0], abscissa)
         figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
         for axis, group in zip(axes.T.flat, groups):
             _panel(axis, runs, labels, group, abscissa)
@@ -114,13 +118,29 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
             axis.tick_params(labelbottom=True)
         figure.align_ylabels()
+        if len(runs) > 1:
+            looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
+            handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
+            figure.legend(handles=handles, loc="outside upper right", ncols=min(len(runs), 4))
         if title:
             figure.suptitle(title)
     return figure
 
 
+def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:
+    """Return the size of a picture that paths to scale fill [inch], within what a page takes."""
+    wide = max(float(np.ptp(run[abscissa])) for run in runs)
+    high = max(max(run[name].max() for run in runs for name in group) - min(run[name].min() for run in runs for name in group), 0.0)
+    longer = max(wide, high) or 1.0
+    width, height = (max(PATH[1] * side / longer, PATH[0]) for side in (wide, high))
+    return width + 1.2, height + 1.0
+
+
 def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str) -> None:
-    """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other."""
+    """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other.
+
+    The figure's legend names the runs.
+    """
     for k, (run, label) in enumerate(zip(runs, labels)):
         for j, name in enumerate(group):
             colour = COLOURS[(k if len(runs) > 1 else j) % len(COLOURS)]
@@ -129,9 +149,11 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
             words += [name] if len(group) > 1 else []
             axis.plot(run[abscissa], run[name], ls=style, color=colour, label=": ".join(words) or None)
     axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
-    if len(runs) > 1 or len(group) > 1:
-        entries = len(group) * len(runs)
-        axis.legend(ncols=min(entries, 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    if len(group) > 1:
+        handles = axis.lines
+        if len(runs) > 1:
+            handles = [plt.Line2D([], [], color="#333333", ls=STYLES[j % len(STYLES)]) for j in range(len(group))]
+        axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa: str) -> None:
@@ -164,8 +186,16 @@ def usual_columns(run: History) -> list[str]:
     return names
 
 
+def moving(runs: list[History], names: list[str]) -> list[str]:
+    """Return the columns that are more than rounding beside the largest one of their unit, in any of the runs."""
+    size = {name: max((float(np.max(np.abs(run[name]))) for run in runs if name in run), default=0.0) for name in names}
+    units = {name: unit_of(runs, name) for name in names}
+    largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}
+    return [name for name in names if size[name] > (ROUNDING * largest[units[name]] if units[name] else 0.0)]
+
+
 def chosen_columns(runs: list[History], patterns: list[str] | None, against: str | None) -> tuple[list[str], list[str]]:
-    """Return the columns that are drawn, and those that are not because they are zero throughout in every run.
+    """Return the columns that are drawn, and those that are not because they are zero throughout, or rounding, in every run.
 
     Raises:
         HistoryError: a pattern selects nothing in a run, or a column is not in every run.
@@ -175,7 +205,11 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     for run in runs:
         for name in names:
             run[name]
-    idle = [name for name in runs[0].names[1:] if not any(np.any(run[name]) for run in runs if name in run)]
+    if runs[0].path.name == RESULT_FILES["energy"]:  # its residual and violations tell something as rounding, too
+        idle = [name for name in runs[0].names[1:] if not any(np.any(run[name]) for run in runs if name in run)]
+    else:
+        large = moving(runs, runs[0].names[1:])
+        idle = [name for name in runs[0].names[1:] if name not in large]
     if not patterns:
         names = [name for name in names if name not in idle] or names
     return names, [] if patterns else [name for name in idle if name not in names]
@@ -233,7 +267,7 @@ def plot(args: argparse.Namespace) -> int:
     words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
     paths = save(figure, args.output or runs[0].path.parent / usual_stem(words))
     if idle:
-        print(f"left out, zero throughout: {', '.join(idle)}")
+        print(f"left out, zero or rounding throughout: {', '.join(idle)}")
     print("wrote " + " and ".join(map(str, paths)))
     return 0
 

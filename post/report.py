@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import base64
+import contextlib
 import io
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,19 +30,23 @@ import numpy as np
 import plot
 from animate import sheet
 from histories import RESULT_FILES, History, HistoryError, read, read_summary
-from mechanism import from_motion
+from mechanism import add_text, from_motion
+from PIL import Image
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
+PANELS = 4  # of one picture: no taller than a printed page
+PIXELS = 96  # of an inch, as browsers count
 MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
 
 
 @dataclass
 class Picture:
-    """A picture as a data URI, and what it shows."""
+    """A picture as a data URI, what it shows, and its own width [pixel], beyond which it is not stretched."""
 
     data: str
     caption: str
+    width: int
 
 
 @dataclass
@@ -137,8 +142,16 @@ def embed(figure: plt.Figure, caption: str) -> Picture:
     file = io.BytesIO()
     with plt.rc_context({"svg.fonttype": "path", "savefig.dpi": 150}):
         figure.savefig(file, format=kind)
+    width = round(PIXELS * figure.get_figwidth())
     plt.close(figure)
-    return Picture(f"data:image/{name};base64,{base64.b64encode(file.getvalue()).decode()}", caption)
+    return Picture(f"data:image/{name};base64,{base64.b64encode(file.getvalue()).decode()}", caption, width)
+
+
+def drawn(tables: list[History], labels: list[str], names: list[str], caption: str) -> list[Picture]:
+    """Return the pictures of columns, a few panels each."""
+    groups = plot.panels(tables, names)
+    parts = [[name for group in groups[k : k + PANELS] for name in group] for k in range(0, len(groups), PANELS)]
+    return [embed(plot.draw(tables, labels, part), caption) for part in parts]
 
 
 def short(x: object) -> str:
@@ -215,9 +228,9 @@ def differences(runs: list[Run], names: list[str]) -> list[Part]:
         largest = float(np.max(np.abs(change[:, k])))
         share = f"{100.0 * largest / span:.3g} %" if span > 0.0 else "–"
         table.append([plot.axis_label(name, first.units[name]), f"{span:.4g}", f"{largest:.4g}", share])
-    drawn = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
-    pictures = [embed(plot.draw([gap], ["B - A"], drawn), "B less A" + key(runs))] if drawn else []
-    head = ["column", f"range of {runs[0].label}", "largest difference", "of the range"]
+    shown = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
+    pictures = drawn([gap], ["B - A"], shown, "B less A" + key(runs))
+    head = ["column", "range of A", "largest difference", "of the range"]
     return [Part(heading="Differences", head=head, rows=table, pictures=pictures)]
 
 
@@ -228,19 +241,19 @@ def histories(runs: list[Run]) -> Section | None:
         return None
     tables = [table for _, table in have]
     common = [name for name in tables[0].names[1:] if all(name in table for table in tables)]
-    names = [name for name in common if any(np.any(table[name]) for table in tables)] or common
+    names = plot.moving(tables, common) or common
     labels = [run.letter for run, _ in have] if len(runs) > 1 else [runs[0].label]
     notes = []
     if len(names) > MOST_COLUMNS:
         notes.append(f"The first {MOST_COLUMNS} of {len(names)} columns are drawn; history.txt holds all.")
     if len(names) < len(common):
-        notes.append("Zero throughout: " + ", ".join(name for name in common if name not in names) + ".")
+        notes.append("Zero or rounding throughout: " + ", ".join(name for name in common if name not in names) + ".")
     missing = sorted({name for table in tables for name in table.names[1:]} - set(common))
     if missing:
         notes.append("Not in both runs: " + ", ".join(missing) + ".")
     parts = [Part(paragraphs=notes)]
     if names:
-        parts[0].pictures = [embed(plot.draw(tables, labels, names[:MOST_COLUMNS]), "sensors against time" + key(runs))]
+        parts[0].pictures = drawn(tables, labels, names[:MOST_COLUMNS], "sensors against time" + key(runs))
     if len(have) == 2 and names:
         parts += differences(runs, names)
     return Section("Histories", parts)
@@ -254,10 +267,8 @@ def energy(runs: list[Run]) -> Section | None:
         if table is None:
             continue
         shown = [name for name in table.names[1:] if np.any(table[name])]
-        pictures = [embed(plot.draw([table], [run.label], shown), f"{run.label}: energies, their residual, openings of joints")]
-        parts.append(
-            Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures if shown else [])
-        )
+        pictures = drawn([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures))
     return Section("Energy, accuracy, validity", parts) if parts else None
 
 
@@ -274,10 +285,12 @@ def modal(runs: list[Run]) -> Section | None:
             for pole in found["poles"]
         ]
         head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
-        pictures = [
-            embed(modes.draw_shapes(table, modes.chosen_rows(table, None)), f"{run.label}: shapes"),
-            embed(modes.draw_poles(table), f"{run.label}: poles"),
-        ]
+        shown = modes.chosen_rows(table, None)
+        try:
+            shapes = modes.draw_shapes(table, shown, run.figures["deck_text"])
+        except HistoryError:  # a deck that includes others is not whole in its summary
+            shapes = modes.draw_shapes(table, shown)
+        pictures = [embed(shapes, f"{run.label}: shapes"), embed(modes.draw_poles(table), f"{run.label}: poles")]
         words = [line for line in (found["complete"], found["complete_damped"]) if line]
         parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
     return Section("Modes", parts) if parts else None
@@ -303,7 +316,10 @@ def motion(runs: list[Run]) -> Section | None:
     for run in runs:
         table = run.table("motion")
         if table is not None and len(table.time) > 1:
-            parts.append(Part(pictures=[embed(sheet(from_motion(table), 3), f"{run.label}: motion")]))
+            scene = from_motion(table)
+            with contextlib.suppress(HistoryError):  # as above
+                add_text(scene, run.figures["deck_text"], run.folder)
+            parts.append(Part(pictures=[embed(sheet(scene, 3), f"{run.label}: motion")]))
     return Section("Motion", parts) if parts else None
 
 
@@ -316,7 +332,7 @@ def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
         pictures = []
         for path in sorted(place.glob("*.png")):
             data = base64.b64encode(path.read_bytes()).decode()
-            pictures.append(Picture(f"data:image/png;base64,{data}", "error against cost"))
+            pictures.append(Picture(f"data:image/png;base64,{data}", "error against cost", Image.open(path).width))
         text = (place / "tradeoff.txt").read_text(encoding="utf-8")
         return Section("Trade-off", [Part(heading=str(place), pictures=pictures, text=text)])
     if folder:

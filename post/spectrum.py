@@ -27,6 +27,8 @@ from scipy import signal
 from scipy.interpolate import make_interp_spline
 
 LEAST = 16  # rows that a spectrum needs
+SEEN = 1.0e-3  # of the largest amplitude: what is smaller does not widen a picture
+LABEL = (40.0, 12.0)  # room of a peak's frequency [pixel]
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
 
 
@@ -102,6 +104,23 @@ def nearest_mode(folder: Path, frequency: float) -> str:
     return f"modes.txt: {found} with damping ratio {modes['damping_ratio'][k]:.4g}"
 
 
+def holding(size: np.ndarray) -> int:
+    """Return the index up to which a spectrum is drawn: half as far again as where the last of what is no rounding stands."""
+    last = int(np.flatnonzero(size >= SEEN * size[1:].max())[-1])
+    return min(max(3 * last // 2, LEAST), size.size - 1)
+
+
+def name_peaks(axis: plt.Axes, frequency: np.ndarray, size: np.ndarray, found: list[int]) -> None:
+    """Write the frequencies of peaks beside them, the largest first; one that would lie over another has none."""
+    taken: list[np.ndarray] = []
+    for k in sorted(found, key=lambda k: -size[k]):
+        at = axis.transData.transform((frequency[k], size[k]))
+        if all(abs(at[0] - other[0]) > LABEL[0] or abs(at[1] - other[1]) > LABEL[1] for other in taken):
+            taken.append(at)
+            words = f"{frequency[k]:.0f}" if frequency[k] >= 1.0e3 else f"{frequency[k]:.4g}"
+            axis.annotate(words, (frequency[k], size[k]), xytext=(3, 3), textcoords="offset points", fontsize=8)
+
+
 def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
     """Return a figure of amplitude and density of every column, and print the peaks."""
     with plt.rc_context(LOOK):
@@ -112,19 +131,23 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             of = run.units[name]
             line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
             for k in peaks(size, most):
-                line[0].annotate(
-                    f"{frequency[k]:.4g}", (frequency[k], size[k]), textcoords="offset points", xytext=(3, 3), fontsize=8
-                )
                 line[0].plot(frequency[k], size[k], "o", color=COLOURS[1], markersize=3)
                 print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
+            line[0].set_xlim(0.0, frequency[holding(size)])
+            line[0].margins(y=0.12)
+            figure.draw_without_rendering()
+            name_peaks(line[0], frequency, size, peaks(size, most))
             band, power = density(axis, values)
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
-            line[1].set_ylabel(f"[({pretty_unit(of)})²/{unit}]" if of else f"[1/{unit}]")
+            squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
+            line[1].set_ylabel(f"[{squared}/{unit}]")
             line[1].set_title("power spectral density (Welch)", fontsize=9)
-        for axis in axes.flat:
-            axis.margins(x=0.01)
+            line[1].set_xlim(line[0].get_xlim())
+            seen = power[1:][band[1:] <= line[0].get_xlim()[1]]
+            if seen.size and seen.max() > 0.0:
+                line[1].set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
         for axis in axes[-1]:
             axis.set_xlabel(f"{abscissa} [{unit}]")
     return figure
@@ -146,6 +169,7 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
         figure.colorbar(shades, label=f"amplitude of {name} [dB re 1 {pretty_unit(run.units[name])}]")
         ax.set_xlabel(label)
         ax.set_ylabel("frequency [Hz]")
+        ax.set_ylim(0.0, frequency[holding(size.max(axis=1))])
     return figure
 
 

@@ -9,10 +9,11 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import patheffects
 from plot import COLOURS, LOOK, pretty_unit, save
 from sweep_study import Study
 
-MARKS = "osD^vP*X"
+OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
 
 
 def draw(study: Study, header: list[str], rows: list[list], folder: Path) -> list[Path]:
@@ -58,8 +59,10 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
         figure, axis = plt.subplots(figsize=(7.0, 5.2), layout="constrained")
         shades = axis.pcolormesh(x, y, np.ma.masked_invalid(values), shading="nearest", cmap="viridis")
         if min(values.shape) > 2 and np.isfinite(values).all():
-            lines = axis.contour(x, y, values, colors="white", linewidths=0.8)
-            axis.clabel(lines, fontsize=8)
+            lines = axis.contour(x, y, values, colors="black", linewidths=0.9)
+            lines.set_path_effects(OUTLINED)  # legible on dark and on light shades
+            for text in axis.clabel(lines, fontsize=8):
+                text.set_path_effects(OUTLINED)
         failed = [(row[free[0]], row[free[1]]) for row in rows if row[-1]]
         if failed:
             axis.plot(*zip(*failed), "x", color="black", label="failed")

@@ -73,7 +73,8 @@ def draw(study: Study, result: Result, path: Path) -> None:
             if point and point.outcome.ok:
                 shown["others"] += axes.plot(point.cost, height(point), mark, ms=size, mec="white", label=label, zorder=4)
         lowest = min([study.tolerance, unsure or 1.0, *(e for _, e in front), *(height(p) for _, p, _ in marks.values() if p)])
-        axes.set_ylim(0.5 * max(lowest, floor), 1.25 * TALLEST)
+        highest = max([study.tolerance, *(y for line in axes.lines for y in line.get_ydata() if y < TALLEST)])
+        axes.set_ylim(0.5 * max(lowest, floor), 2.0 * highest)
         axes.set(xlabel="seconds of the processor, analyses alone", ylabel="largest error / range, worst column")
         axes.set_title(f"{result.deck_name}: {', '.join(asked_for(study))}"[:90], fontsize=10)
         lines = [*shown["methods"], *shown["others"], *shown["models"]]

@@ -75,8 +75,8 @@ def test_the_axes_say_what_they_show(runs):
     figure = plot.draw(histories, ["undamped", "damped"], ["q.q", "q.qd", "large", "near", "small"])
     assert [axis.get_ylabel() for axis in figure.axes] == ["q.q [rad]", "q.qd [rad/s]", "[m]", "small [m]"]
     assert figure.axes[-1].get_xlabel() == "t [s]"
-    words = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
-    assert words == ["undamped: large", "undamped: near", "damped: large", "damped: near"]
+    assert [text.get_text() for text in figure.axes[2].get_legend().get_texts()] == ["large", "near"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["undamped", "damped"]
     np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), histories[1]["q.q"])
     plot.plt.close(figure)
 
@@ -266,9 +266,29 @@ def test_columns_of_zeros_are_left_out_and_told_and_shown_where_they_are_named(r
         names = [f"{name}[{history.units[name]}]" for name in history.names]
         written(folder / "history.txt", [*names, "idle.x[N]"], np.column_stack([history.data, 0.0 * history.time]))
     assert plot.main([str(runs[0])]) == 0
-    assert "left out, zero throughout: idle.x" in capsys.readouterr().out
+    assert "left out, zero or rounding throughout: idle.x" in capsys.readouterr().out
     assert plot.chosen_columns([read(run) for run in runs], ["idle.*"], None) == (["idle.x"], [])
     assert "idle.x" not in plot.chosen_columns([read(run) for run in runs], None, None)[0]
+
+
+def test_columns_that_are_rounding_beside_others_of_their_unit_are_left_out(runs):
+    history = read(runs[0])
+    names = [f"{name}[{history.units[name]}]" for name in history.names]
+    noise = 1e-14 * np.max(np.abs(history["large"])) * np.sin(1e3 * history.time)
+    written(runs[0] / "history.txt", [*names, "fixed.y[m]", "alone[N]"], np.column_stack([history.data, noise, noise]))
+    drawn, idle = plot.chosen_columns([read(runs[0])], None, None)
+    assert idle == ["fixed.y"]
+    assert drawn == [*history.names[1:], "alone"]
+
+
+def test_a_path_fills_its_picture(runs):
+    history = read(runs[0])
+    figure = plot.draw([history], ["run"], ["near"], against="large")
+    figure.draw_without_rendering()
+    axis = figure.axes[0]
+    shown, whole = np.ptp(axis.get_ylim()) * np.ptp(axis.get_xlim()), np.ptp(history["near"]) * np.ptp(history["large"])
+    assert shown < 4.0 * max(whole, (np.ptp(history["large"]) * plot.PATH[0] / plot.PATH[1]) ** 2)
+    plot.plt.close(figure)
 
 
 def test_a_run_without_a_column_is_refused_by_name(runs, capsys):

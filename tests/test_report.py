@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT
 
 CRANK = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=2e-4")
-VOID = {"meta", "img", "br", "link"}
+VOID = {"meta", "img", "br", "link", "wbr"}
 
 
 class Page(HTMLParser):
