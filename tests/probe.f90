@@ -138,7 +138,9 @@ contains
     nq = run%sys%m%s%nq
     allocate (dy(size(y)))
     call run%sys%derivative(run%sys%m%t, y, .false., dy)
-    call linearise(run%sys%m, y(1:nq), y(nq + 1:2*nq), lin)
+    associate (m => run%sys%m)
+      call linearise(m, y(1:nq), y(nq + 1:2*nq), m%a, m%lambda, m%action, lin)
+    end associate
     call matrix('mass', lin%mass, nq)
     call matrix('damping', lin%damping, nq)
     call matrix('stiffness', lin%stiffness, nq)

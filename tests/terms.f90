@@ -61,7 +61,7 @@ contains
   function acceleration(q, a) result(x)
     real(wp), intent(in) :: q(:), a(:)       !! of the body [m, rad], [m/s2, rad/s2]
     real(wp) :: x(2), g(2)                   !! [m/s2]
-    g = a(1:2) - run%sys%m%s%gravity
+    g = a(1:2) - run%sys%options%gravity
     x = [cos(q(3))*g(1) + sin(q(3))*g(2), cos(q(3))*g(2) - sin(q(3))*g(1)]
   end function acceleration
 

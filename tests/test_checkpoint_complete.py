@@ -43,7 +43,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("validity", "validity_watch", "validity", "self"): {"weight"},
     ("step_monitor", "stability_monitor", "step_monitor", "self"): {
         *("active", "every", "steps", "method", "pole_step", "mode_step", "start_lambda", "fastest", "fast"),
-        *("covered", "least", "a", "lambda"),
+        *("covered", "least"),
     },
 }
 

@@ -9,6 +9,7 @@ module assembly_conflict
   use deck_records, only: deck, origin, marker_record
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
+  use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
@@ -110,7 +111,7 @@ contains
     call set_up_mechanism(m, s)
     at_rest = 0.0_wp
     none = 0.0_wp
-    call evaluate(m, 0.0_wp, q, at_rest, none, none)
+    call evaluate(m, usual_options(s), 0.0_wp, q, at_rest, none, none)
     associate (c => m%s%constraints(size(m%s%constraints))%item)
       gap = maxval(abs(m%rows%phi(c%first:c%first + c%rows - 1)))
       call condense_geometry(m)

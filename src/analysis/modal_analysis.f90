@@ -78,7 +78,7 @@ contains
     associate (m => run%sys%m)
       nq = m%s%nq
       if (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. m%s%rows == nq) return
-      if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%s%gravity), maxval(abs(m%free)))) return
+      if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%options%gravity), maxval(abs(m%free)))) return
     end associate
     call add_warnings(text, run%d%path, words//new_line('a'))
   end subroutine warn_of_motion

@@ -200,7 +200,7 @@ contains
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     call mind_lapack('frequency response', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
-      run%sys%m%stage = stage_transient
+      run%sys%options%stage = stage_transient
       call run_transient(run, march, fail)
       call transient_lines(run, march, fail%status, text)
     end if

@@ -4,6 +4,7 @@ module scene_run
   use kinds, only: wp
   use archive, only: value_archive
   use errors, only: failure, fault_list
+  use evaluation_settings, only: usual_options
   use deck_records, only: deck
   use build_scene, only: build
   use assembly, only: assemble
@@ -67,7 +68,8 @@ contains
     if (fail%happened()) return
     run%y(1:s%nq) = q
     run%y(s%nq + 1:2*s%nq) = v
-    call relax(run%sys, run%y)
+    run%sys%options = usual_options(s)
+    call relax(run%sys, run%sys%options%prestress, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
   end subroutine assemble_segment
 
@@ -81,8 +83,9 @@ contains
   end subroutine warn
 
   !> Relaxed internal variables: equal to the deformation they follow, at rest (theory.md, section 5).
-  subroutine relax(sys, y)
+  subroutine relax(sys, prestress, y)
     type(mechanism_system), intent(inout) :: sys
+    real(wp), intent(in) :: prestress !! fraction that acts [-]
     real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     integer :: b, r, k, o, i, n
     associate (s => sys%m%s)
@@ -109,7 +112,7 @@ contains
         end associate
       end do
       do k = 1, size(s%forces)
-        call s%forces(k)%item%relax(sys%m%p, y(2*s%nq + 1:))
+        call s%forces(k)%item%relax(sys%m%p, prestress, y(2*s%nq + 1:))
       end do
     end associate
   end subroutine relax

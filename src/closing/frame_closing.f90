@@ -22,7 +22,7 @@ contains
   subroutine prepare_frames(self, usable)
     type(mechanism_model), intent(inout) :: self
     logical, intent(out) :: usable
-    usable = any(self%flexible) .and. .not. self%frozen
+    usable = any(self%flexible) .and. .not. self%elastic_held
     if (.not. usable) return
     call self%closing%clear()
     call rigid_wrenches(size(self%side_row), self%end_marker, self%w, size(self%marker_body), self%p%rho, self%rigid_wrench)

@@ -4,6 +4,7 @@ module position_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints
   use errors, only: failure, status_bad_input
+  use evaluation_settings, only: usual_options
   use joint_response, only: apply_multipliers
   use joint_system, only: constraint_values, condense_constraints
   use mechanism, only: mechanism_model
@@ -30,7 +31,6 @@ contains
     real(wp) :: worst, before, length
     integer :: pass, b, tries
     if (self%s%rows > 0) then
-      self%frozen = .true.
       call frame_positions(self, q, v, worst)
       do pass = 1, most_newton
         if (worst <= closed_gap(self)) exit
@@ -38,7 +38,7 @@ contains
           self%frame_l(:, b) = 0.0_wp
           self%frame_dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
         end do
-        call condense_constraints(self)
+        call condense_constraints(self, .true.)
         call self%schur%factor()
         self%lambda = self%rows%phi
         call self%schur%solve(self%lambda)
@@ -58,7 +58,6 @@ contains
         end if
       end do
       report%newton = pass - 1
-      self%frozen = .false.
       report%open = worst > closed_gap(self)
       if (report%open) then
         call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
@@ -98,7 +97,7 @@ contains
     real(wp), intent(out) :: worst       !! largest gap of a row [m]
     call set_frames(self, q)
     call marker_kinematics(self, q, v)
-    call constraint_values(self, 0.0_wp)
+    call constraint_values(self, usual_options(self%s), 0.0_wp)
     worst = 0.0_wp
     if (self%s%rows > 0) worst = maxval(abs(self%rows%phi))
     if (.not. worst < huge(1.0_wp)) worst = huge(1.0_wp)

@@ -5,6 +5,7 @@
 module projection
   use kinds, only: wp
   use dynamics, only: evaluate, evaluate_regular, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
+  use evaluation_settings, only: evaluation_options
   use frame_closing, only: prepare_frames, close_frames
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -21,15 +22,16 @@ module projection
 contains
 
   !> Projects positions, then velocities. ok is false where Phi = 0 cannot be met near the state.
-  subroutine project(self, t, q, v, z, zd, ok)
+  subroutine project(self, options, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(inout), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     logical, intent(out) :: ok
     ok = .true.
     if (self%s%rows == 0) return
-    call project_positions(self, t, q, v, z, zd, ok)
+    call project_positions(self, options, t, q, v, z, zd, ok)
     if (.not. ok) return
     if (determined(self) .and. .not. any(abs(self%rows%phi_t) > 0.0_wp)) then
       v = 0.0_wp                             ! joints and drives at rest leave no freedom, in singular positions too
@@ -37,7 +39,7 @@ contains
     end if
     call project_velocities(self, q, v)
     if (self%schur%singular .and. determined(self)) then
-      call evaluate_regular(self, t, q, v, z, zd)
+      call evaluate_regular(self, options, t, q, v, z, zd)
       if (.not. self%schur%singular) call project_velocities(self, q, v)
     end if
   end subroutine project
@@ -49,8 +51,9 @@ contains
   end function determined
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.
-  subroutine project_positions(self, t, q, v, z, zd, ok)
+  subroutine project_positions(self, options, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t   !! [s]
     real(wp), intent(inout), contiguous :: q(:)   !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: v(:), z(:), zd(:)   !! (nq), (nz) [m, rad], [m/s, rad/s]
@@ -64,15 +67,15 @@ contains
     do pass = 1, most_passes
       call set_frames(self, q)
       call marker_kinematics(self, q, v)
-      call constraint_values(self, t)
+      call constraint_values(self, options, t)
       worst = largest(self%s%rows, self%rows%phi)
       if (.not. worst > goal) exit
       if (worst > 0.5_wp*before .and. worst <= enough) exit
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
-        call evaluate(self, t, q, v, z, zd)
+        call evaluate(self, options, t, q, v, z, zd)
         if (pass > 2 .and. self%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
-          call evaluate_regular(self, t, q, v, z, zd)
+          call evaluate_regular(self, options, t, q, v, z, zd)
         end if
         by_frames = .false.
         if (worst <= enough) call prepare_frames(self, by_frames)
@@ -141,7 +144,7 @@ contains
     if (self%s%rows == 0) return
     call set_frames(self, q)
     call marker_kinematics(self, q, v)
-    call constraint_values(self, t)
+    call constraint_values(self, self%options, t)
     call row_rates(self, self%schur%r)
     position = largest(self%s%rows, self%rows%phi)
     velocity = largest(self%s%rows, self%schur%r)

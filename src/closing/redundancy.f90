@@ -4,6 +4,7 @@ module redundancy
   use kinds, only: wp
   use assembly_reports, only: assembly_report
   use dynamics, only: evaluate
+  use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: row_rates
@@ -33,7 +34,7 @@ contains
     diagonal = self%schur%s(0, self%schur%position)
     if (maxval(diagonal) > 1.0e6_wp*minval(diagonal)) then
       where (diagonal > 0.0_wp) self%schur%scale = 1.0_wp/sqrt(diagonal)
-      call evaluate(self, 0.0_wp, q, v, none, none)
+      call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
     end if
     call condense_geometry(self)
     call self%schur%weak_rows(redundant, weak)
@@ -42,7 +43,7 @@ contains
     if (.not. any(weak)) return
     self%redundant = stays_redundant(self, q, v)
     if (self%redundant) self%schur%shift = 1.0e-9_wp
-    call evaluate(self, 0.0_wp, q, v, none, none)
+    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
     do k = 1, mixtures
       call null_vector(self, weak, k, x)
       do i = 1, size(self%s%constraints)
@@ -67,18 +68,18 @@ contains
     motion = v
     if (.not. maxval(abs(v)) > 0.0_wp) then
       motion = [(sin(1.7_wp*k) + 0.2_wp, k=1, size(q))]
-      call evaluate(self, 0.0_wp, q, motion, none, none)
+      call evaluate(self, usual_options(self%s), 0.0_wp, q, motion, none, none)
       call row_rates(self, self%lambda)
       call self%schur%solve(self%lambda)
       call apply_multipliers(self, self%lambda, self%a)
       motion = motion + self%a
     end if
-    call evaluate(self, 0.0_wp, q, motion, none, none)
+    call evaluate(self, usual_options(self%s), 0.0_wp, q, motion, none, none)
     reach = maxval(abs(self%p%v))
     yes = .true.
     if (.not. reach > 1.0e-9_wp*self%s%size) return
     motion = q + 2.0e-3_wp*self%s%size/reach*motion
-    call evaluate(self, 0.0_wp, motion, v, none, none)
+    call evaluate(self, usual_options(self%s), 0.0_wp, motion, v, none, none)
     call condense_geometry(self)
     call self%schur%weak_rows(redundant, weak)
     yes = any(weak)

@@ -5,6 +5,7 @@
 module singular
   use kinds, only: wp
   use dynamics, only: evaluate, evaluate_regular
+  use evaluation_settings, only: evaluation_options
   use mechanism, only: mechanism_model
   use projection, only: project
   implicit none (type, external)
@@ -20,21 +21,23 @@ module singular
 contains
 
   !> Accelerations, multipliers and powers at a state, those of the branch of motion where the position is singular.
-  subroutine evaluate_branch(m, t, q, v, z, zd)
+  subroutine evaluate_branch(m, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
-    call evaluate(m, t, q, v, z, zd)
-    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, t, q, v, z, zd)
+    call evaluate(m, options, t, q, v, z, zd)
+    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
   !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes; but where drives
   !> leave no freedom and come to rest there (in a dead centre) the joints' equations are solved as they stand, as long as
   !> they are not exactly singular.
-  subroutine smooth_accelerations(m, t, q, v, z, zd)
+  subroutine smooth_accelerations(m, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:)          !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: z(:), zd(:)         !! (nz) [m, rad], [m/s, rad/s]
@@ -53,16 +56,16 @@ contains
       a = m%a
       lambda = m%lambda
       power = m%input_power
-      ok = passes(m, t, q, v, z, zd, rate, steady/s)
+      ok = passes(m, options, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
-      if (ok) call mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
+      if (ok) call mean_of_neighbours(m, options, t, s, q, v, z, zd, a, lambda, power, ok)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
-      call evaluate_regular(m, t, q, v, z, zd)
+      call evaluate_regular(m, options, t, q, v, z, zd)
       return
     end if
-    call evaluate(m, t, q, v, z, zd)
+    call evaluate(m, options, t, q, v, z, zd)
     if (.not. ok) return
     m%a = a
     m%lambda = lambda
@@ -79,8 +82,9 @@ contains
 
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
   !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
-  logical function passes(m, t, q, v, z, zd, rate, most) result(yes)
+  logical function passes(m, options, t, q, v, z, zd, rate, most) result(yes)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
@@ -89,7 +93,7 @@ contains
     if (.not. yes .or. m%s%rows < m%s%nq) return
     yes = maxval(abs(m%rows%acceleration_bias)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
-    call evaluate_regular(m, t, q, v, z, zd)
+    call evaluate_regular(m, options, t, q, v, z, zd)
     yes = m%schur%singular .or. steadily(m, rate, most)
   end function passes
 
@@ -108,8 +112,9 @@ contains
   end function steadily
 
   !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
-  subroutine mean_of_neighbours(m, t, s, q, v, z, zd, a, lambda, power, ok)
+  subroutine mean_of_neighbours(m, options, t, s, q, v, z, zd, a, lambda, power, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
     real(wp), intent(inout) :: a(:)             !! accelerations, improved [m/s2, rad/s2]
@@ -127,11 +132,11 @@ contains
       qn = q + h*v + 0.5_wp*h**2*a
       vn = v + h*a
       zn = z + h*zd
-      call evaluate(m, t + h, qn, vn, zn, zd)
+      call evaluate(m, options, t + h, qn, vn, zn, zd)
       ok = .not. m%schur%singular .and. .not. m%broken
-      if (ok) call project(m, t + h, qn, vn, zn, zd, ok)
+      if (ok) call project(m, options, t + h, qn, vn, zn, zd, ok)
       if (.not. ok) return
-      call evaluate(m, t + h, qn, vn, zn, zd)
+      call evaluate(m, options, t + h, qn, vn, zn, zd)
       mean = mean + weights(k)*m%a
       lambda = lambda + weights(k)*m%lambda
       power = power + weights(k)*m%input_power

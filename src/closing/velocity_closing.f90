@@ -5,6 +5,7 @@ module velocity_closing
   use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven
   use dynamics, only: evaluate
   use errors, only: failure, status_bad_input
+  use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
@@ -32,10 +33,10 @@ contains
     real(wp), allocatable :: none(:), start(:)
     real(wp) :: worst, goal
     integer :: attempt, pass
-    logical :: uneven, beyond_digits
+    logical :: uneven, beyond_digits, elastic_held
     allocate (none(self%s%nz), source=0.0_wp)
     start = v
-    call evaluate(self, 0.0_wp, q, v, none, none)
+    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (self%s%rows == 0) return
     uneven = self%schur%uneven_masses .or. self%schur%ill_conditioned
     beyond_digits = uneven .and. self%schur%beyond_digits()
@@ -43,19 +44,18 @@ contains
     goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
     do attempt = 1, 4
       v = start
-      self%frozen = attempt <= 2
+      elastic_held = attempt <= 2
       if (mod(attempt, 2) == 0) then
         do pass = 1, rounds
           where (self%s%stated) v = start
-          call correct_velocities(self, q, v, goal, worst, masked=.false.)
+          call correct_velocities(self, q, v, goal, worst, elastic_held, masked=.false.)
         end do
         if (worst <= goal) v = merge(v, start, self%s%stated)
       end if
-      call correct_velocities(self, q, v, goal, worst, masked=.true.)
-      self%frozen = .false.
+      call correct_velocities(self, q, v, goal, worst, elastic_held, masked=.true.)
       if (worst <= goal .or. beyond_digits) exit      ! where digits end, nothing tells rounding from a contradiction
     end do
-    call evaluate(self, 0.0_wp, q, v, none, none)
+    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (worst > goal .and. uneven) then
       call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven)
       return
@@ -69,24 +69,22 @@ contains
     call warn_of_velocities(self, start, v, report)
   end subroutine close_velocities
 
-  !> Velocity corrections until the rows hold; frozen: by the frames alone.
-  subroutine correct_velocities(self, q, v, goal, worst, masked)
+  !> Velocity corrections until the rows hold.
+  subroutine correct_velocities(self, q, v, goal, worst, elastic_held, masked)
     type(mechanism_model), intent(inout) :: self
     real(wp), intent(in) :: q(:)
     real(wp), intent(inout) :: v(:)
     real(wp), intent(in) :: goal               !! [m/s]
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
+    logical, intent(in) :: elastic_held        !! by the frames alone
     logical, intent(in) :: masked              !! stated velocities are kept; else they are heavy
     real(wp), allocatable :: none(:)
-    logical :: frozen, good
+    logical :: good
     integer :: pass
     allocate (none(self%s%nz), source=0.0_wp)
-    frozen = self%frozen
-    self%frozen = .false.
-    call evaluate(self, 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
-    self%frozen = frozen
-    call weigh_frames(self, masked)
-    call condense_constraints(self)
+    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
+    call weigh_frames(self, elastic_held, masked)
+    call condense_constraints(self, elastic_held)
     call self%schur%factor_strong(good)
     if (.not. good) then
       call condense_geometry(self)
@@ -107,15 +105,16 @@ contains
   end subroutine correct_velocities
 
   !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.
-  subroutine weigh_frames(self, masked)
+  subroutine weigh_frames(self, elastic_held, masked)
     type(mechanism_model), intent(inout) :: self
+    logical, intent(in) :: elastic_held
     logical, intent(in) :: masked
     real(wp) :: m(3, 3), p(2), weight
     integer :: b, i, k
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       associate (body => self%s%bodies(b))
-        if (self%frozen) then
+        if (elastic_held) then
           p = body%i1
           m = reshape([body%mass, 0.0_wp, -p(2), 0.0_wp, body%mass, p(1), -p(2), p(1), body%i11], [3, 3])
         else

@@ -5,7 +5,7 @@ module bound_causes
   use deck_records, only: deck
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
-  use nodal_kernel, only: deformations
+  use nodal_kernel, only: linear_deformations
   use spectrum, only: fast_mode
   use text, only: to_text
   implicit none (type, external)
@@ -27,7 +27,7 @@ contains
 
   !> Which body carries a mode, and whether its strain is axial or in bending.
   subroutine mode_cause(m, f, cause)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(out) :: cause
     real(wp) :: best, strained, ea, ei        ! [1/s2]
@@ -73,10 +73,10 @@ contains
 
   !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
   subroutine strain_energies(body, x, ea, ei)
-    type(body_model), intent(inout) :: body    !! its work space changes
+    type(body_model), intent(in) :: body
     real(wp), intent(in) :: x(:)   !! (nf) elastic part of a mass-normalised mode [m, rad, over the root of the modal mass]
     real(wp), intent(out) :: ea, ei          !! [1/s2]
-    logical :: stiffening
+    real(wp) :: all(0:body%nf), d(body%nd, body%ne)
     integer :: e
     ea = 0.0_wp
     ei = 0.0_wp
@@ -84,15 +84,11 @@ contains
       ei = sum(body%omega2*x**2)
       return
     end if
-    body%qx(1:body%nf) = x
-    stiffening = body%stiffening
-    body%stiffening = .false.                  ! the linear strain of the mode
-    call deformations(body, body%qx, body%d)
-    body%stiffening = stiffening
+    all = [0.0_wp, x]
+    call linear_deformations(body, all, d)
     do e = 1, body%ne
-      if (body%nd == 3) ea = ea + body%elements(e)%ea_l*body%d(1, e)**2
-      ei = ei + 4*body%elements(e)%ei_l*(body%d(body%nd - 1, e)**2 + body%d(body%nd - 1, e)*body%d(body%nd, e) + body%d(body%nd, &
-          e)**2)
+      if (body%nd == 3) ea = ea + body%elements(e)%ea_l*d(1, e)**2
+      ei = ei + 4*body%elements(e)%ei_l*(d(body%nd - 1, e)**2 + d(body%nd - 1, e)*d(body%nd, e) + d(body%nd, e)**2)
     end do
   end subroutine strain_energies
 

@@ -10,6 +10,7 @@ module step_advice
   use deck_records, only: deck
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
+  use evaluation_settings, only: usual_options
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use safe_bound, only: find_safe_bound
@@ -61,7 +62,7 @@ contains
     if (advice%safe%step(1) >= huge(1.0_wp)) return
     work = m
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(work, 0.0_wp, q, rest, none, none)
+    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     if (any(turning_stiffness(work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
@@ -74,7 +75,7 @@ contains
         if (body%flexible) call bend_to_limit(body, bent(i + 1:i + body%nf))
       end associate
     end do
-    call evaluate(work, 0.0_wp, bent, rest, none, none)
+    call evaluate(work, usual_options(m%s), 0.0_wp, bent, rest, none, none)
     call bound_directions(work, fast%ends)
     call fast%largest(work, .false., only_stiffness, 100, curved)
     if (.not. straight < worth_a_line**2*curved) return
@@ -97,10 +98,10 @@ contains
     real(wp), allocatable :: rest(:), none(:)
     work = m
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(work, 0.0_wp, q, rest, none, none)
+    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call fast%set_up(work, q)
     call find_safe_bound(d, work, fast, safe)
-    call evaluate(work, 0.0_wp, q, rest, none, none)
+    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call find_bound(d, work, .true., fast, current)
     call take_smaller(current, safe)
   end subroutine both_bounds

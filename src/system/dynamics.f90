@@ -4,6 +4,7 @@
 module dynamics
   use kinds, only: wp
   use body_condensation, only: condense_bodies
+  use evaluation_settings, only: evaluation_options
   use joint_correction, only: correct_accelerations
   use joint_geometry, only: factor_joints
   use joint_response, only: push_frames, push_elastic, apply_multipliers
@@ -19,25 +20,27 @@ module dynamics
 contains
 
   !> Accelerations, multipliers, dissipative accelerations and powers at a state; the results stay in self.
-  subroutine evaluate(self, t, q, v, z, zd)
+  subroutine evaluate(self, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
     self%evaluations = self%evaluations + 1
     self%t = t
+    self%options = options
     call set_frames(self, q)
     call marker_kinematics(self, q, v)
     self%dissipated_power = 0.0_wp
     self%input_power = 0.0_wp
-    call applied_forces(self, t, z, zd)
-    call condense_bodies(self, q, v, z, zd)
+    call applied_forces(self, options, t, z, zd)
+    call condense_bodies(self, options%gravity, q, v, z, zd)
     call load_frames(self)
     call free_accelerations(size(self%cos_theta), self%rhs, self%frame_l, self%frame_dinv, self%free)
-    call constraint_values(self, t)
-    call condense_constraints(self)
-    call factor_joints(self)
-    call multiplier_forces(self)
+    call constraint_values(self, options, t)
+    call condense_constraints(self, .false.)
+    call factor_joints(self, options%accept_weak_pivots)
+    call multiplier_forces(self, options%baumgarte)
     call accelerations(self)
     if (self%schur%uneven_masses) call correct_accelerations(self)
     call drive_powers(self)
@@ -45,14 +48,16 @@ contains
   end subroutine evaluate
 
   !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
-  subroutine evaluate_regular(self, t, q, v, z, zd)
+  subroutine evaluate_regular(self, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
-    self%schur%accept_weak_pivots = .true.
-    call evaluate(self, t, q, v, z, zd)
-    self%schur%accept_weak_pivots = .false.
+    type(evaluation_options) :: as_they_are
+    as_they_are = options
+    as_they_are%accept_weak_pivots = .true.
+    call evaluate(self, as_they_are, t, q, v, z, zd)
   end subroutine evaluate_regular
 
   !> Accelerations of the condensed frames without multipliers.
@@ -73,11 +78,12 @@ contains
   end subroutine free_accelerations
 
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
-  subroutine multiplier_forces(self)
+  subroutine multiplier_forces(self, baumgarte)
     type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     if (self%s%rows == 0) return
     call joint_accelerations(self)
-    if (any(self%baumgarte > 0.0_wp)) call add_baumgarte(self)
+    if (any(baumgarte > 0.0_wp)) call add_baumgarte(self, baumgarte)
     call self%schur%solve(self%lambda)
   end subroutine multiplier_forces
 
@@ -94,10 +100,11 @@ contains
   end subroutine drive_powers
 
   !> 2 alpha Phi' + beta^2 Phi (Baumgarte 1972).
-  subroutine add_baumgarte(self)
+  subroutine add_baumgarte(self, baumgarte)
     type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     call row_rates(self, self%schur%r)
-    self%lambda = self%lambda + 2*self%baumgarte(1)*self%schur%r + self%baumgarte(2)**2*self%rows%phi
+    self%lambda = self%lambda + 2*baumgarte(1)*self%schur%r + baumgarte(2)**2*self%rows%phi
   end subroutine add_baumgarte
 
   !> Accelerations of frames (global) and elastic coordinates from the free ones and the multipliers.

@@ -19,7 +19,7 @@ contains
       force = max(force, norm2(m%wrench(1:2, k)), abs(m%wrench(3, k))/m%s%size)
     end do
     do b = 1, size(m%s%bodies)
-      force = max(force, m%s%bodies(b)%mass*norm2(m%s%gravity), norm2(m%rhs(1:2, b)))
+      force = max(force, m%s%bodies(b)%mass*norm2(m%options%gravity), norm2(m%rhs(1:2, b)))
       force = max(force, element_force(m%s%bodies(b)))
     end do
     if (m%s%rows > 0) force = max(force, maxval(abs(m%lambda)))

@@ -2,6 +2,7 @@
 !> section 3). Wrenches are kept in body axes.
 module marker_forces
   use kinds, only: wp
+  use evaluation_settings, only: evaluation_options
   use force_element, only: conditions
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -11,8 +12,9 @@ module marker_forces
 contains
 
   !> Force elements as wrenches on their markers; adds to the powers.
-  subroutine applied_forces(self, t, z, zd)
+  subroutine applied_forces(self, options, t, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) [m, rad] and rates
     type(conditions) :: with
@@ -20,7 +22,7 @@ contains
     do k = 1, size(self%s%loaded)
       self%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
-    with = conditions(t, self%left_limit, self%stage, self%load_factor)
+    with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item, x => self%action(k))
         b = self%marker_body(f%ia)

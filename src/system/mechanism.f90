@@ -2,6 +2,7 @@
 !> m_ff^-1 E^T and compliances, the joint graph). `mechanism_setup` fills it; the equations themselves are in `dynamics`.
 module mechanism
   use kinds, only: wp, ip
+  use evaluation_settings, only: evaluation_options
   use scene_model, only: scene
   use force_element, only: conditions, element_action
   use marker, only: marker_states
@@ -76,12 +77,8 @@ module mechanism
     real(wp) :: dissipated_power = 0.0_wp       !! [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
     real(wp) :: t = 0.0_wp                      !! time of the last evaluation [s]
-    integer :: stage = 2                        !! stage_static or stage_transient of `force_element`
-    logical :: left_limit = .false.             !! jumps of histories at t are not yet felt
-    real(wp) :: t_end = huge(1.0_wp)            !! time after which drives lead nowhere: the end of the run [s]
-    logical :: frozen = .false.                 !! assembly: elastic coordinates do not move
-    real(wp) :: load_factor = 1.0_wp            !! static analysis: fraction of the loads
-    real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
+    type(evaluation_options) :: options         !! what it was made with
+    logical :: elastic_held = .false.           !! the multipliers' matrix is that of the frames: elastic coordinates do not move
     ! counts
     integer(ip) :: evaluations = 0              !! right-hand sides
     integer(ip) :: solves = 0                   !! banded solves of bodies
@@ -113,13 +110,15 @@ contains
     if (x > 0.0_wp) reciprocal = 1.0_wp/x
   end function reciprocal
 
-  !> What force element k may depend on beside the motion of its markers.
+  !> What force element k may depend on beside the motion of its markers, in the last evaluation.
   pure type(conditions) function conditions_of(self, k, t) result(with)
     type(mechanism_model), intent(in) :: self
     integer, intent(in) :: k
     real(wp), intent(in) :: t                  !! [s]
     integer :: b
-    with = conditions(t, self%left_limit, self%stage, self%load_factor)
+    associate (options => self%options)
+      with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
+    end associate
     b = self%marker_body(self%s%forces(k)%item%ia)
     if (b > 0) with%axes = [self%cos_theta(b), self%sin_theta(b)]
   end function conditions_of

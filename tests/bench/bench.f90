@@ -138,7 +138,7 @@ contains
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
-        call evaluate(run%sys%m, 0.0_wp, q0, v0, z, zd)
+        call evaluate(run%sys%m, run%sys%options, 0.0_wp, q0, v0, z, zd)
       end do
       seconds(r) = seconds(r) + clock()
     end do
@@ -158,13 +158,13 @@ contains
       seconds(r) = seconds(r) + clock()
     end do
     call show('solve', steps)
-    call evaluate(run%sys%m, 0.0_wp, q0, v0, z, zd)
+    call evaluate(run%sys%m, run%sys%options, 0.0_wp, q0, v0, z, zd)
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
         q = q0*(1 + 1.0e-10_wp)
         v = v0*(1 + 1.0e-10_wp)
-        call project(run%sys%m, 0.0_wp, q, v, z, zd, ok)
+        call project(run%sys%m, run%sys%options, 0.0_wp, q, v, z, zd, ok)
       end do
       seconds(r) = seconds(r) + clock()
     end do

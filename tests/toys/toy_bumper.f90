@@ -114,7 +114,7 @@ program toy_bumper
   call assemble_segment(run, s, fail)
   if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
-  run%sys%m%stage = stage_transient
+  run%sys%options%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)
   if (fail%happened()) then
     write (*, '(a)') fail%message

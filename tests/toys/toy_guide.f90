@@ -97,7 +97,7 @@ program toy_guide
   call make_folder(run%folder)
   call assemble_segment(run, s, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
-  run%sys%m%stage = stage_transient
+  run%sys%options%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)
   if (fail%happened()) then
     write (*, '(a)') fail%message

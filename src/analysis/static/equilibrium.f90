@@ -10,9 +10,10 @@ module equilibrium
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use dynamics, only: marker_kinematics, set_frames
+  use evaluation_settings, only: evaluation_options
   use force_scale, only: largest_force
   use frame_axes, only: to_global, to_body
-  use linear_state, only: evaluate_state, linear_system
+  use linear_state, only: evaluate_state, linear_system_with
   use linear_matrices, only: linear_mechanism
   use marker, only: turn
   use prescribed_motion, only: prescribe, rotations
@@ -39,9 +40,10 @@ module equilibrium
 
 contains
 
-  !> Brings run%y to equilibrium under the loads that act now.
-  subroutine find_equilibrium(run, tolerance, report)
+  !> Brings run%y to equilibrium.
+  subroutine find_equilibrium(run, options, tolerance, report)
     type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: options  !! the loads that act
     real(wp), intent(in) :: tolerance                !! [-]
     type(equilibrium_report), intent(out) :: report
     type(stiffness_system) :: ds
@@ -50,7 +52,7 @@ contains
     real(wp) :: before, length
     integer :: tries
     logical :: at_floor
-    call equations(run, ds, r, report)
+    call equations(run, options, ds, r, report)
     lambda = run%sys%m%lambda
     do
       report%converged = report%residual <= tolerance .and. report%gap <= closed
@@ -69,7 +71,7 @@ contains
       do tries = 0, most_halvings
         run%y = start
         call move(run, length*dx)
-        call equations(run, ds, r, report, lambda)
+        call equations(run, options, ds, r, report, lambda)
         if (report%residual + report%gap <= max(2*before, 10*tolerance)) exit
         length = length/2
       end do
@@ -109,32 +111,31 @@ contains
   end subroutine move
 
   !> Residual, tangent and their measures at the present positions; velocities and dissipative coordinates follow.
-  subroutine equations(run, ds, r, report, lambda)
+  subroutine equations(run, options, ds, r, report, lambda)
     type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: options
     type(stiffness_system), intent(out) :: ds
     complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step [N, N m], [m]
     type(equilibrium_report), intent(inout) :: report
     real(wp), intent(in), optional :: lambda(:)      !! (rows) multipliers of the equilibrium, as known so far [N, N m]
     type(linear_mechanism) :: lin
-    real(wp), allocatable :: a(:), reactions(:), steady(:), force(:)
+    real(wp), allocatable :: reactions(:), steady(:), force(:)
     integer :: nq
     nq = run%sys%m%s%nq
     call set_frames(run%sys%m, run%y(1:nq))
     call marker_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
-    call relax(run%sys, run%y)
-    call evaluate_state(run)
+    call relax(run%sys, options%prestress, run%y)
+    call evaluate_state(run%sys, options, run%y)
     allocate (steady(nq), source=0.0_wp)
-    if (moves(run)) then
-      call linear_system(run, ds, lin, evaluated=.true.)
-      call prescribe(run, ds, steady)
-    end if
-    a = run%sys%m%a
-    reactions = run%sys%m%lambda
-    run%sys%m%a = steady                                   ! the tangent belongs to the equilibrium's accelerations
-    if (present(lambda)) run%sys%m%lambda = lambda         ! and reactions
-    call linear_system(run, ds, lin, evaluated=.true.)
-    run%sys%m%a = a
-    run%sys%m%lambda = reactions
+    associate (m => run%sys%m)
+      if (moves(run)) then
+        call linear_system_with(m, run%y, m%a, m%lambda, m%action, ds, lin)
+        call prescribe(run, options, ds, steady)
+      end if
+      reactions = m%lambda
+      if (present(lambda)) reactions = lambda
+      call linear_system_with(m, run%y, steady, reactions, m%action, ds, lin)   ! the equilibrium's accelerations and reactions
+    end associate
     if (allocated(r)) deallocate (r)
     allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
     allocate (force(nq), source=0.0_wp)

@@ -4,6 +4,7 @@ module prescribed_motion
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use dynamics, only: row_rates
+  use evaluation_settings, only: evaluation_options
   use frame_axes, only: to_global, to_body
   use linear_state, only: evaluate_state
   use marker, only: turn
@@ -21,8 +22,9 @@ contains
   !> Velocities that satisfy the drives and joints again, and the accelerations of bodies that keep them in their own axes
   !> (theta' H R', theta'' = 0), with the least change that drives and joints ask for; elastic coordinates at rest where that
   !> suffices.
-  subroutine prescribe(run, ds, steady)
+  subroutine prescribe(run, options, ds, steady)
     type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: options
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(out) :: steady(:)               !! (nq) accelerations, global axes [m/s2, rad/s2]
     real(wp), allocatable :: rate(:)
@@ -32,7 +34,7 @@ contains
     call row_rates(run%sys%m, rate)
     if (any(abs(rate) > 0.0_wp)) then
       run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run%sys%m, follow(run, ds, -rate))
-      call evaluate_state(run)
+      call evaluate_state(run%sys, options, run%y)
     end if
     steady = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)

@@ -7,7 +7,8 @@ module static_analysis
   use equilibrium, only: find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
   use errors, only: failure, status_failed, status_bad_input, status_no_output
-  use linear_state, only: linear_system, evaluate_state, refuse_uneven
+  use evaluation_settings, only: evaluation_options
+  use linear_state, only: linear_system_with, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
   use force_element, only: element_action, stage_static
   use interruption, only: stop_if_signalled
@@ -26,43 +27,37 @@ module static_analysis
 
   real(wp), parameter :: takes_part = 1.0e-3_wp      !! motion of a body in a free motion worth naming, over the largest [-]
 
-  !> What acts in the end.
-  type :: full_loads
-    real(wp) :: gravity(2) = 0.0_wp                  !! [m/s2]
-  contains
-    procedure :: apply => apply_part
-  end type full_loads
-
 contains
 
   !> Refuses a scene in which joints, drives, springs and elasticity leave a motion without any stiffness; names the bodies.
   subroutine refuse_free_bodies(run, fail)
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
+    type(evaluation_options) :: unloaded
+    type(element_action), allocatable :: action(:)
     type(stiffness_system) :: ds
-    real(wp), allocatable :: omega2(:), x(:, :), y(:), gravity(:)
+    type(linear_mechanism) :: lin
+    real(wp), allocatable :: omega2(:), x(:, :), y(:), a(:), lambda(:)
     logical, allocatable :: free(:)
     character(:), allocatable :: names
     integer :: j, b
     logical :: ok
-    y = run%y
-    gravity = run%sys%m%s%gravity
-    run%y(run%sys%m%s%nq + 1:2*run%sys%m%s%nq) = 0.0_wp
-    run%sys%m%s%gravity = 0.0_wp
-    run%sys%m%load_factor = 0.0_wp
-    call evaluate_state(run)
-    run%sys%m%a = 0.0_wp                             ! stiffness of materials and springs alone
-    run%sys%m%lambda = 0.0_wp
-    do j = 1, size(run%sys%m%s%forces)
-      if (.not. run%sys%m%s%forces(j)%item%every_way()) run%sys%m%action(j) = element_action()
-    end do
-    call linear_system(run, ds, evaluated=.true.)
+    associate (m => run%sys%m)
+      unloaded = run%sys%options
+      unloaded%gravity = 0.0_wp
+      unloaded%load_factor = 0.0_wp
+      y = run%y
+      y(m%s%nq + 1:2*m%s%nq) = 0.0_wp
+      call evaluate_state(run%sys, unloaded, y)
+      allocate (a(m%s%nq), lambda(m%s%rows), source=0.0_wp)   ! stiffness of materials and springs alone
+      action = m%action
+      do j = 1, size(action)
+        if (.not. m%s%forces(j)%item%every_way()) action(j) = element_action()
+      end do
+      call linear_system_with(m, y, a, lambda, action, ds, lin)
+    end associate
     call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)
-    run%y = y
-    run%sys%m%s%gravity = gravity
-    run%sys%m%load_factor = 1.0_wp
-    call evaluate_state(run)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
     do j = 1, merge(size(omega2), 0, ok)
       if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
@@ -111,13 +106,12 @@ contains
     type(failure), intent(inout) :: fail
     type(result_file) :: file
     type(equilibrium_report) :: report
-    type(full_loads) :: full
+    type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
     real(wp) :: factor                               ! of the loads [-]
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
-    run%sys%m%stage = stage_static
-    full%gravity = run%sys%m%s%gravity
+    run%sys%options%stage = stage_static
     call watch%begin(run%sys%m)
     where ([(elastic(run, k), k=1, nq)]) run%y(nq + 1:2*nq) = 0.0_wp
     call file%open(run%folder//'/static.txt')
@@ -127,8 +121,8 @@ contains
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
       factor = real(k, wp)/run%d%static%load_steps
-      call full%apply(run, factor)
-      call find_equilibrium(run, run%d%static%tolerance, report)
+      part = fraction_of(run%sys%options, factor)
+      call find_equilibrium(run, part, run%d%static%tolerance, report)
       steps = steps + report%steps
       if (.not. report%converged) then
         call stop_if_signalled('static analysis', fail)
@@ -140,10 +134,9 @@ contains
           'more load steps')
         exit
       end if
-      call write_row(run, file, factor, report)
+      call write_row(run, part, file, report)
       call watch%look(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
     end do
-    call full%apply(run, 1.0_wp)
     call file%close()
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call add_line(text, '')
@@ -173,17 +166,14 @@ contains
   end subroutine tell_growth
 
   !> A part of weight, loads and prestress: free lengths and angles go from the assembled ones to the deck's.
-  pure subroutine apply_part(self, run, factor)
-    class(full_loads), intent(in) :: self
-    type(run_state), intent(inout) :: run
+  pure type(evaluation_options) function fraction_of(full, factor) result(part)
+    type(evaluation_options), intent(in) :: full
     real(wp), intent(in) :: factor                   !! [-]
-    integer :: k
-    run%sys%m%load_factor = factor
-    run%sys%m%s%gravity = factor*self%gravity
-    do k = 1, size(run%sys%m%s%forces)
-      call run%sys%m%s%forces(k)%item%prestress(factor)
-    end do
-  end subroutine apply_part
+    part = full
+    part%load_factor = factor
+    part%prestress = factor
+    part%gravity = factor*full%gravity
+  end function fraction_of
 
   !> Whether an unknown is an elastic coordinate.
   pure logical function elastic(run, k) result(yes)
@@ -211,17 +201,17 @@ contains
   end subroutine write_header
 
   !> One row.
-  subroutine write_row(run, file, factor, report)
+  subroutine write_row(run, options, file, report)
     type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: options  !! the loads that act
     type(result_file), intent(inout) :: file
-    real(wp), intent(in) :: factor                   !! [-]
     type(equilibrium_report), intent(in) :: report
     real(wp), allocatable :: values(:)
     integer :: nq
     nq = run%sys%m%s%nq
     allocate (values(run%list%columns))
-    call evaluate_state(run)
+    call evaluate_state(run%sys, options, run%y)
     call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
-    call file%row([factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
+    call file%row([options%load_factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
   end subroutine write_row
 end module static_analysis

@@ -4,6 +4,7 @@ module mechanism_ode
   use kinds, only: wp, ip
   use border_rows, only: hold_weak_rows, light_shift, strong_shift
   use dynamics, only: evaluate
+  use evaluation_settings, only: evaluation_options, at_side
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
@@ -27,9 +28,10 @@ module mechanism_ode
   !> The system.
   type, extends(second_order_ode), public :: mechanism_system
     type(mechanism_model) :: m
+    type(evaluation_options) :: options       !! what acts in the present analysis
     integer :: stabilisation = stabilise_projection
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
-    real(wp), allocatable, private :: closed(:), rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
+    real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
     procedure :: start_implicit
     procedure :: prepare => mechanism_prepare
@@ -53,6 +55,7 @@ module mechanism_ode
     procedure :: health => mechanism_health
     procedure :: nearly_dependent => mechanism_dependent
     procedure :: factors => mechanism_factors
+    procedure :: rates => mechanism_rates     !! the same with other options
     procedure :: derivative => mechanism_derivative
     procedure :: project => mechanism_accept
   end type mechanism_system
@@ -66,19 +69,29 @@ contains
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: left_limit
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
-    self%m%left_limit = left_limit
-    self%m%broken = .false.
-    call state_rates(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
+    call self%rates(at_side(self%options, left_limit), t, y, dy)
   end subroutine mechanism_derivative
 
+  !> The same with other options.
+  subroutine mechanism_rates(self, options, t, y, dy)
+    class(mechanism_system), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
+    self%m%broken = .false.
+    call state_rates(self%m, options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
+  end subroutine mechanism_rates
+
   !> The same, with the parts of the state apart.
-  subroutine state_rates(m, nq, nz, nzd, t, y, dy)
+  subroutine state_rates(m, options, nq, nz, nzd, t, y, dy)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     real(wp), intent(out) :: dy(2*nq + nz + nzd + 2) !! [the same per second]
-    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call evaluate_branch(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     dy(1:nq) = y(nq + 1:2*nq)
     dy(nq + 1:2*nq) = m%a
     if (m%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
@@ -89,7 +102,7 @@ contains
     dy(2*nq + nz + nzd + 2) = m%input_power
   end subroutine state_rates
 
-  !> Projects an accepted state; refuses states that are not finite.
+  !> Projects an accepted state, from the side of the last evaluation; refuses states that are not finite.
   subroutine mechanism_accept(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -107,7 +120,7 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+    call project(m, m%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
     if (ok) ok = is_bounded(y(1:2*nq))
   end subroutine project_state
 
@@ -119,8 +132,8 @@ contains
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
     if (allocated(self%t)) deallocate (self%t)
-    if (allocated(self%closed)) deallocate (self%closed, self%rates)
-    allocate (self%t, self%closed(self%nq), self%rates(self%nq))
+    if (allocated(self%closed)) deallocate (self%closed, self%closed_rates)
+    allocate (self%t, self%closed(self%nq), self%closed_rates(self%nq))
     call set_up_newton(self%t, self%m)
   end subroutine start_implicit
 
@@ -149,8 +162,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: left_limit
-    self%m%left_limit = left_limit
-    call residual(self%t, self%m, t, q, v, a, lambda)
+    call residual(self%t, self%m, at_side(self%options, left_limit), t, q, v, a, lambda)
   end subroutine mechanism_residual
 
   !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
@@ -163,10 +175,10 @@ contains
     logical, intent(in) :: exact, hold
     logical, intent(out) :: ok
     logical :: bad
-    if (hold .and. self%m%left_limit) self%t%rows%shift = strong_shift
-    call renew(self%t, self%m, t, q, v, a, lambda, exact, bad)
-    if (hold .and. .not. self%m%left_limit) call hold_weak_rows(self%t%rows)
-    self%t%rows%shift = light_shift
+    associate (in_step => self%m%options%left_limit)
+      call renew(self%t, self%m, t, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
+      if (hold .and. .not. in_step) call hold_weak_rows(self%t%rows)
+    end associate
     ok = .not. bad
   end subroutine mechanism_renew
 
@@ -176,7 +188,7 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
     call solve_elastic(self%t)
-    call correction(self%t, self%m, dq)
+    call correction(self%t, self%m, self%m%rows%phi, dq)
     dlambda = self%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
 
@@ -219,22 +231,23 @@ contains
     real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
     real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
     real(wp), intent(out) :: powers(2)        !! dissipated, put in [W]
+    type(evaluation_options) :: options
     logical :: ok
-    self%m%left_limit = end_of_step
-    self%rates = v
+    options = at_side(self%options, end_of_step)
+    self%closed_rates = v
     if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
-      call closing_rates(self%t, self%m, t, q, v, self%closed)
-      self%rates = v + self%closed
+      call closing_rates(self%t, self%m, options, t, q, v, self%closed)
+      self%closed_rates = v + self%closed
     end if
-    call evaluate(self%m, t, q, self%rates, z, zd)
+    call evaluate(self%m, options, t, q, self%closed_rates, z, zd)
     if (end_of_step .and. self%nearly_dependent()) then   ! accelerations amplify what is left of the offset: project it away
       self%closed = q
-      call project(self%m, t, self%closed, self%rates, z, zd, ok)
-      call evaluate_branch(self%m, t, self%closed, self%rates, z, zd)
+      call project(self%m, options, t, self%closed, self%closed_rates, z, zd, ok)
+      call evaluate_branch(self%m, options, t, self%closed, self%closed_rates, z, zd)
     end if
     a(1:self%nq) = self%m%a
     a(self%nq + 1:) = self%m%zdd
-    call relaxation_rates(self%t, self%m, q, self%rates, zd, a(self%nq + 1:))
+    call relaxation_rates(self%t, self%m, q, self%closed_rates, zd, a(self%nq + 1:))
     lambda = self%m%lambda
     powers = [self%m%dissipated_power, self%m%input_power]
   end subroutine mechanism_accelerations
@@ -245,24 +258,24 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    self%m%left_limit = .false.
     self%m%broken = .false.
-    call report_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
+    call report_state(self%m, self%options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
     ok = ok .and. .not. self%m%broken
   end subroutine mechanism_report
 
   !> The same, with the parts of the state apart.
-  subroutine report_state(m, nq, nz, nzd, t, y, ok)
+  subroutine report_state(m, options, nq, nz, nzd, t, y, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = .true.
-    call evaluate(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call evaluate(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     if (m%s%rows == 0) return
-    call project(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
-    call evaluate_branch(m, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call project(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+    call evaluate_branch(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
   end subroutine report_state
 
   !> Accelerations that a step resolves.
@@ -274,8 +287,7 @@ contains
     logical, intent(out) :: ok
     logical :: bad
     integer :: k
-    self%m%left_limit = .false.
-    call smooth_accelerations(self%t, self%m, t, q, v, lambda, a(1:self%nq), bad)
+    call smooth_accelerations(self%t, self%m, self%options, t, q, v, lambda, a(1:self%nq), bad)
     ok = .not. bad
     if (bad) return
     do k = 1, size(self%t%terms)

@@ -5,6 +5,7 @@ module step_monitor
   use archive, only: value_archive
   use deck_records, only: deck
   use dynamics, only: evaluate
+  use evaluation_settings, only: usual_options
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, only_stiffness
   use spring_directions, only: bound_directions
@@ -30,7 +31,6 @@ module step_monitor
     real(wp) :: covered = 0.0_wp               !! largest squared frequency that the safe bound assumes [rad2/s2]
     real(wp) :: least = huge(1.0_wp)           !! step at that frequency [s]
     type(fast_spectrum) :: fast
-    real(wp), allocatable :: a(:), lambda(:)   !! results of the evaluation, kept over an estimate
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
@@ -64,7 +64,7 @@ contains
     if (self%method == 0) return
     work = m
     allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
-    call evaluate(work, 0.0_wp, q, rest, none, none)
+    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call self%fast%set_up(work, q)
     call find_bound(d, work, .false., self%fast, bound, self%start_lambda, force)
     self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
@@ -82,8 +82,6 @@ contains
     end if
     self%fast%start = force + 1.0e-3_wp*norm2(force)/norm2(self%fast%start)*self%fast%start
     self%steps = min(12, size(q))
-    self%a = m%a
-    self%lambda = m%lambda
     self%every = ceiling((self%steps + 0.004_wp*self%steps**3)/0.08_wp)
     self%active = self%mode_step < huge(1.0_wp) .and. abs(mu) > 0.0_wp
     if (self%active) self%least = self%mode_step*sqrt(self%start_lambda/self%covered)
@@ -104,18 +102,14 @@ contains
     if (steps >= self%every) n = self%every - int(mod(steps, int(self%every, ip)))
   end function until_next
 
-  !> Estimates the current bound at the state of the last evaluation of m, whose results are left as they are.
+  !> Estimates the current bound at the state of the last evaluation of m.
   subroutine monitor_look(self, m, t)
     class(stability_monitor), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     real(wp), intent(in) :: t                  !! [s]
     real(wp) :: lambda, h
     if (.not. self%active) return
-    self%a(:) = m%a
-    self%lambda(:) = m%lambda
     call self%fast%largest(m, .true., only_stiffness, self%steps, lambda)
-    m%a(:) = self%a
-    m%lambda(:) = self%lambda
     self%estimates = self%estimates + 1
     h = self%mode_step
     if (lambda > 0.0_wp) h = self%mode_step*sqrt(self%start_lambda/lambda)

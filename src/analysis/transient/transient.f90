@@ -83,7 +83,7 @@ contains
     type(failure), intent(inout) :: fail
     associate (r => run%d%transient, s => run%sys%m%s)
       call choose_stabilisation(run)
-      run%sys%m%t_end = r%t_end - 16*spacing(r%t_end)
+      run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
       call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
@@ -114,7 +114,7 @@ contains
       run%sys%stabilisation = stabilise_projection
     case ('baumgarte')
       run%sys%stabilisation = stabilise_baumgarte
-      run%sys%m%baumgarte = [run%d%transient%baumgarte_alpha, run%d%transient%baumgarte_beta]
+      run%sys%options%baumgarte = [run%d%transient%baumgarte_alpha, run%d%transient%baumgarte_beta]
     case default
       run%sys%stabilisation = stabilise_none
     end select

@@ -8,7 +8,7 @@ module nodal_kernel
   use ghm_kernel, only: advance_segment, relax_segment, segment_dissipation, copy_values
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, element_stress, stress_forces
+  public :: nodal_forces, deformations, linear_deformations, element_stress, stress_forces
   public :: gather, mass_times, gyroscopic_times
 
 contains
@@ -58,26 +58,38 @@ contains
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero
     real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
-    real(wp) :: a(6), psi, p1, p2
+    real(wp) :: a(6), psi
     integer :: e
     if (b%chain) then
       call chain_deformations(b%ne, b%nd, b%nf, b%edof, b%factors, qx, d)
       return
     end if
+    call linear_deformations(b, qx, d)
+    if (.not. b%stiffening .or. b%nd < 3) return
     do e = 1, b%ne
       call gather(b, e, qx, a)
       psi = (a(5) - a(2))*b%factors(2, e)
-      p1 = a(3) - psi
-      p2 = a(6) - psi
-      d(b%nd - 1, e) = p1
-      d(b%nd, e) = p2
-      if (b%nd == 3) then
-        d(1, e) = a(4) - a(1)
-        if (b%stiffening) d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 &
-                                                                + (2*p1**2 - p1*p2 + 2*p2**2)/30)
-      end if
+      associate (p1 => d(b%nd - 1, e), p2 => d(b%nd, e))
+        d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
+      end associate
     end do
   end subroutine deformations
+
+  !> The same without geometric stiffening.
+  pure subroutine linear_deformations(b, qx, d)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero
+    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
+    real(wp) :: a(6), psi
+    integer :: e
+    do e = 1, b%ne
+      call gather(b, e, qx, a)
+      psi = (a(5) - a(2))*b%factors(2, e)
+      d(b%nd - 1, e) = a(3) - psi
+      d(b%nd, e) = a(6) - psi
+      if (b%nd == 3) d(1, e) = a(4) - a(1)
+    end do
+  end subroutine linear_deformations
 
   !> Coordinates (or rates) of an element in its own axes.
   pure subroutine gather(b, e, x, a)

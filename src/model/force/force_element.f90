@@ -17,6 +17,7 @@ module force_element
     logical :: left_limit = .false.       !! a jump of a history at t is not yet felt
     integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
     real(wp) :: factor = 1.0_wp           !! fraction of the loads that acts [-]
+    real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
   end type conditions
 
@@ -53,7 +54,7 @@ module force_element
     procedure :: every_way => never               !! it pulls its markers together whatever direction they part in
     procedure :: along_line => never              !! it acts along the line between its markers, which turns
     procedure :: init_from_assembly => no_settling !! told the markers as assembled
-    procedure :: prestress => no_prestress        !! the part of its prestress that acts in the static analysis
+    procedure :: unprestressed => no_prestress    !! what the deformation has too much while prestress acts in part
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
   end type force_model
@@ -129,9 +130,10 @@ contains
   end function no_energy
 
   !> Without internal variables there is nothing to set.
-  pure subroutine keep_coordinates(self, p, z)
+  pure subroutine keep_coordinates(self, p, prestress, z)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: prestress       !! fraction that acts [-]
     real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
   end subroutine keep_coordinates
 
@@ -149,10 +151,11 @@ contains
   end subroutine no_settling
 
   !> Most elements have no prestress.
-  pure subroutine no_prestress(self, factor)
-    class(force_model), intent(inout) :: self
-    real(wp), intent(in) :: factor          !! [-]
-  end subroutine no_prestress
+  pure real(wp) function no_prestress(self, prestress) result(d)   ! [m] or [rad]
+    class(force_model), intent(in) :: self
+    real(wp), intent(in) :: prestress       !! fraction that acts [-]
+    d = 0.0_wp
+  end function no_prestress
 
   !> Most elements can act wherever their markers are.
   pure function no_fault(self, p, gap) result(text)

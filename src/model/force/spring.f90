@@ -11,8 +11,7 @@ module spring
 
   !> A spring.
   type, abstract, extends(force_model), public :: spring_model
-    real(wp) :: free = 0.0_wp              !! free length [m] or angle [rad], as it acts now
-    real(wp) :: free_in_deck = 0.0_wp      !! with all of the prestress [m] or [rad]
+    real(wp) :: free = 0.0_wp              !! free length [m] or angle [rad]
     real(wp) :: assembled = 0.0_wp         !! deformation in the assembled scene [m] or [rad]
     logical :: pending = .false.           !! free value still to be taken from the assembled positions
   contains
@@ -21,7 +20,7 @@ module spring
     procedure :: energy => spring_energy
     procedure :: relax => spring_relax
     procedure :: init_from_assembly => spring_settle
-    procedure :: prestress => spring_prestress
+    procedure :: unprestressed => spring_prestress
   end type spring_model
 
 contains
@@ -38,6 +37,7 @@ contains
     real(wp) :: d, dd, e(3), f
     integer :: k, i
     call self%deformation(p, d, dd, e)
+    d = d - self%unprestressed(with%prestress)
     f = self%stiffness*d + self%damping*dd
     x%dissipated = self%damping*dd**2
     associate (law => self%law)
@@ -94,12 +94,14 @@ contains
   end function spring_energy
 
   !> Viscoelastic terms at rest follow the deformation.
-  pure subroutine spring_relax(self, p, z)
+  pure subroutine spring_relax(self, p, prestress, z)
     class(spring_model), intent(in) :: self
     type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: prestress      !! fraction that acts [-]
     real(wp), intent(inout) :: z(*)        !! (nz) all internal variables [m, rad]
     real(wp) :: d, dd, e(3)
     call self%deformation(p, d, dd, e)
+    d = d - self%unprestressed(prestress)
     z(self%offset + 1:self%offset + self%law%second) = d
     z(self%first_order + 1:self%first_order + self%law%first) = d
   end subroutine spring_relax
@@ -116,14 +118,13 @@ contains
       if (self%angular .or. abs(d) > gap) self%free = d
       self%pending = .false.
     end if
-    self%free_in_deck = self%free
     call self%deformation(p, self%assembled, dd, e)
   end subroutine spring_settle
 
-  !> The free value goes from the assembled length or angle to the deck's.
-  pure subroutine spring_prestress(self, factor)
-    class(spring_model), intent(inout) :: self
-    real(wp), intent(in) :: factor         !! [-]
-    self%free = self%free_in_deck + (1 - factor)*self%assembled
-  end subroutine spring_prestress
+  !> While prestress grows the free value goes from the assembled length or angle to the deck's.
+  pure real(wp) function spring_prestress(self, prestress) result(d)   ! [m] or [rad]
+    class(spring_model), intent(in) :: self
+    real(wp), intent(in) :: prestress      !! fraction that acts [-]
+    d = (1 - prestress)*self%assembled
+  end function spring_prestress
 end module spring

@@ -37,7 +37,10 @@ contains
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
     real(wp) :: rate, e(3)
     x(1) = m%action(self%element)%force
-    call m%s%forces(self%element)%item%deformation(m%p, x(2), rate, e)
+    associate (f => m%s%forces(self%element)%item)
+      call f%deformation(m%p, x(2), rate, e)
+      x(2) = x(2) - f%unprestressed(m%options%prestress)
+    end associate
   end subroutine read_spring
 
   !> With its stiffness at s.

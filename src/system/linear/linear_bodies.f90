@@ -18,10 +18,10 @@ module linear_bodies
 contains
 
   !> Inertia and elasticity of one body, about the state of the last evaluation.
-  subroutine linear_body(m, b, q, v, lin)
+  subroutine linear_body(m, b, q, v, a, lin)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
-    real(wp), intent(in), contiguous :: q(:), v(:)       !! (nq) positions and velocities [m, rad] and per second
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:) !! (nq) positions, velocities, accelerations [m, rad] and per second
     type(linear_mechanism), intent(inout) :: lin
     type(body_equations) :: t
     real(wp), allocatable :: origin(:, :)                ! columns of the origin in the mass
@@ -29,7 +29,7 @@ contains
     real(wp) :: acc(2)
     integer :: k, i, n
     i = m%s%qo(b)
-    acc = m%a(i + 1:i + 2) - m%s%gravity
+    acc = a(i + 1:i + 2) - m%options%gravity
     acc = [m%cos_theta(b)*acc(1) + m%sin_theta(b)*acc(2), m%cos_theta(b)*acc(2) - m%sin_theta(b)*acc(1)]
     associate (body => m%s%bodies(b))
       n = 3 + body%nf
@@ -43,11 +43,11 @@ contains
       origin(3, :) = [-m%pin(2, b), m%pin(1, b)]
       if (body%flexible) origin(4:, :) = body%sbar
       call lin%damping%add_block(x, x(1:2), 2*v(i + 3)*matmul(origin, h))
-      call lin%stiffness%add_block(x, x(1:2), matmul(origin, m%a(i + 3)*h - v(i + 3)**2*one))
+      call lin%stiffness%add_block(x, x(1:2), matmul(origin, a(i + 3)*h - v(i + 3)**2*one))
       if (body%modal) then
-        call modal_block(body, b, x(4:), v(i + 3), m%a(i + 3), lin)
+        call modal_block(body, b, x(4:), v(i + 3), a(i + 3), lin)
       else if (body%flexible) then
-        call nodal_block(body, b, i + 3, v(i + 3), m%a(i + 3), q(i + 4:i + n), lin)
+        call nodal_block(body, b, i + 3, v(i + 3), a(i + 3), q(i + 4:i + n), lin)
       end if
     end associate
   contains
@@ -56,7 +56,7 @@ contains
       real(wp), intent(in) :: a2, a1, a0                 !! one of them 1 [-]
       type(triplet_matrix), intent(inout) :: matrix
       associate (body => m%s%bodies(b))
-        call body_tangent(t, body, a2, a1, a0, q(i + 1:i + n), v(i + 1:i + n), m%a(i + 1:i + n), acc)
+        call body_tangent(t, body, a2, a1, a0, q(i + 1:i + n), v(i + 1:i + n), a(i + 1:i + n), acc)
         call matrix%add_block(x(1:3), x(1:3), t%block)
         if (.not. body%flexible) return
         call matrix%add_block(x(1:2), x(4:), matmul(t%origin(1)*one + t%origin(2)*h, transpose(body%sbar)))

@@ -11,7 +11,7 @@
 module linearisation
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: conditions
+  use force_element, only: conditions, element_action
   use linear_bodies, only: linear_body
   use linear_matrices, only: linear_mechanism, count_segments
   use mechanism, only: mechanism_model, conditions_of
@@ -23,10 +23,12 @@ module linearisation
 
 contains
 
-  !> Linearises about the state of the last `evaluate` of m.
-  subroutine linearise(m, q, v, lin)
+  !> Linearises about the state of the last `evaluate` of m, with these accelerations, multipliers and forces.
+  subroutine linearise(m, q, v, a, lambda, action, lin)
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) the evaluated state [m, rad] and per second
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) the evaluated state [m, rad] and per second, accelerations
+    real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
+    type(element_action), intent(in) :: action(:)    !! (force elements)
     type(linear_mechanism), intent(out) :: lin
     real(wp), allocatable :: wrench(:, :)
     integer :: b
@@ -34,10 +36,10 @@ contains
     lin%rows = m%s%rows
     call count_segments(m, lin)
     allocate (wrench(3, size(m%s%markers)), source=0.0_wp)
-    call marker_terms(m, v, lin, wrench)
+    call marker_terms(m, v, lambda, action, lin, wrench)
     call constraint_rows_matrix(m, lin)
     do b = 1, size(m%s%bodies)
-      call linear_body(m, b, q, v, lin)
+      call linear_body(m, b, q, v, a, lin)
     end do
     call turning_terms(m, wrench, lin)
   end subroutine linearise
@@ -119,9 +121,11 @@ contains
   end function to_body
 
   !> Joints and force elements: marker-level stiffness and damping, and the residual wrench on every marker.
-  subroutine marker_terms(m, v, lin, wrench)
+  subroutine marker_terms(m, v, lambda, action, lin, wrench)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
+    real(wp), intent(in) :: lambda(:)          !! (rows) [N]
+    type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
     real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment
     type(marker_stiffness) :: t
@@ -131,15 +135,15 @@ contains
         t%ia = c%ia
         t%ib = c%ib
         t%c = 0.0_wp
-        call c%geometric(m%p, m%lambda, t)
+        call c%geometric(m%p, lambda, t)
         call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
         do i = c%first, c%first + c%rows - 1
-          call push(m, c%ia, m%rows%na(:, i)*m%lambda(i), m%rows%sa(i)*m%lambda(i), wrench)
-          call push(m, c%ib, m%rows%nb(:, i)*m%lambda(i), m%rows%sb(i)*m%lambda(i), wrench)
+          call push(m, c%ia, m%rows%na(:, i)*lambda(i), m%rows%sa(i)*lambda(i), wrench)
+          call push(m, c%ib, m%rows%nb(:, i)*lambda(i), m%rows%sb(i)*lambda(i), wrench)
         end do
       end associate
     end do
-    call element_terms(m, v, lin, wrench)
+    call element_terms(m, v, action, lin, wrench)
   end subroutine marker_terms
 
   !> Adds a force (global) and a moment to a marker's residual wrench.
@@ -154,9 +158,10 @@ contains
 
   !> Force elements: their tangents, with the runs of their GHM terms, and their wrenches. Forces that keep their direction in the
   !> axes of a body turn with it.
-  subroutine element_terms(m, v, lin, wrench)
+  subroutine element_terms(m, v, action, lin, wrench)
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
+    type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
     real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) [N, N m]
     type(marker_stiffness) :: t
@@ -166,7 +171,7 @@ contains
     integer :: k, j, segment
     segment = findloc(lin%segments%element > 0, .true., 1) - 1
     do k = 1, size(m%s%forces)
-      associate (f => m%s%forces(k)%item, x => m%action(k))
+      associate (f => m%s%forces(k)%item, x => action(k))
         with = conditions_of(m, k, m%t)
         t%ia = f%ia
         t%ib = f%ib

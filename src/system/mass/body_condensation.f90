@@ -14,17 +14,17 @@ module body_condensation
 contains
 
   !> Condensed mass, forces and products of every body: rhs, low, dinv, pin of the mechanism.
-  subroutine condense_bodies(self, q, v, z, zd)
+  subroutine condense_bodies(self, gravity, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    real(wp), intent(in) :: gravity(2)                !! [m/s2]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
     integer :: b
     do b = 1, size(self%cos_theta)
       if (self%flexible(b)) then
-        call flexible_body(self, b, q, v, z, zd)
+        call flexible_body(self, b, gravity, q, v, z, zd)
       else
-        call rigid_body(self%rigid(:, b), self%cos_theta(b), self%sin_theta(b), self%s%gravity, v(self%s%qo(b) + 3), self%pin(:, &
-            b), &
+        call rigid_body(self%rigid(:, b), self%cos_theta(b), self%sin_theta(b), gravity, v(self%s%qo(b) + 3), self%pin(:, b), &
                         self%rhs(:, b), self%frame_l(:, b), self%frame_dinv(:, b))
       end if
     end do
@@ -48,9 +48,10 @@ contains
   end subroutine rigid_body
 
   !> Elastic forces, the two banded solves and the condensed mass and forces of a flexible body.
-  subroutine flexible_body(self, b, q, v, z, zd)
+  subroutine flexible_body(self, b, gravity, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
     integer, intent(in) :: b
+    real(wp), intent(in) :: gravity(2)                !! [m/s2]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz)
     real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sv(2), i1q, i1v, tt
@@ -60,8 +61,8 @@ contains
     thetad = v(i)
     associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
       n = prototype%nf
-      g(1) = self%cos_theta(b)*self%s%gravity(1) + self%sin_theta(b)*self%s%gravity(2)
-      g(2) = -self%sin_theta(b)*self%s%gravity(1) + self%cos_theta(b)*self%s%gravity(2)
+      g(1) = self%cos_theta(b)*gravity(1) + self%sin_theta(b)*gravity(2)
+      g(2) = -self%sin_theta(b)*gravity(1) + self%cos_theta(b)*gravity(2)
       call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), prototype%sbar, prototype%i1f, prototype%c0, g, thetad, body%qx, &
                           body%vx, body%elastic_force, &
                           body%angle_coupling, p, sv, i1q, i1v)

@@ -49,7 +49,7 @@ contains
   pure real(wp) function largest_acceleration(self) result(a)
     type(mechanism_model), intent(in) :: self
     integer :: b, e
-    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%acceleration_bias)), norm2(self%s%gravity), maxval(abs(self%free)))
+    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%acceleration_bias)), norm2(self%options%gravity), maxval(abs(self%free)))
     do b = 1, size(self%cos_theta)
       do e = self%side_first(b), self%side_first(b + 1) - 1
         a = max(a, maxval(abs(marker_acceleration(self, b, self%end_marker(e)))))
@@ -63,10 +63,12 @@ contains
     real(wp), intent(out), contiguous :: r(:)        !! (rows) [m/s2]
     integer :: i, b, e
     r = 0.0_wp
-    if (any(self%baumgarte > 0.0_wp)) then
-      call row_rates(self, r)
-      r = 2*self%baumgarte(1)*r + self%baumgarte(2)**2*self%rows%phi
-    end if
+    associate (baumgarte => self%options%baumgarte)
+      if (any(baumgarte > 0.0_wp)) then
+        call row_rates(self, r)
+        r = 2*baumgarte(1)*r + baumgarte(2)**2*self%rows%phi
+      end if
+    end associate
     do i = 1, self%s%rows
       r(i) = r(i) + self%rows%acceleration_bias(i) + dot_product(self%rows%na(:, i), self%p%bias(:, self%row_marker(1, i))) &
              + dot_product(self%rows%nb(:, i), self%p%bias(:, self%row_marker(2, i)))

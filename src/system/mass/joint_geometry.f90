@@ -13,13 +13,14 @@ module joint_geometry
 contains
 
   !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry says what that means.
-  subroutine factor_joints(self)
+  subroutine factor_joints(self, accept_weak_pivots)
     type(mechanism_model), intent(inout) :: self
+    logical, intent(in) :: accept_weak_pivots     !! the matrix as it is, as long as its pivots can be told from 0
     logical :: good
     call self%schur%factor_strong(good)
     if (good) return
     call condense_geometry(self)
-    call self%schur%factor_weak()
+    call self%schur%factor_weak(accept_weak_pivots)
   end subroutine factor_joints
 
   !> Sums G from the unit wrenches of the last evaluation, body by body.
@@ -32,7 +33,7 @@ contains
       if (self%side_first(b + 1) == self%side_first(b)) cycle
       call extent(self, b, middle, reach)
       call add_frame(self, b, middle, reach)
-      if (self%flexible(b) .and. .not. self%frozen) call add_elastic(self, b, self%attached(b), reach)
+      if (self%flexible(b) .and. .not. self%elastic_held) call add_elastic(self, b, self%attached(b), reach)
     end do
   end subroutine condense_geometry
 

@@ -103,7 +103,7 @@ contains
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
       n = self%s%bodies(self%prototype(b))%nf
-      if (self%frozen) then
+      if (self%elastic_held) then
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if

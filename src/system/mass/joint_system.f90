@@ -3,6 +3,7 @@
 !> coordinates is in `joint_response`. Loops run over plain arrays; rigid bodies never touch their models.
 module joint_system
   use kinds, only: wp
+  use evaluation_settings, only: evaluation_options
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -11,11 +12,12 @@ module joint_system
 contains
 
   !> Phi, its gradients and the other parts of every constraint, from the markers' states.
-  subroutine constraint_values(self, t)
+  subroutine constraint_values(self, options, t)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    self%rows%left_limit = self%left_limit .or. t >= self%t_end ! drives stop at the end of a run: what would follow is not felt
+    self%rows%left_limit = options%left_limit .or. t >= options%t_end   ! what would follow after the end of a run is not felt
     do k = 1, size(self%s%constraints)
       call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
     end do
@@ -56,9 +58,11 @@ contains
   end subroutine add_angle_terms
 
   !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
-  subroutine condense_constraints(self)
+  subroutine condense_constraints(self, elastic_held)
     type(mechanism_model), intent(inout) :: self
+    logical, intent(in) :: elastic_held     !! elastic coordinates do not move
     integer :: b, first, last, n, pairs
+    self%elastic_held = elastic_held
     call self%schur%clear()
     call unit_wrenches(size(self%side_row), self%side_row, self%end_marker, self%side_body, self%side_is_a, &
                        size(self%cos_theta), self%cos_theta, &
@@ -71,7 +75,7 @@ contains
       last = self%side_first(b + 1) - 1
       n = last - first + 1
       pairs = pairs + n*(n + 1)/2
-      if (n == 0 .or. .not. self%flexible(b) .or. self%frozen) cycle
+      if (n == 0 .or. .not. self%flexible(b) .or. elastic_held) cycle
       associate (at => self%attached(b), prototype => self%attached(self%attached_prototype(b)))
         call condense_elastic(n, self%side_attachment(first:last), size(at%marker), prototype%ep, at%ey, self%w(:, first:last), &
                               self%frame_wrench(:, first:last))

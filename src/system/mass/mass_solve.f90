@@ -21,16 +21,18 @@ contains
     integer :: b, e
     call solve_bodies(m, r, u)
     if (.not. held .or. m%s%rows == 0) return
-    m%lambda = 0.0_wp
-    do b = 1, size(m%s%bodies)
-      do e = m%side_first(b), m%side_first(b + 1) - 1
-        m%lambda(m%side_row(e)) = m%lambda(m%side_row(e)) + row_shift(m, b, e, u)
+    associate (mu => m%lambda_change, x => m%change)
+      mu = 0.0_wp
+      do b = 1, size(m%s%bodies)
+        do e = m%side_first(b), m%side_first(b + 1) - 1
+          mu(m%side_row(e)) = mu(m%side_row(e)) + row_shift(m, b, e, u)
+        end do
       end do
-    end do
-    call m%schur%solve(m%lambda)
-    call apply_multipliers(m, m%lambda, m%a)
-    call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(m%a), m%a)
-    u = u + m%a
+      call m%schur%solve(mu)
+      call apply_multipliers(m, mu, x)
+      call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(x), x)
+      u = u + x
+    end associate
   end subroutine solve_mass
 
   !> u = M^-1 r, joints released.

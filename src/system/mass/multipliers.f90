@@ -29,7 +29,6 @@ module multipliers
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
-    logical :: accept_weak_pivots = .false.    !! wanted: S as it is, however weak its pivots, as long as they can be told from 0
     logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
     logical :: uneven_masses = .false.         !! very uneven masses: multipliers are exact only after corrections
     logical :: ill_conditioned = .false.       !! masses so uneven that double precision no longer holds S
@@ -132,10 +131,11 @@ contains
 
   !> Factors an S with weak pivots, knowing G: as it is where no row depends on others; with a shift of all rows where S is
   !> singular but otherwise even; with the dependent rows alone shifted, by their own diagonal, where it is both.
-  subroutine factor_weak(self)
+  subroutine factor_weak(self, accept_weak_pivots)
     class(multiplier_system), intent(inout) :: self
+    logical, intent(in) :: accept_weak_pivots   !! S as it is, however weak its pivots, as long as they can be told from 0
     logical :: good
-    if (self%accept_weak_pivots) then
+    if (accept_weak_pivots) then
       call take_matrix(size(self%s), size(self%f), self%s, self%f)
       call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, self%uneven_masses)
       if (self%uneven_masses) return

@@ -15,7 +15,7 @@ module border_rows
   public :: coupling, row_system, factor_rows, hold_weak_rows, solve_rows
 
   integer, parameter, public :: from_joint = 1, from_element = 2
-  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of row_system%shift [-]
+  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of the constraint rows [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> A law between displacement rows: force_i = sum_j k_ij u_j + g_ij y_j.
@@ -57,7 +57,6 @@ module border_rows
     real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows
     real(wp), allocatable :: y(:)            !! (n) solution, by row
     real(wp), allocatable :: x(:)            !! (n) right-hand side, by position
-    real(wp) :: shift = light_shift          !! added to the diagonal of constraint rows, relative: dependent rows [-]
     real(wp) :: shift_used = light_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
@@ -65,19 +64,20 @@ module border_rows
 
 contains
 
-  !> The equations between rows from their compliance, and their LU factor.
-  subroutine factor_rows(r)
+  !> The equations between rows from their compliance, and their LU factor. The shift keeps dependent rows apart.
+  subroutine factor_rows(r, shift)
     type(row_system), intent(inout) :: r
+    real(wp), intent(in) :: shift            !! added to the diagonal of constraint rows, relative [-]
     integer :: i, j, k, p, o, n, info
     real(wp) :: x
     n = r%n
     r%bad = .false.
-    r%shift_used = r%shift
+    r%shift_used = shift
     if (n == 0) return
     do i = 1, r%nc
       p = r%position(i)
       r%e(:, p) = r%s(:, p)
-      r%e(0, p) = r%e(0, p)*(1 + r%shift)
+      r%e(0, p) = r%e(0, p)*(1 + shift)
     end do
     do i = r%nc + 1, n
       p = r%position(i)
@@ -121,9 +121,7 @@ contains
   subroutine hold_weak_rows(r)
     type(row_system), intent(inout) :: r
     if (r%nc == 0 .or. r%bad .or. r%weakest > weak_pivot) return
-    r%shift = strong_shift
-    call factor_rows(r)
-    r%shift = light_shift
+    call factor_rows(r, strong_shift)
   end subroutine hold_weak_rows
 
   !> e <- e + x s, s the compliance of the row o markers further on.

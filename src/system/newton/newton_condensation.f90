@@ -165,16 +165,17 @@ contains
   end subroutine add_compliance
 
   !> The correction dq (global axes) and that of the multipliers (rows%y), from solved elastic residuals.
-  subroutine correction(self, m, dq)
+  subroutine correction(self, m, gap, dq)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    real(wp), intent(in) :: gap(:)           !! (rows) what the rows are open by [m]
     real(wp), intent(out) :: dq(:)           !! (nq) [m, rad]
     integer :: b
     self%rows%d = 0.0_wp
     do b = 1, size(self%b)
       call free_frame(self, m, b)
     end do
-    call solve_rows(self%rows, m%rows%phi)
+    call solve_rows(self%rows, gap)
     do b = 1, size(self%b)
       call body_correction(self, m, b, dq)
     end do

@@ -7,6 +7,7 @@ module newton_equations
   use border_rows, only: from_joint, factor_rows
   use constraint, only: marker_stiffness
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
+  use evaluation_settings, only: evaluation_options
   use mechanism, only: mechanism_model, conditions_of
   use newton_condensation, only: condense_frame, condense_rows, fill_columns
   use newton_system, only: newton_matrix
@@ -78,19 +79,21 @@ contains
   end subroutine predict_terms
 
   !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
-  subroutine residual(self, m, t, q, v, a, lambda)
+  subroutine residual(self, m, options, t, q, v, a, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) positions [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     integer :: b, i, n, k
     self%solved = .false.
+    m%options = options
     call set_frames(m, q)
     call marker_kinematics(m, q, v)
     call element_state(self, m)
-    call applied_forces(m, t, self%element_z, self%element_zd)
-    call constraint_values(m, t)
+    call applied_forces(m, options, t, self%element_z, self%element_zd)
+    call constraint_values(m, options, t)
     call gather_wrenches(self, m, lambda)
     do b = 1, size(self%b)
       i = m%s%qo(b)
@@ -111,13 +114,13 @@ contains
     end do
   end subroutine residual
 
-  !> A^T (R'' - g) of a body [m/s2].
+  !> A^T (R'' - g) of a body, with the weight of the last residual [m/s2].
   pure function frame_acceleration(m, b, a) result(x)
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b
     real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
     real(wp) :: x(2), g(2)                   !! [m/s2]
-    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - m%s%gravity
+    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - m%options%gravity
     x(1) = m%cos_theta(b)*g(1) + m%sin_theta(b)*g(2)
     x(2) = m%cos_theta(b)*g(2) - m%sin_theta(b)*g(1)
   end function frame_acceleration
@@ -165,13 +168,14 @@ contains
   end subroutine gather_wrenches
 
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored.
-  subroutine renew(self, m, t, q, v, a, lambda, whole, bad)
+  subroutine renew(self, m, t, q, v, a, lambda, whole, shift, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     logical, intent(in) :: whole             !! factors the whole elastic blocks
+    real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b, i, n
     bad = .false.
@@ -202,7 +206,7 @@ contains
       end associate
     end do
     call condense_rows(self, m, v)
-    call factor_rows(self%rows)
+    call factor_rows(self%rows, shift)
     bad = self%rows%bad
   end subroutine renew
 

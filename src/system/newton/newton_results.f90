@@ -112,7 +112,7 @@ contains
     m%input_power = 0.0_wp
     call set_frames(m, q)
     call marker_kinematics(m, q, v)
-    call applied_forces(m, t, z, zd)
+    call applied_forces(m, m%options, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
         if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%viscosity &

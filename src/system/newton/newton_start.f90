@@ -2,8 +2,9 @@
 !> starts with and corrects its rates by.
 module newton_start
   use kinds, only: wp
-  use border_rows, only: hold_weak_rows
+  use border_rows, only: hold_weak_rows, light_shift
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
+  use evaluation_settings, only: evaluation_options
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: residual, renew
@@ -17,9 +18,10 @@ contains
   !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M a within the constraints. Motion much faster than the
   !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps a to
   !> second order.
-  subroutine smooth_accelerations(self, m, t, q, v, lambda, a, bad)
+  subroutine smooth_accelerations(self, m, options, t, q, v, lambda, a, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
     real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
@@ -27,27 +29,27 @@ contains
     real(wp), allocatable :: inertia(:), none(:)
     integer :: b, i, n
     allocate (inertia(size(a)), none(size(a)), source=0.0_wp)
-    call residual(self, m, t, q, v, a, lambda)
+    call residual(self, m, options, t, q, v, a, lambda)
     do b = 1, size(self%b)
       i = m%s%qo(b)
       n = self%b(b)%eq%n
       inertia(i + 1:i + 3) = self%b(b)%eq%frame
       if (n > 0) inertia(i + 4:i + 3 + n) = self%b(b)%eq%elastic(1:n)
     end do
-    call residual(self, m, t, q, v, none, lambda)
+    call residual(self, m, options, t, q, v, none, lambda)
     do b = 1, size(self%b)                    ! -c1 M a
       i = m%s%qo(b)
       n = self%b(b)%eq%n
       self%b(b)%eq%frame = self%c1*(self%b(b)%eq%frame - inertia(i + 1:i + 3))
       if (n > 0) self%b(b)%eq%elastic(1:n) = self%c1*(self%b(b)%eq%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
-    call renew(self, m, t, q, v, none, lambda, .false., bad)
+    call renew(self, m, t, q, v, none, lambda, .false., light_shift, bad)
     if (bad) return
     call hold_weak_rows(self%rows)
     call marker_kinematics(m, q, a)
-    call row_rates(m, m%rows%phi)             ! rows of x as those of a
-    m%rows%phi = m%rows%phi_t - m%rows%phi
-    call correction(self, m, inertia)
+    call row_rates(m, m%schur%r)              ! rows of x as those of a
+    m%schur%r = m%rows%phi_t - m%schur%r
+    call correction(self, m, m%schur%r, inertia)
     bad = .not. all(abs(inertia) < huge(1.0_wp))
     if (.not. bad) a = inertia
   end subroutine smooth_accelerations
@@ -62,7 +64,7 @@ contains
     integer :: i
     call set_frames(m, q)
     call marker_kinematics(m, q, v)
-    call constraint_values(m, t)
+    call constraint_values(m, m%options, t)
     call row_rates(m, rate)
     do i = 1, m%s%rows
       acceleration(i) = m%rows%acceleration_bias(i) + dot_product(m%rows%na(:, i), m%p%bias(:, m%row_marker(1, i))) &
@@ -93,24 +95,24 @@ contains
     real(wp), intent(out) :: dq(:)                        !! (nq) [m, rad] or theirs
     integer :: b
     call set_frames(m, q)
-    m%rows%phi = gap
     do b = 1, size(self%b)
       self%b(b)%eq%frame = 0.0_wp
       if (self%b(b)%eq%n > 0) self%b(b)%eq%elastic = 0.0_wp
     end do
-    call correction(self, m, dq)
+    call correction(self, m, gap, dq)
   end subroutine along_rows
 
   !> x such that v + x satisfies the rates of all rows, by the tangent that stands.
-  subroutine closing_rates(self, m, t, q, v, x)
+  subroutine closing_rates(self, m, options, t, q, v, x)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                             !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and rates
     real(wp), intent(out) :: x(:)                         !! (nq) [m/s, rad/s]
     call set_frames(m, q)
     call marker_kinematics(m, q, v)
-    call constraint_values(m, t)
+    call constraint_values(m, options, t)
     call row_rates(m, m%schur%r)
     call along_rows(self, m, q, m%schur%r, x)
   end subroutine closing_rates

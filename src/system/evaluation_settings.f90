@@ -1,0 +1,37 @@
+!> What an evaluation of the equations depends on beside the mechanism and its state.
+module evaluation_settings
+  use kinds, only: wp
+  use force_element, only: stage_transient
+  use scene_model, only: scene
+  implicit none (type, external)
+  private
+  public :: evaluation_options, usual_options, at_side
+
+  !> What acts, and from which side of a jump.
+  type :: evaluation_options
+    real(wp) :: gravity(2) = 0.0_wp             !! [m/s2]
+    real(wp) :: load_factor = 1.0_wp            !! fraction of the loads that acts [-]
+    real(wp) :: prestress = 1.0_wp              !! fraction of the springs' prestress that acts [-]
+    integer :: stage = stage_transient          !! the analysis: stage_static or stage_transient of `force_element`
+    logical :: left_limit = .false.             !! jumps of histories at the time of evaluation are not yet felt
+    real(wp) :: t_end = huge(1.0_wp)            !! end of the run, after which drives lead nowhere [s]
+    real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
+    logical :: accept_weak_pivots = .false.     !! the joints' equations as they are, however nearly singular
+  end type evaluation_options
+
+contains
+
+  !> What the deck has: its weight, all prestress, the loads of a transient.
+  pure type(evaluation_options) function usual_options(s) result(options)
+    type(scene), intent(in) :: s
+    options%gravity = s%gravity
+  end function usual_options
+
+  !> The same, before or after a jump at the time of evaluation.
+  pure type(evaluation_options) function at_side(options, left_limit) result(same)
+    type(evaluation_options), intent(in) :: options
+    logical, intent(in) :: left_limit
+    same = options
+    same%left_limit = left_limit
+  end function at_side
+end module evaluation_settings
