@@ -6,6 +6,7 @@
 #   WERROR=-Werror    empty: warnings of another compiler version do not stop the build
 #   NATIVE=1          adds -march=native: faster, runs on this kind of processor only
 #   DEBUG=1           the checked build (build/debug, bin/*-debug) for any target: make test DEBUG=1
+#   BUILD=release     or debug, sanitize (addresses, undefined behaviour), coverage: build/BUILD, bin/*-BUILD
 #   LDLIBS="-llapack -lblas"   the linear algebra libraries
 #   PYTHON=python3    the Python (3.9 or newer) from which .venv is made
 #   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
@@ -27,15 +28,15 @@ PREFIX  = /usr/local
 STANDARD = -std=f2018 -fimplicit-none -Wall -Wextra -Wno-unused-dummy-argument -Wno-uninitialized -Wno-maybe-uninitialized $(WERROR)
 # array temporaries are no faults, and telling of them would fill standard error
 CHECKED  = -O0 -g -fcheck=all,no-array-temps -fbacktrace -ffpe-trap=invalid,zero,overflow -finit-real=snan
-ifeq ($(DEBUG),1)
-  B      := build/debug
-  SUFFIX := -debug
-  FLAGS   = $(STANDARD) $(CHECKED)
-else
-  B      := build/release
-  SUFFIX :=
-  FLAGS   = $(STANDARD) $(FFLAGS) $(if $(filter 1,$(NATIVE)),-march=native)
-endif
+BUILD    := $(if $(filter 1,$(DEBUG)),debug,release)
+B        := build/$(BUILD)
+SUFFIX   := $(BUILD:%=-%)
+SUFFIX   := $(SUFFIX:-release=)
+FLAGS_release  = $(FFLAGS) $(if $(filter 1,$(NATIVE)),-march=native)
+FLAGS_debug    = $(CHECKED)
+FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
+FLAGS_coverage = -O0 -g --coverage
+FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
 MAIN     := $(B)/main.o

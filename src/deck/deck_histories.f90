@@ -145,7 +145,7 @@ contains
           '''rest'' or no ends')
       end if
     end if
-    if (.not. h%periodic) return
+    if (n == 0 .or. .not. h%periodic) return
     if (abs(h%values(n) - h%values(1)) <= 1.0e-9_wp*maxval(abs(h%values))) return
     call deck%complain('periodic', 'the table begins with '//to_text(h%values(1))//' and ends with '//to_text(h%values(n))// &
       ', expected equal values for periodic=.true.')

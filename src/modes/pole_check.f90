@@ -59,6 +59,7 @@ contains
     integer, allocatable :: orders(:)
     type(pole_region) :: region
     integer :: missing, number, lost, unasked, j
+    logical, allocatable :: vibrates(:)
     logical :: ok
     listed = pack(modes%lambda, modes%kind /= undamped_mode)
     number = size(listed) + count(listed%im > 0.0_wp)
@@ -77,7 +78,8 @@ contains
       region = pole_region(0.5_wp*minval(abs(named)), 2*maxval([abs(named), abs(laws)]), &
                            widest([named, laws], 0.0_wp, huge(1.0_wp), steepest))
     else
-      call region_of(named, maxval(abs(pack(listed, -listed%re < 0.5_wp*abs(listed)))), steepest, region, laws, ends)
+      vibrates = -listed%re < 0.5_wp*abs(listed)
+      call region_of(named, maxval(abs(listed), vibrates .or. .not. any(vibrates)), steepest, region, laws, ends)
     end if
     associate (more => named(size(listed) + 1:))
       unasked = count(abs(more) > region%inner .and. abs(more) < region%outer .and. atan2(more%im, more%re) < region%angle)

@@ -294,8 +294,7 @@ contains
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: members(:)                  !! the motions of the part
     logical, intent(in) :: damped
-    real(wp), allocatable :: rate(:, :), x(:, :), k(:, :), s(:), work(:)
-    real(wp) :: none(1, 2)
+    real(wp), allocatable :: rate(:, :), x(:, :), k(:, :), s(:), u(:, :), vt(:, :), work(:)
     integer, allocatable :: r(:), e(:), pivots(:), iwork(:)
     integer :: n, info
     r = pack(members, model%rigid(members))
@@ -313,9 +312,9 @@ contains
       call dgesv(size(e), n, k, size(e), pivots, x, size(e), info)
       if (info == 0) rate = rate - matmul(model%k(r, e), x)
     end if
-    allocate (s(n), work(20*n), source=0.0_wp)
+    allocate (s(n), u(n, n), vt(n, n), work(n*(4*n + 20)), source=0.0_wp)
     allocate (iwork(8*n), source=0)
-    call dgesdd('N', n, n, rate, n, s, none(:, 1:1), 1, none(:, 2:2), 1, work, size(work), iwork, info)
+    call dgesdd('A', n, n, rate, n, s, u, n, vt, n, work, size(work), iwork, info)   ! 'N' divides by zero on purpose
     zeros = zeros - count(s > undamped*maxval(model%scale))
   end function zero_poles
 

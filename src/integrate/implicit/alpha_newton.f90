@@ -224,6 +224,7 @@ contains
       self%lambda = self%lambda1
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
+    self%plain%kept = .false.
     call widen_scales(self)
     call system%factors(self%factors(1), self%factors(2), .false.)
   end subroutine accept_step

@@ -36,6 +36,7 @@ contains
     self%error%agreed = 0
     self%newton%exact_left = 0
     self%newton%contraction = 1.0_wp
+    self%plain%kept = .false.
     call set_step(self, system, h)
     self%a = self%vd
     call system%smooth(t, self%x(1:self%nq), self%v(1:self%nq), self%lambda, self%vd, ok)
@@ -86,12 +87,22 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     logical :: ok
     if (self%stale) call restore_factors(self, system)
-    self%a = h/self%now%h*(self%a - self%vd)
-    if (system%rows > 0) then
-      call matrix_here(self, system, t, ok)
-      if (ok) call remove_offsets(self, system, t)
-    end if
-    self%a = self%vd + self%a
+    associate (plain => self%plain)
+      if (.not. plain%kept) then
+        self%a = self%a - self%vd
+        if (system%rows > 0) then
+          call matrix_here(self, system, t, ok)
+          if (ok) call remove_offsets(self, system, t)
+        end if
+        plain%v = self%v
+        plain%vd = self%vd
+        plain%lag = self%a/self%now%h
+        plain%kept = .true.
+      end if
+      self%v = plain%v
+      self%vd = plain%vd
+      self%a = plain%vd + h*plain%lag
+    end associate
     call set_step(self, system, h)
     if (system%rows > 0) then
       call matrix_here(self, system, t, ok)

@@ -39,6 +39,14 @@ module alpha_state
     real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations
   end type error_memory
 
+  !> The state of the last accepted step on the derivatives of phi = 0: what every change of step that follows begins with, so
+  !> that steps that fail leave nothing behind.
+  type, public :: plain_state
+    logical :: kept = .false.                !! the step has been changed since the last accepted one
+    real(wp), allocatable :: v(:), vd(:)     !! (nq + nz) [m/s, rad/s] and per second
+    real(wp), allocatable :: lag(:)          !! (nq + nz) a - v' over the step [m/s3, rad/s3]
+  end type plain_state
+
   !> The method's variables.
   type, public :: alpha_solver
     type(alpha_method) :: method
@@ -57,6 +65,7 @@ module alpha_state
     type(position_measures) :: measure
     type(newton_memory) :: newton
     type(error_memory) :: error
+    type(plain_state) :: plain
     integer(ip) :: iterations = 0
     integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks, noted for the checkpoint
   end type alpha_solver
@@ -77,6 +86,7 @@ contains
     allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), self%pairs(n, 4), &
               source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), source=0.0_wp)
+    allocate (self%plain%v(n), self%plain%vd(n), self%plain%lag(n), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
     associate (s => self%measure)
       call system%measures(s%group, s%weight, s%whole, s%scale, s%grows)
@@ -154,6 +164,10 @@ contains
     call a%exchange(self%v)
     call a%exchange(self%vd)
     call a%exchange(self%a)
+    call a%exchange(self%plain%kept)
+    call a%exchange(self%plain%v)
+    call a%exchange(self%plain%vd)
+    call a%exchange(self%plain%lag)
     call a%exchange(self%lambda)
     call a%exchange(self%dissipated)
     call a%exchange(self%work)

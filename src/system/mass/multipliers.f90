@@ -174,10 +174,13 @@ contains
   !> The factor of S + eps 1.
   subroutine factor_shifted(self)
     class(multiplier_system), intent(inout) :: self
+    real(wp) :: eps                           ! [1/kg]
     logical :: good
     self%singular = .true.
     call take_matrix(size(self%s), size(self%f), self%s, self%f)
-    self%f(0, 1:self%n) = self%f(0, 1:self%n) + max(self%shift*sum(self%s(0, :))/self%n, tiny(1.0_wp))
+    eps = self%shift*sum(self%s(0, :))/self%n
+    if (.not. eps > tiny(1.0_wp)) eps = 1.0_wp   ! S is 0, no multiplier moves anything: any of ordinary size
+    self%f(0, 1:self%n) = self%f(0, 1:self%n) + eps
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor_shifted
 

@@ -120,9 +120,9 @@ contains
       end associate
     end do
     do b = 1, size(self%b)
-      if (.not. m%s%bodies(b)%rayleigh) cycle
       i = m%s%qo(b) + 3
       n = self%b(b)%eq%n
+      if (n == 0 .or. .not. m%s%bodies(b)%rayleigh) cycle
       associate (eq => self%b(b)%eq)
         eq%elastic = 0.0_wp
         call add_product(eq%op%even, eq%op%c, v(i + 1:i + n), eq%elastic(1:))

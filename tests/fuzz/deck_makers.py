@@ -1,0 +1,277 @@
+"""Decks for the fuzzer: scenes with every group and variable of the language, values that nobody would write, damaged bytes."""
+
+from __future__ import annotations
+
+import random
+import re
+import sys
+from pathlib import Path
+
+from hypothesis import strategies as st
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+import random_scenes
+import scenes
+
+METHODS = ["rk4", "dopri5", "generalized_alpha"]
+JOINTS = ["revolute", "weld", "slider", "prismatic", "distance"]
+WILD = """0 -0.0 -1 1 2 3 1e-300 1e-40 1e-30 1e-20 1e-12 1e-5 1e6 1e12 1e15 1e20 1e30 1e40 1e100 1e200 1e300 1e308 -1e308 1e400 nan inf
+ 2147483647 2147483648 -2147483648 9223372036854775807 1e-9 0.1 .true. .false. 'rod' '' 3* 2*0.5 99*1""".split()
+PIECES = """& / ' " = , ! 3* 99* nan 1e400 - . ; $ &end (1) 1.0x -1 0 'rod' &body kind='frame' &static/ &modal/ .true. \t \x00 \xff é""".split(" ")
+ASSIGNMENT = re.compile(r"(\w+)\s*=\s*('[^'\n]*'|[^\s',/]+)((?:,[^\s,/]+)*)")
+NUMBER = re.compile(r"(?<![\w.'])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w'])")
+GROUP = re.compile(r"^&.*?(?=^&|\Z)", re.DOTALL | re.MULTILINE)
+
+
+def some(dice: random.Random, low: float, high: float) -> str:
+    """Return a number between two powers of ten."""
+    return f"{10.0 ** dice.uniform(low, high):.4g}"
+
+
+def maybe(dice: random.Random, chance: float, text: str) -> str:
+    """Return the text, now and then."""
+    return text if dice.random() < chance else ""
+
+
+def terms(dice: random.Random) -> str:
+    """Return GHM and Maxwell terms, or none."""
+    text = ""
+    for names, ranges in ((("ghm_alpha", "ghm_zeta", "ghm_omega"), ((-2, 0.5), (-1, 1), (1, 4))), (("prony_alpha", "prony_tau"), ((-2, 0.5), (-5, 0)))):
+        count = dice.choice([0, 0, 0, 1, 2, 3])
+        if count:
+            text += "".join(f" {n}={','.join(some(dice, *r) for _ in range(count))}" for n, r in zip(names, ranges))
+    return text
+
+
+def materials(dice: random.Random) -> str:
+    """Return two materials and two sections."""
+    text = ""
+    for name in "mn":
+        terms_of = terms(dice)
+        more = terms_of + maybe(dice, 0.2, " rayleigh_mass=0.4") + maybe(dice, 0.2, " rayleigh_stiffness=1e-5")
+        more += maybe(dice, 0.2 * ("_" in terms_of), " ghm_frequency_scale=1.7")
+        text += f"&material name='{name}' density={some(dice, 2.5, 4)} young={some(dice, 7, 10)}{more} /\n"
+    shapes = ["area=1e-4 inertia=1e-9", "shape='rectangle' width=0.02 height=0.01", "shape='circle' diameter=0.02", "shape='tube' outer=0.03 inner=0.02"]
+    return text + "".join(f"&section name='{name}' {dice.choice(shapes)} /\n" for name in "st")
+
+
+def body(dice: random.Random, name: str) -> tuple[str, str, int]:
+    """Return a body, its kind and its number of nodes (0: none; negative: of a stiff one)."""
+    at = f"position={dice.uniform(-1, 1):.3f},{dice.uniform(-1, 1):.3f} angle={dice.uniform(-3, 3):.3f}"
+    at += maybe(dice, 0.3, f" angular_velocity={dice.uniform(-9, 9):.2f}") + maybe(dice, 0.15, " velocity=0.3,-0.2")
+    kind = dice.choice(["rigid", "beam", "beam", "frame"])
+    if kind == "rigid":
+        return f"&body name='{name}' kind='rigid' mass={some(dice, -2, 1)} inertia={some(dice, -4, 0)} com=0.1,0.02 {at} /\n", kind, 0
+    option = dice.choice(["", "", "stiffening=.true.", "modes=", "modes=", "flexible=.false.", "viscoelastic=.false."])
+    option += dice.choice(["", "", " reference='clamped'", " reference='pinned'", " reference_node=1,1,-1 reference_dof='u','v','v'"])
+    option = option.replace("modes=", f"modes={dice.randint(1, 3)} " + maybe(dice, 0.3 * ("ref" not in option), "reference='free' "))
+    if kind == "beam":
+        nodes = dice.randint(1, 5) + 1
+        made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1}"
+        made += dice.choice([" material='m'", f" element_material={','.join(dice.choice(['m', 'n']).join(chr(39) * 2) for _ in range(nodes - 1))}"])
+        option += maybe(dice, 0.3 * ("stiff" not in option), " axial=.false.")
+        return f"&body name='{name}' kind='beam' {made} section='s' {option} {at} /\n", kind, nodes if "flexible" not in option else -nodes
+    nodes = dice.randint(2, 5)
+    x = ",".join(f"{0.2 * k + dice.uniform(-0.05, 0.05):.3f}" for k in range(nodes))
+    y = ",".join(dice.choice(["0", f"{dice.uniform(-0.3, 0.3):.3f}"]) for _ in range(nodes))
+    pairs = ",".join(f"{k},{k + 1}" for k in range(1, nodes)) + maybe(dice, 0.3, f",{nodes},1")
+    return f"&body name='{name}' kind='frame' node_x={x} node_y={y} element_nodes={pairs} material='n' section='t' {option} {at} /\n", kind, nodes if "flexible" not in option else -nodes
+
+
+def marker(dice: random.Random, nodes: int, tail: str) -> str:
+    """Return a place of a body: one of its nodes, or a point of a rigid one."""
+    if nodes == 0:
+        return f"point{tail}={dice.choice(['0,0', '0.2,0', '-0.1,0.1'])}"
+    return f"node{tail}={dice.choice([1, -1, -1, dice.randint(1, abs(nodes))])}"
+
+
+def sides(dice: random.Random, bodies: list[tuple[str, int]], k: int | None = None, turns: bool = False) -> str:
+    """Return two places: of body k (or any) and of an earlier one, or of the ground; of what turns no points."""
+    k = dice.randrange(len(bodies)) if k is None else k
+    text = f"body_a='{bodies[k][0]}' {marker(dice, bodies[k][1], '_a')} "
+    if k == 0 or dice.random() < 0.3:
+        text += maybe(dice, 0.7, f"point_b={dice.uniform(-1, 1):.2f},{dice.uniform(-1, 1):.2f}")
+    else:
+        other = bodies[dice.randrange(k)]
+        text += f"body_b='{other[0]}' {marker(dice, other[1], '_b')}"
+    return re.sub(r"point_.=\S+", "", text) if turns else text
+
+
+def history(dice: random.Random, name: str) -> str:
+    """Return a history of any kind."""
+    kinds = [
+        "kind='polynomial' coefficients=0.1,2.0,-1.0",
+        f"kind='sine' amplitude=0.5 frequency={some(dice, -1, 2)} offset=0.2 phase=0.3",
+        "kind='ramp' start_value=0.1 end_value=1.0 start=0.001 finish=0.05",
+        "kind='cycloid' start_value=0 end_value=1 start=0 finish=0.02",
+        "kind='table' time=0,0.01,0.02,0.5 value=0,1,0.5,0"
+        + dice.choice(["", " interpolation='pchip'", " interpolation='linear'", " ends='rest'", " ends='natural'", " periodic=.true."]),
+        "kind='pulse' value=2 start=0.003 finish=0.007",
+        f"kind='sum' histories='h0','h1' factors=1,{dice.uniform(-2, 2):.2f}",
+        "kind='sequence' histories='h0','h1' durations=0.01,0.02" + dice.choice(["", " periodic=.true.", " start=0.005"]),
+    ]
+    return f"&history name='{name}' {dice.choice(kinds[: 6 if name in ('h0', 'h1') else 8])} /\n"
+
+
+def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
+    """Return what acts on the bodies, and sensors of all quantities."""
+    text = ""
+    for k in range(dice.choice([0, 0, 1, 2])):
+        kind = dice.choice(["linear", "torsional"])
+        text += f"&spring name='k{k}' type='{kind}' {sides(dice, bodies, turns=kind == 'torsional')} stiffness={some(dice, 0, 4)}"
+        text += terms(dice) + maybe(dice, 0.4, " damping=0.3") + " /\n"
+    for k in range(dice.choice([0, 1, 1, 2])):
+        name, nodes = dice.choice(bodies)
+        kind = dice.choice(["type='force' fx=1.0 fy=-3.0", "type='force' fy=2 axes='section'", "type='force' fx=3 axes='body'",
+                            "type='torque' moment=0.5", "type='torque_about' moment=1 centre=0.7,-2.1"])
+        more = maybe(dice, 0.5, f" history='h{dice.randint(0, 2)}'") + maybe(dice, 0.2, dice.choice([" stage='static'", " stage='transient'"]))
+        text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
+    if dice.random() < 0.3:
+        more = dice.choice(["", " rate=.true."])
+        kind = dice.choice(["rotation", "position"])
+        where = sides(dice, bodies, turns=kind == "rotation")
+        text += f"&drive name='d' type='{kind}' {where} history='h{dice.randint(0, 2)}'{more} /\n"
+    name, nodes = dice.choice(bodies)
+    text += maybe(dice, 0.3, f"&lump body='{name}' {marker(dice, nodes, '')} mass=0.1 inertia=1e-4 /\n")
+    for k, quantity in enumerate(["position", "velocity", "acceleration", "angle", "angular_velocity", "angular_acceleration"]):
+        name, nodes = dice.choice(bodies)
+        place = marker(dice, nodes, "") if k < 3 or (nodes and dice.random() < 0.5) else ""
+        text += maybe(dice, 0.6, f"&sensor name='{quantity}' quantity='{quantity}' body='{name}' {place} /\n")
+    flexible = [b for b in bodies if b[1] > 0]
+    if flexible:
+        name, nodes = dice.choice(flexible)
+        text += f"&sensor name='u' quantity='deflection' body='{name}' node=-1 /\n"
+        text += maybe(dice, 0.5, f"&sensor name='i' quantity='internal' body='{name}' element=1 /\n")
+        text += maybe(dice, 0.3, f"&sensor name='q' quantity='coordinate' body='{name}' index=1 /\n")
+    return text + ("&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else "")
+
+
+def transient(dice: random.Random) -> str:
+    """Return a &transient of some hundred steps at most."""
+    end = dice.choice([1e-3, 1e-3, 1e-2])
+    method = dice.choice(METHODS)
+    how = f"step={end / dice.choice([1, 7, 40, 200] if method[0] == 'g' else [20, 50, 200]):.6g}"
+    if method != "rk4" and dice.random() < 0.6:
+        how = f"tolerance={some(dice, -7, -2)}" + maybe(dice, 0.2, " first_step=1e-5") + maybe(dice, 0.2, " max_step=1e-3")
+    more = maybe(dice, 0.5, f" output_step={end / dice.choice([1, 2.5, 10]):.6g}") + maybe(dice, 0.2, f" motion_step={end / 3:.6g}")
+    more += maybe(dice, 0.2, f" checkpoint_interval={end / 2:.6g}") + maybe(dice, 0.15, " check_error=.true.") + maybe(dice, 0.1, " accept_unstable=.true." * (method[0] != "g"))
+    if method == "generalized_alpha":
+        more += maybe(dice, 0.3, f" spectral_radius={dice.uniform(0, 0.99):.2f}")
+    else:
+        more += maybe(dice, 0.2, dice.choice([" stabilization='baumgarte' baumgarte_alpha=90 baumgarte_beta=90", " stabilization='none'"]))
+    return f"&transient t_end={end} method='{method}' {how}{more} /\n"
+
+
+def analyses(dice: random.Random, text: str) -> str:
+    """Return analyses of all kinds."""
+    made = maybe(dice, 0.2, f"&static load_steps={dice.choice([1, 3, 10])} /\n") + maybe(dice, 0.2, f"&modal modes={dice.randint(1, 12)} /\n")
+    entries = [name for name in ("f0", "d") if f"name='{name}'" in text]
+    if entries and dice.random() < 0.2:
+        made += f"&frequency_response from=0.5 to={some(dice, 0, 4)} points=5 spacing='{dice.choice(['log', 'linear'])}' input='{dice.choice(entries)}' /\n"
+    return made + maybe(dice, 0.9, transient(dice))
+
+
+def language(dice: random.Random) -> str:
+    """Return a scene of any groups and variables: bodies in a tree, now and then loops."""
+    text = f"&scene title='fuzz' gravity=0,{dice.choice(['0', '-9.81'])} /\n" + materials(dice)
+    bodies = []
+    for k in range(dice.choice([1, 1, 2, 2, 3])):
+        group, _, nodes = body(dice, f"b{k}")
+        bodies.append((f"b{k}", nodes))
+        text += group
+        if dice.random() < 0.9:
+            kind = dice.choice(JOINTS)
+            more = maybe(dice, 0.6, f" direction={dice.uniform(-3, 3):.2f}") if kind in ("slider", "prismatic") else maybe(dice, 0.1, " length=0.4") if kind == "distance" else ""
+            text += f"&joint name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more} /\n"
+    text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS)}' {sides(dice, bodies)} /\n")
+    text += "".join(f"&sensor name='r{j}' quantity='reaction' joint='{j}' /\n" for j in re.findall(r"&joint name='(\w+)'", text))
+    return text + "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
+
+
+def drawn(dice: random.Random) -> str:
+    """Return a whole deck that somebody might have written."""
+    kind = dice.random()
+    if kind < 0.55:
+        text = language(dice)
+    elif kind < 0.85:
+        text = dice.choice([random_scenes.chain, random_scenes.crank, random_scenes.cantilever])(dice)
+        text = "&scene gravity=0,-9.81 /\n" + text + random_scenes.sensors(text)
+    else:
+        text = dice.choice(list(scenes.ALL.values())).replace(scenes.TRANSIENT, "")
+    return text + analyses(dice, text)
+
+
+def odd(dice: random.Random, deck: str) -> str:
+    """Return a deck with a value, an assignment or a group changed, doubled, exchanged or left out."""
+    kind = dice.choice(["number", "number", "number", "scale", "drop", "double", "swap", "borrow", "group", "again"])
+    found = list((NUMBER if kind in ("number", "scale") else GROUP if kind in ("group", "again") else ASSIGNMENT).finditer(deck))
+    if not found:
+        return deck
+    a, b = dice.choice(found), dice.choice(found)
+    new = ""
+    if kind == "number":
+        new = dice.choice(WILD)
+    elif kind == "scale":
+        new = f"{float(a[0]) * 10.0 ** dice.choice([-30, -9, -3, -1, 1, 3, 9, 30]) * dice.choice([1, 1, -1]):.6g}"
+    elif kind == "double":
+        new = a[0] + " " + a[0]
+    elif kind == "swap":
+        new = f"{a[1]}={b[2]}{b[3]}"
+    elif kind == "borrow":
+        new = a[0] + " " + b[0]
+    elif kind == "again":
+        new = a[0] + b[0]
+    return deck[: a.start()] + new + deck[a.end() :]
+
+
+def damaged(dice: random.Random, deck: bytes) -> bytes:
+    """Return a deck's bytes after a deletion, insertion, replacement, doubling, or cut off."""
+    at, length = dice.randint(0, len(deck)), dice.choice([1, 1, 1, 2, 5, 20, 80])
+    kind = dice.choice(["delete", "insert", "replace", "byte", "double", "cut"])
+    if kind == "cut":
+        return deck[:at]
+    if kind == "double":
+        return deck[: at + length] + deck[at:]
+    new = b"" if kind == "delete" else bytes([dice.randrange(256)]) if kind == "byte" else dice.choice(PIECES).encode()
+    return deck[:at] + new + deck[at + (0 if kind == "insert" else length) :]
+
+
+def shortened(text: str) -> str:
+    """Return a shipped deck whose transient takes some tens of steps."""
+    step = re.search(r"(?<![\w])step\s*=\s*([-+.\deE]+)", text)
+    end = re.search(r"\bt_end\s*=\s*([-+.\deE]+)", text)
+    if not end:
+        return text
+    short = 30 * float(step[1]) if step else float(end[1]) / 500
+    text = re.sub(r"\b(t_end\s*=\s*)[-+.\deE]+", rf"\g<1>{min(short, float(end[1])):.6g}", text)
+    return re.sub(r"\b(output_step|motion_step|checkpoint_interval)\s*=\s*[-+.\deE]+", "", text)
+
+
+def shipped() -> list[bytes]:
+    """Return every deck of the project, shortened, without those that include others by a path."""
+    files = [*sorted((ROOT / "input").glob("*.nml")), *sorted((ROOT / "tests").glob("reference/**/*.nml")), *sorted((ROOT / "tests" / "faulty").glob("*.nml"))]
+    return [shortened(path.read_bytes().decode("latin-1")).encode("latin-1") for path in files if path.stat().st_size < 20000]
+
+
+SHIPPED = shipped()
+
+
+@st.composite
+def decks(draw: st.DrawFn) -> bytes:
+    """Return a deck: as somebody might write it, with odd values, or damaged. One number makes it: what fails is minimised later."""
+    dice = draw(st.randoms(use_true_random=True))
+    kind = dice.random()
+    if kind < 0.35:
+        deck = dice.choice(SHIPPED)
+    else:
+        text = drawn(dice)
+        for _ in range(dice.choice([0, 0, 0, 1, 1, 2])):
+            text = odd(dice, text)
+        deck = text.encode()
+        if kind < 0.9:
+            return deck
+    for _ in range(dice.randint(1, 3)):
+        deck = damaged(dice, deck)
+    return deck
