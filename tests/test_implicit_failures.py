@@ -74,14 +74,11 @@ def test_a_beam_bent_beyond_all_shape_stops_the_run_between_rows(run_deck):
     assert 'body "rod" deflects by more than a thousand times the size of the scene' in told
 
 
-def test_a_load_that_no_step_can_follow(run_deck, biela):
-    """A load that grows so fast that Newton's method fails however often the step is halved."""
-    if biela.name.endswith("-debug"):
-        pytest.skip("the checked build traps the overflow from which the other recovers by halving the step")
+def test_steps_that_fail_leave_nothing_behind(run_deck):
+    """A load that no first step can follow: halved often enough a step can, as far as the beam has a shape."""
     run, told = failed(run_deck, BENT + IMPLICIT + "t_end=1.0 step=1e-4 output_step=1e-2 /\n")
-    assert "the equations of a step could not be solved" in told
-    assert 'body "rod"' in told
-    assert newton_failures(run.summary) > 20
+    assert 'body "rod" deflects by more than a thousand times the size of the scene' in told
+    assert 5 < newton_failures(run.summary) < 20
 
 
 def test_a_run_that_would_never_end_stops(run_deck):

@@ -26,7 +26,7 @@ from deck_makers import ASSIGNMENT, GROUP, ROOT, decks
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 BATCH = 100  # decks of one process
-PATIENCE = 2.0  # with a deck before it is asked to stop [s]
+PATIENCE = 6.0  # with a deck before it is asked to stop [s]
 HANG = 60.0  # after which a deck that was asked has stopped [s]
 MEMORY = 4 * 1024**3  # bytes of address space
 FOLDER = ROOT / "results" / "fuzz"
@@ -134,7 +134,7 @@ def wrong(folder: Path, name: str, status: int, said: str) -> str:
     if status == 1 and not said:
         return "failed without a message"
     if not summary.exists():
-        return "" if status == 0 and not results.exists() or status == 1 else "no summary"
+        return "" if status == 1 or not results.exists() else "no summary"
     told = summary.read_text(errors="replace").split("\ndeck text\n")[0]
     if ("outcome: done" in told) != (status == 0):
         return "summary and status contradict each other"
@@ -186,7 +186,7 @@ def judge(program: Path, texts: list[bytes], twin: bool = False) -> list[tuple[b
         ran = [n for n in names if ends[n] == (0, "") and not faults[n] and (folder / "results" / Path(n).stem / "energy.txt").exists()]
         for name in ran[:2] if twin else []:
             pair = twins(folder, name)
-            again = run(program, folder, pair, PATIENCE / 4) if pair else {}
+            again = run(program, folder, pair, PATIENCE / 6) if pair else {}
             if pair and all(again[n] == (0, "") for n in pair):
                 faults[name] = disagree(folder, pair)
         return [(text, faults[name], ends[name][0]) for name, text in zip(names, texts)]
