@@ -57,7 +57,7 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install debug probe demo joints test test-debug bench bench-peer extremes lint setup clean help FORCE
+.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
@@ -68,6 +68,8 @@ install: $(BIELA)                  ## the program, its manual page and completio
 	install -m 644 share/_biela $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_biela
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
+sanitize:                          ## bin/biela-sanitize: watches addresses and undefined behaviour
+	@$(MAKE) BUILD=sanitize all
 probe: $(PROBE) $(TOYS)    ## bin/probe, bin/tangent, bin/terms: the solver's inside, for the tests; toy kinds
 setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
 
@@ -90,6 +92,8 @@ extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stabili
 	@BIELA=$(BIELA) $(RUN) $<
 	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py
 	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/test_dopri5_scenes.py
+fuzz: tests/fuzz/fuzz.py debug sanitize $(VENV)   ## FUZZ_CASES=2000 decks of all kinds, FUZZ_SEED=1, against both checked builds
+	@$(RUN) $< bin/biela-debug bin/biela-sanitize
 
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests
@@ -145,6 +149,6 @@ endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
 	@awk "$$DEPENDENCIES" $(SOURCES) > $@
-ifneq ($(filter-out clean help lint setup debug test-debug,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out clean help lint setup debug sanitize test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

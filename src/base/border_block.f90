@@ -32,6 +32,7 @@ contains
     integer, intent(in) :: kd                         !! half band width of the border
     complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
     complex(wp) :: s
+    real(wp) :: largest   ! [any]
     integer :: info, k, w, m, i, j
     m = size(p%border)
     p%weak = 0
@@ -40,22 +41,24 @@ contains
     end do
     if (p%n == 0) return
     p%size = [(maxval(abs(p%ab(:, k))), k=1, p%n)]
+    largest = maxval(p%size)
+    where (p%size < tiny(1.0_wp)) p%size = merge(largest, 1.0_wp, largest >= tiny(1.0_wp))   ! a mode at its own frequency
     call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
     w = 0
     do k = 1, p%n
       if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot*p%size(k)) cycle
       if (w == slots) then
-        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)*max(p%size(k), tiny(1.0_wp))
+        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)*p%size(k)
         cycle
       end if
       w = w + 1
       p%weak(w) = k
-      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + max(p%size(k), tiny(1.0_wp))
+      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + p%size(k)
       p%left(m - slots + w, k) = -1.0_wp
     end do
     call zgbtrs('N', p%n, p%kd, p%kd, m - slots, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
     do k = 1, w
-      call back_substitute(p, p%weak(k), -max(p%size(p%weak(k)), tiny(1.0_wp)), p%right(:, m - slots + k))
+      call back_substitute(p, p%weak(k), -p%size(p%weak(k)), p%right(:, m - slots + k))
     end do
     do j = 1, m - slots + w
       do i = 1, m - slots + w

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
@@ -28,7 +27,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 BATCH = 100  # decks of one process
 PATIENCE = 6.0  # with a deck before it is asked to stop [s]
 HANG = 60.0  # after which a deck that was asked has stopped [s]
-MEMORY = 4 * 1024**3  # bytes of address space
+MEMORY = 4 * 1024**2  # of address space [kB]
 FOLDER = ROOT / "results" / "fuzz"
 STATUS = {"done": 0, "an analysis failed": 1, "refused": 2, "results could not be written": 3, "stopped by a signal": 143}
 DIED = re.compile(rb"Backtrace|runtime error|Sanitizer|Fortran runtime|SIG[A-Z]{3}|core dumped|On entry to")
@@ -43,13 +42,6 @@ ENVIRONMENT = {
 }
 
 
-def hold(program: Path) -> None:
-    """Limit memory (the sanitizer has a limit of its own) and leave no core."""
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if "sanitize" not in program.name:
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-
-
 def start(program: Path, folder: Path, names: list[str], patience: float) -> tuple[int, list[tuple[str, int]], bytes]:
     """Run decks in one process; its status, the decks that ended with theirs, what was said.
 
@@ -57,10 +49,9 @@ def start(program: Path, folder: Path, names: list[str], patience: float) -> tup
     """
     said, ended = folder / "said", []
     with said.open("wb") as log:
-        command = [str(program), *names, *(["missing.nml"] if len(names) == 1 else [])]
-        process = subprocess.Popen(
-            command, cwd=folder, stdout=subprocess.PIPE, stderr=log, env=ENVIRONMENT, preexec_fn=lambda: hold(program), text=True
-        )
+        limits = "ulimit -c 0; " + ("" if "sanitize" in program.name else f"ulimit -v {MEMORY}; ")  # the sanitizer has its own
+        command = ["sh", "-c", limits + 'exec "$@"', "sh", str(program), *names, *(["missing.nml"] if len(names) == 1 else [])]
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=log, env=ENVIRONMENT, text=True)
         waiting = True
         while waiting:
             clocks = [threading.Timer(patience, process.terminate), threading.Timer(patience + HANG, process.kill)]
@@ -183,8 +174,8 @@ def judge(program: Path, texts: list[bytes], twin: bool = False) -> list[tuple[b
             (folder / name).write_bytes(text)
         ends = run(program, folder, names)
         faults = {name: wrong(folder, name, *ends[name]) for name in names}
-        ran = [n for n in names if ends[n] == (0, "") and not faults[n] and (folder / "results" / Path(n).stem / "energy.txt").exists()]
-        for name in ran[:2] if twin else []:
+        ran = [n for n in names if ends[n] == (0, "") and (folder / "results" / Path(n).stem / "energy.txt").exists()]
+        for name in [n for n in ran if not faults[n]][:2] if twin else []:
             pair = twins(folder, name)
             again = run(program, folder, pair, PATIENCE / 6) if pair else {}
             if pair and all(again[n] == (0, "") for n in pair):
@@ -211,7 +202,7 @@ def smaller(program: Path, deck: bytes, kind: str, seconds: float = 30.0) -> byt
             if k >= len(found):
                 break
             shorter = text[: found[k].start()] + text[found[k].end() :]
-            (_, fault, _), = judge(program, [shorter.encode("latin-1")])
+            ((_, fault, _),) = judge(program, [shorter.encode("latin-1")])
             if fault and kind_of(fault) == kind:
                 text = shorter
             else:
