@@ -8,6 +8,7 @@ module build_bodies
   use body, only: body_model, lump, viscoelastic_segment
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, &
                         factor_mass, finish_elastic, allocate_work, body_length, sort_segments
+  use loaded_coordinates, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
   use text, only: to_text
   implicit none (type, external)
@@ -43,7 +44,7 @@ contains
       b%length = body_length(b%x)
       if (beyond_numbers(d, r, b, faults)) return
       if (r%kind /= 'rigid' .and. r%flexible) then
-        call make_flexible(d, r, b, faults)
+        call make_flexible(d, k, b, faults)
       else
         if (.not. allocated(b%segments)) allocate (b%segments(0))
         if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
@@ -173,49 +174,51 @@ contains
   end subroutine add_lumps
 
   !> Elastic coordinates, their integrals and what damps them.
-  subroutine make_flexible(d, r, b, faults)
+  subroutine make_flexible(d, k, b, faults)
     type(deck), intent(in) :: d
-    type(body_record), intent(in) :: r
+    integer, intent(in) :: k                  !! number of the body
     type(body_model), intent(inout) :: b
     type(fault_list), intent(inout) :: faults
     logical, allocatable :: removed(:, :), viscoelastic(:)
     integer :: e, bad
-    b%flexible = .true.
-    b%axial = r%axial
-    b%nd = merge(3, 2, r%axial)
-    b%stiffening = r%stiffening
-    allocate (viscoelastic(b%ne))
-    do e = 1, b%ne
-      associate (m => d%materials(b%material(e)))
-        viscoelastic(e) = r%viscoelastic .and. size(m%ghm_alpha) + size(m%prony_alpha) > 0
-      end associate
-    end do
-    call remove_coordinates(r, b, removed, faults)
-    call number_coordinates(b, removed)
-    if (b%nf == 0) then
-      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                      'no elastic coordinate remains; expected more elements, or flexible=.false.')
-      return
-    end if
-    call elastic_integrals(b)
-    if (r%modes > 0) then
-      call reduce(d, r, b, viscoelastic, faults)
-    else
-      call sort_segments(b, viscoelastic)
-      for_segments: do e = 1, size(b%segments)
-        call copy_terms(d, b%segments(e))
-      end do for_segments
-      call factor_mass(b, bad)
-      if (bad > 0) then
+    associate (r => d%bodies(k))
+      b%flexible = .true.
+      b%axial = r%axial
+      b%nd = merge(3, 2, r%axial)
+      b%stiffening = r%stiffening
+      allocate (viscoelastic(b%ne))
+      do e = 1, b%ne
+        associate (m => d%materials(b%material(e)))
+          viscoelastic(e) = r%viscoelastic .and. size(m%ghm_alpha) + size(m%prony_alpha) > 0
+        end associate
+      end do
+      call remove_coordinates(r, b, removed, faults)
+      call number_coordinates(b, removed)
+      if (b%nf == 0) then
         call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                        'the mass matrix is not positive definite; expected positive density, area and element lengths '// &
-                        'of comparable size')
+                        'no elastic coordinate remains; expected more elements, or flexible=.false.')
         return
       end if
-    end if
-    if (faults%count > 0) return
-    call finish_elastic(b)
-    call allocate_work(b)
+      call elastic_integrals(b)
+      if (r%modes > 0) then
+        call reduce(d, k, b, viscoelastic, faults)
+      else
+        call sort_segments(b, viscoelastic)
+        for_segments: do e = 1, size(b%segments)
+          call copy_terms(d, b%segments(e))
+        end do for_segments
+        call factor_mass(b, bad)
+        if (bad > 0) then
+          call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
+                          'the mass matrix is not positive definite; expected positive density, area and element lengths '// &
+                          'of comparable size')
+          return
+        end if
+      end if
+      if (faults%count > 0) return
+      call finish_elastic(b)
+      call allocate_work(b)
+    end associate
   end subroutine make_flexible
 
   !> Viscoelastic terms of a run's material.
@@ -261,34 +264,36 @@ contains
                     motions//' expected removed coordinates that stop all three')
   end subroutine remove_coordinates
 
-  !> Reduces the body to its lowest modes.
-  subroutine reduce(d, r, b, viscoelastic, faults)
+  !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
+  subroutine reduce(d, k, b, viscoelastic, faults)
     type(deck), intent(in) :: d
-    type(body_record), intent(in) :: r
+    integer, intent(in) :: k                  !! number of the body
     type(body_model), intent(inout) :: b
     logical, intent(in) :: viscoelastic(:)
     type(fault_list), intent(inout) :: faults
     type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, n, available
     logical :: bad
-    available = b%nf
-    if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
-    if (r%modes > available) then
-      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'modes is larger than the number of elastic modes of '// &
-                      'the mesh; expected at most '//to_text(available))
-      return
-    end if
-    allocate (segments(b%ne))
-    n = 0
-    do e = 1, b%ne
-      if (.not. viscoelastic(e)) cycle
-      if (any(segments(1:n)%material == b%material(e))) cycle
-      n = n + 1
-      segments(n)%material = b%material(e)
-      call copy_terms(d, segments(n))
-    end do
-    call reduce_to_modes(b, r%modes, segments(1:n), bad)
-    if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                             'the modes could not be computed: the mass matrix is not positive definite')
+    associate (r => d%bodies(k))
+      available = b%nf
+      if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
+      if (r%modes > available) then
+        call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'modes is larger than the number of elastic modes of '// &
+                        'the mesh; expected at most '//to_text(available))
+        return
+      end if
+      allocate (segments(b%ne))
+      n = 0
+      do e = 1, b%ne
+        if (.not. viscoelastic(e)) cycle
+        if (any(segments(1:n)%material == b%material(e))) cycle
+        n = n + 1
+        segments(n)%material = b%material(e)
+        call copy_terms(d, segments(n))
+      end do
+      call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), segments(1:n), bad)
+      if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
+                               'the modes could not be computed: the mass matrix is not positive definite')
+    end associate
   end subroutine reduce
 end module build_bodies

@@ -119,7 +119,12 @@ contains
     call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
     call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
     if (b%modal) then
-      call text%figure(' modes of ', 'nodal_coordinates', b%nodal_nf)
+      call text%words%add(' modes')
+      if (d%bodies(k)%static_shapes) then
+        call text%figure(', ', 'static_shapes', b%static_shapes)
+        call text%words%add(' of them static shapes,')
+      end if
+      call text%figure(' of ', 'nodal_coordinates', b%nodal_nf)
       call text%words%add(' nodal coordinates')
     else
       call text%words%add(' elastic coordinates ('//number(3*b%nn)//' nodal ones')

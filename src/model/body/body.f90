@@ -44,6 +44,7 @@ module body
     integer :: nd = 3                         !! deformations kept per element
     integer :: nz = 0                         !! internal variables
     integer :: extra_references = 0           !! reference conditions beyond the three that are needed
+    integer :: static_shapes = 0              !! static shapes among the modal coordinates
     real(wp) :: mass = 0.0_wp                 !! m [kg]
     real(wp) :: i1(2) = 0.0_wp                !! integral of u0 [kg m]
     real(wp) :: i11 = 0.0_wp                  !! integral of u0.u0 and rotary inertias [kg m2]

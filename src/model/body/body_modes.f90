@@ -8,11 +8,13 @@ module body_modes
   use lapack, only: dsyev, dsygvd
   implicit none (type, external)
   private
-  public :: lowest_modes
+  public :: lowest_modes, add_static_shapes
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
   integer, parameter :: width = 3         !! vectors in a block of the Krylov space: a chain of beams has no frequency more often
   integer, parameter :: polish_passes = 2, most_gram_schmidt = 6
+  integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness until a static one is exact
+  real(wp), parameter :: dependent = 1.0e-7_wp   !! what is left of a shape that the others already contain [-]
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
 contains
@@ -33,6 +35,70 @@ contains
       call subspace_modes(b, mass, modes, rigid, x, w, bad)
     end if
   end subroutine lowest_modes
+
+  !> Appends to the modes the static shapes of given loads (Craig & Bampton 1968; with free rigid motions their inertia balances
+  !> the load: Craig & Chang 1977). The shapes are made mass-orthogonal to the modes and
+  !> then diagonalise the stiffness among themselves, so that K stays diag(w). Those that others contain are left out.
+  subroutine add_static_shapes(b, loads, x, w, bad)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: loads(:, :)                  !! (nf, loads) [N, N m]
+    real(wp), allocatable, intent(inout) :: x(:, :)      !! (nf, modes), then (nf, modes + shapes) [m, rad, over kg^.5 m]
+    real(wp), allocatable, intent(inout) :: w(:)         !! their squared frequencies, Rayleigh quotients of shapes [rad2/s2]
+    logical, intent(out) :: bad
+    type(mass_matrix) :: mass
+    type(band_factor) :: factor
+    real(wp), allocatable :: rigid(:, :), y(:, :), f(:, :), kk(:, :), lambda(:), work(:)
+    real(wp) :: shift, left
+    integer :: j, n, m, info
+    call mass%assemble(b)
+    call rigid_modes(b, mass, rigid)
+    call factor_shifted(b, size(rigid, 2) > 0, factor, shift, bad)
+    if (bad) return
+    m = size(x, 2)
+    allocate (y(b%nf, m + size(loads, 2)), f(b%nf, m + size(loads, 2)))
+    y(:, 1:m) = x
+    do j = 1, m
+      f(:, j) = (w(j) + shift)*mass%times(x(:, j))
+    end do
+    n = m
+    do j = 1, size(loads, 2)
+      call static_shape(mass, factor, shift, rigid, loads(:, j), y(:, n + 1), f(:, n + 1))
+      if (norm2(f(:, n + 1)) <= dependent*norm2(loads(:, j))) cycle      ! a load that rigid motions alone balance, or none
+      call orthogonalise_last(mass, y(:, 1:n + 1), f(:, 1:n + 1), left)
+      if (left > dependent) n = n + 1
+    end do
+    allocate (lambda(n - m), work(40*(n - m) + 1))
+    kk = matmul(transpose(y(:, m + 1:n)), f(:, m + 1:n))
+    call dsyev('V', 'U', n - m, kk, max(1, n - m), lambda, work, size(work), info)
+    bad = info /= 0
+    if (bad) return
+    x = reshape([x, matmul(y(:, m + 1:n), kk)], [b%nf, n])
+    w = [w, lambda - shift]
+  end subroutine add_static_shapes
+
+  !> Displacements y under a load, balanced by the inertia of free rigid motions, and the force f with (K + shift M) y = f.
+  subroutine static_shape(mass, factor, shift, rigid, load, y, f)
+    type(mass_matrix), intent(in) :: mass
+    type(band_factor), intent(inout) :: factor           !! of K + shift M
+    real(wp), intent(in) :: shift                        !! [rad2/s2]
+    real(wp), intent(in) :: rigid(:, :)                  !! (nf, n) rigid motions, mass-orthonormal [kg^-.5, ...]
+    real(wp), intent(in) :: load(:)                      !! (nf) [N, N m]
+    real(wp), intent(out) :: y(:)                        !! (nf) [m, rad]
+    real(wp), intent(out) :: f(:)                        !! (nf) [N, N m]
+    real(wp) :: balanced(size(f))                        ! [N, N m]
+    integer :: i, pass
+    balanced = load
+    do i = 1, size(rigid, 2)
+      balanced = balanced - dot_product(rigid(:, i), load)*mass%times(rigid(:, i))
+    end do
+    y = 0.0_wp
+    do pass = 1, static_passes
+      f = balanced + shift*mass%times(y)
+      y = f
+      call solve_elastic(mass, factor, rigid, y)
+      if (size(rigid, 2) == 0) exit                      ! no shift
+    end do
+  end subroutine static_shape
 
   !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).
   subroutine rigid_modes(b, mass, rigid)
@@ -281,22 +347,36 @@ contains
     type(mass_matrix), intent(in) :: mass
     real(wp), intent(inout) :: y(:, :)                   !! displacements
     real(wp), intent(inout) :: f(:, :)                   !! the forces that cause them
+    real(wp) :: left
+    integer :: j
+    do j = 1, size(y, 2)
+      call orthogonalise_last(mass, y(:, 1:j), f(:, 1:j), left)
+    end do
+  end subroutine orthogonalise_pair
+
+  !> Makes the last column of y = K^-1 f mass-orthogonal to the others, which are mass-orthonormal, and normalises it; f with it.
+  subroutine orthogonalise_last(mass, y, f, left)
+    type(mass_matrix), intent(in) :: mass
+    real(wp), intent(inout) :: y(:, :)                   !! displacements [m, rad]
+    real(wp), intent(inout) :: f(:, :)                   !! the forces that cause them [N, N m]
+    real(wp), intent(out) :: left                        !! share of the column that the others do not contain [-]
     real(wp), allocatable :: my(:), c(:)
     real(wp) :: norm
     integer :: j, pass
-    do j = 1, size(y, 2)
-      do pass = 1, most_gram_schmidt
-        my = mass%times(y(:, j))
-        norm = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(norm)))
-        y(:, j) = norm*y(:, j)
-        f(:, j) = norm*f(:, j)
-        if (pass > 1 .and. norm < 2.0_wp) exit           ! the last pass took away rounding only
-        c = matmul(norm*my, y(:, 1:j - 1))
-        y(:, j) = y(:, j) - matmul(y(:, 1:j - 1), c)
-        f(:, j) = f(:, j) - matmul(f(:, 1:j - 1), c)
-      end do
+    j = size(y, 2)
+    left = 1.0_wp
+    do pass = 1, most_gram_schmidt
+      my = mass%times(y(:, j))
+      norm = 1.0_wp/sqrt(max(dot_product(y(:, j), my), tiny(norm)))
+      if (pass > 1) left = left/norm
+      y(:, j) = norm*y(:, j)
+      f(:, j) = norm*f(:, j)
+      if (pass > 1 .and. norm < 2.0_wp) exit             ! the last pass took away rounding only
+      c = matmul(norm*my, y(:, 1:j - 1))
+      y(:, j) = y(:, j) - matmul(y(:, 1:j - 1), c)
+      f(:, j) = f(:, j) - matmul(f(:, 1:j - 1), c)
     end do
-  end subroutine orthogonalise_pair
+  end subroutine orthogonalise_last
 
   !> Factor of K, or of K + shift M where rigid motions are free.
   subroutine factor_shifted(b, shifted, factor, shift, bad)

@@ -1,31 +1,52 @@
-!> Reduces a flexible body to its lowest modes (`body_modes`): shape integrals, gyroscopic matrix, damping and the materials'
+!> Reduces a flexible body to its lowest modes and static shapes (`body_modes`): shape integrals, gyroscopic matrix, damping and the materials'
 !> stiffness in the modal basis. Set-up work only.
 module modal_reduction
   use kinds, only: wp
   use beam_element, only: element_stiffness, element_mass, element_gyroscopic
   use body, only: body_model, viscoelastic_segment
-  use body_modes, only: lowest_modes
+  use body_modes, only: lowest_modes, add_static_shapes
   implicit none (type, external)
   private
   public :: reduce_to_modes
 
 contains
 
-  !> Replaces the nodal coordinates of a body by its `modes` lowest modes.
-  subroutine reduce_to_modes(b, modes, viscoelastic, bad)
+  !> Replaces the nodal coordinates of a body by its `modes` lowest modes and by static shapes.
+  subroutine reduce_to_modes(b, modes, shapes, loaded, viscoelastic, bad)
     type(body_model), intent(inout) :: b                !! nodal integrals are set
     integer, intent(in) :: modes                        !! modes kept
+    logical, intent(in) :: shapes                       !! whether static shapes are kept, too
+    integer, intent(in) :: loaded(:)                    !! nodal coordinates on which forces and moments act
     type(viscoelastic_segment), intent(in) :: viscoelastic(:) !! one entry a distinct viscoelastic material
     logical, intent(out) :: bad                         !! the eigenvalue problem failed
     real(wp), allocatable :: x(:, :), w(:)
     call lowest_modes(b, modes, x, w, bad)
     if (bad) return
+    if (shapes) call add_static_shapes(b, static_loads(b, loaded), x, w, bad)
+    if (bad) return
+    b%static_shapes = size(w) - modes
     call project_integrals(b, x, w, viscoelastic)
     call nodal_shapes(b, x)
     b%modal = .true.
     b%nodal_nf = b%nf
-    b%nf = modes
+    b%nf = size(w)
   end subroutine reduce_to_modes
+
+  !> Loads of which the static shapes are kept: a unit load on each loaded coordinate, and the inertia forces of the frame's
+  !> accelerations along x, along y and about its origin, and of its spin.
+  pure function static_loads(b, loaded) result(f)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: loaded(:)                    !! nodal coordinates
+    real(wp) :: f(b%nf, size(loaded) + 4)               !! [N, N m], [kg, kg m]
+    integer :: j
+    f = 0.0_wp
+    do j = 1, size(loaded)
+      f(loaded(j), j) = 1.0_wp
+    end do
+    f(:, j:j + 1) = b%sbar
+    f(:, j + 2) = b%c0
+    f(:, j + 3) = b%i1f
+  end function static_loads
 
   !> Shape integrals, gyroscopic matrix, damping and material stiffnesses in the modal basis.
   subroutine project_integrals(b, x, w, viscoelastic)

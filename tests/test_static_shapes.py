@@ -1,0 +1,141 @@
+"""Bodies in modes with static shapes: small loads act as on the mesh, a full basis is the mesh, few coordinates go far."""
+
+from __future__ import annotations
+
+import random
+import re
+
+import numpy as np
+import pytest
+from test_modes import HEAD, LOADS, LUMPS, PIN, SCENES, SENSORS, TRANSIENT, text
+
+SHAPES = " static_shapes=.true."
+
+
+def coordinates(run) -> tuple[int, int]:
+    """Return the numbers of elastic coordinates and of static shapes among them."""
+    found = re.search(r"3 \+ (\d+) modes, (\d+) of them static shapes", run.summary)
+    return int(found[1]), int(found[2])
+
+
+def differences(run, mesh) -> dict[str, float]:
+    """Return the largest difference of each column over the range of all columns of its kind of its sensor."""
+    of = {}
+    for column in mesh.names[1:]:
+        kind = re.sub(r"[xy]$|[12]$", "", column)
+        of[column] = max(np.ptp(mesh[c]) for c in mesh.names[1:] if re.sub(r"[xy]$|[12]$", "", c) == kind)
+    return {c: np.abs(run[c] - mesh[c]).max() / (of[c] + 1e-300) for c in mesh.names[1:]}
+
+
+@pytest.mark.parametrize("name", ["pinned", "clamped", "own reference", "partly viscoelastic", "two elements of each", "frame"])
+def test_a_basis_as_large_as_the_mesh_is_the_mesh(run_deck, name):
+    """Shapes beyond the mesh's coordinates depend on the others and are left out; GHM per material, Rayleigh damping, lumps."""
+    body, more, number = SCENES[name]
+    rest = PIN + LOADS + SENSORS + TRANSIENT.format(step=2.0e-6)
+    mesh = run_deck(text(body, more, 0) + rest, name="mesh")
+    run = run_deck(text(body, more + SHAPES, number - 4) + rest, name="shapes")
+    assert coordinates(run) == (number, 4)
+    assert max(differences(run.history, mesh.history).values()) < 1e-8
+    for column in ("kinetic", "potential", "dissipated", "work"):
+        np.testing.assert_allclose(run.energy[column], mesh.energy[column], rtol=0, atol=1e-8 * np.abs(mesh.energy[column]).max())
+
+
+def held_structure(dice: random.Random, size: float) -> tuple[str, str]:
+    """Return a body with springs, loads and lumps on it, and what holds it, with loads of the given size."""
+    n = dice.randint(6, 12)
+    reference = dice.choice(["reference='clamped'", "reference='pinned'", "reference='free'"])
+    if dice.random() < 0.5:
+        body = f"&body name='b' kind='beam' length=0.8 elements={n} material='elastic' section='s' {reference}"
+    else:
+        x = [0.1 * k for k in range(n + 1)]
+        y = [0.0 if k < n // 2 else 0.06 * (k - n // 2) for k in range(n + 1)]
+        pairs = ",".join(f"{k + 1},{k + 2}" for k in range(n))
+        body = (
+            f"&body name='b' kind='frame' node_x={','.join(map(str, x))} node_y={','.join(map(str, y))}\n"
+            f"  element_nodes={pairs} material='elastic' section='s' {reference}"
+        )
+    node = dice.randint(3, n - 1)
+    fx, fy, moment = (size * dice.uniform(0.5, 1.0) for _ in range(3))
+    rest = dice.choice(
+        [
+            "&joint name='o' type='weld' body_a='b' node_a=1 /\n",
+            "&joint name='o' type='revolute' body_a='b' node_a=1 /\n"
+            f"&spring name='s' type='torsional' body_a='b' node_a={node} body_b='ground' stiffness=4.0 /\n",
+            "&joint name='o' type='revolute' body_a='b' node_a=1 /\n&joint name='e' type='slider' body_a='b' node_a=-1 /\n",
+        ]
+    )
+    rest += f"&lump body='b' node={node} mass=0.02 inertia=1.0e-5 /\n"
+    rest += f"&force name='p' type='force' body='b' node={dice.choice([-1, node - 1])} fx={fx} fy={fy} /\n"
+    rest += f"&force name='m' type='torque' body='b' node={node} moment={moment} /\n"
+    rest += f"&sensor name='t' quantity='deflection' body='b' node={node} /\n"
+    rest += f"&sensor name='i' quantity='internal' body='b' element={dice.randint(1, node - 2)} /\n&sensor name='r' quantity='reaction' joint='o' /\n"
+    return body, rest + "&static load_steps=1 /\n"
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_small_static_loads_act_as_on_the_mesh(run_deck, seed):
+    """One mode and the shapes give deflections, section forces and reactions; plain modes do not come near."""
+    head = HEAD.replace("gravity=1.0,-9.81", "gravity=0.0,0.0")
+    last = {}
+    for label, option in [("mesh", ""), ("shapes", " modes=1" + SHAPES), ("modes", " modes=3")]:
+        body, rest = held_structure(random.Random(seed), 1e-7)
+        if label == "mesh":
+            body = body.replace("'free'", "'clamped'")
+        run = run_deck(head + body + option + " /\n" + rest, name=label)
+        lines = (run.folder / "static.txt").read_text(encoding="utf-8").splitlines()
+        names = [name for name in lines if name.startswith("# columns:")][0].split()[2:]
+        values = dict(zip(names, map(float, lines[-1].split())))
+        last[label] = {name: value for name, value in values.items() if name[:2] in ("i.", "r.")}
+    of = {n: max(abs(last["mesh"][m]) for m in last["mesh"] if m.split("[")[1] == n.split("[")[1]) for n in last["mesh"]}
+    error = {label: max(abs(last[label][n] - last["mesh"][n]) / of[n] for n in of) for label in ("shapes", "modes")}
+    assert error["shapes"] < 1e-6
+    assert error["modes"] > 1e-3
+
+
+def test_section_moments_of_a_driven_rod_need_few_coordinates(run_deck):
+    """A crank brings a loaded rod to speed: eight coordinates do better than twelve modes, and than sixteen."""
+    scene = """&scene title='driven rod' /
+&material name='steel' density=7850.0 young=2.1e11 rayleigh_mass=20.0 rayleigh_stiffness=1.0e-7 /
+&section name='rod' shape='rectangle' width=0.01 height=0.008 /
+&body name='crank' kind='rigid' mass=1.0 inertia=1.0e-3 /
+&body name='rod' kind='beam' length=0.3 elements=8 material='steel' section='rod' position=0.08,0.0 {option} /
+&lump body='rod' node=-1 mass=0.3 /
+&joint name='shaft' type='revolute' body_a='crank' /
+&joint name='crank_pin' type='revolute' body_a='rod' node_a=1 body_b='crank' point_b=0.08,0.0 /
+&joint name='cylinder' type='slider' body_a='rod' node_a=-1 /
+&history name='turn' kind='cycloid' start_value=0.0 end_value=12.566 start=0.0 finish=0.1 /
+&drive name='motor' type='rotation' body_a='crank' history='turn' /
+&history name='rise' kind='cycloid' start_value=0.0 end_value=1.0 start=0.01 finish=0.05 /
+&force name='load' type='force' body='rod' node=4 fy=-200.0 history='rise' /
+&sensor name='shank' quantity='internal' body='rod' element=3 /
+&transient t_end=0.06 method='rk4' step=1.0e-6 output_step=2.0e-4 /
+"""
+    mesh = run_deck(scene.format(option=""), name="mesh").history["shank.m1"]
+
+    def error(option):
+        return np.abs(run_deck(scene.format(option=option), name="few").history["shank.m1"] - mesh).max() / np.ptp(mesh)
+
+    few = run_deck(scene.format(option="modes=1" + SHAPES), name="few")
+    assert coordinates(few) == (8, 7)
+    assert error("modes=1" + SHAPES) < 3e-4
+    assert error("modes=12") > 3e-3
+    assert error("modes=16") > 5e-4
+
+
+def test_shapes_that_others_contain_are_left_out(run_deck):
+    """Two loads on one node are one shape a component; a free body's uniform accelerations have none."""
+    body = (
+        "&body name='b' kind='beam' length=0.8 elements=6 material='elastic' section='s' reference='{}' modes=2" + SHAPES + " /\n"
+    )
+    twice = "".join(f"&force name='{n}' type='force' body='b' node=-1 fy=1.0 /\n" for n in "pq")
+    rest = PIN + twice + LUMPS + "&transient t_end=1.0e-3 method='rk4' step=1.0e-5 /\n"
+    assert coordinates(run_deck(HEAD + body.format("clamped") + rest)) == (8, 6)  # u, v of the tip; inertia: two axial, two bending
+    assert coordinates(run_deck(HEAD + body.format("free") + rest, name="free")) == (7, 5)  # u, v of both ends; spin: axial
+
+
+@pytest.mark.parametrize("modes", ["", " modes=0"])
+def test_nodal_coordinates_have_no_static_shapes(run_deck, modes):
+    body = f"&body name='b' kind='beam' length=0.8 elements=6 material='elastic' section='s'{modes}{SHAPES} /\n"
+    run = run_deck(HEAD + body + PIN + "&static /\n", expect=2)
+    assert "static_shapes=.true. with nodal coordinates" in run.stderr
+    assert "expected modes > 0" in run.stderr
