@@ -68,7 +68,8 @@ def held_structure(dice: random.Random, size: float) -> tuple[str, str]:
     rest += f"&force name='p' type='force' body='b' node={dice.choice([-1, node - 1])} fx={fx} fy={fy} /\n"
     rest += f"&force name='m' type='torque' body='b' node={node} moment={moment} /\n"
     rest += f"&sensor name='t' quantity='deflection' body='b' node={node} /\n"
-    rest += f"&sensor name='i' quantity='internal' body='b' element={dice.randint(1, node - 2)} /\n&sensor name='r' quantity='reaction' joint='o' /\n"
+    rest += f"&sensor name='i' quantity='internal' body='b' element={dice.randint(1, node - 2)} /\n"
+    rest += "&sensor name='r' quantity='reaction' joint='o' /\n"
     return body, rest + "&static load_steps=1 /\n"
 
 
