@@ -148,9 +148,10 @@ contains
     call get(deck, 'stiffening', b%stiffening, kinds=elastic)
     call get(deck, 'modes', b%modes, least=0, kinds=elastic)
     call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
-    if (b%static_shapes .and. b%modes == 0 .and. (deck%is_set('modes') .or. .not. deck%is_given('modes'))) &
+    if (b%static_shapes .and. b%modes == 0 .and. (deck%is_set('modes') .or. .not. deck%is_given('modes'))) then
       call deck%complain('static_shapes', 'static_shapes=.true. with nodal coordinates (modes=0), which contain every '// &
-      'shape, expected modes > 0')
+                         'shape, expected modes > 0')
+    end if
     if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
       'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
       'axial=.true. or kind=''beam''')

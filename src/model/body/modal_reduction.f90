@@ -1,5 +1,5 @@
-!> Reduces a flexible body to its lowest modes and static shapes (`body_modes`): shape integrals, gyroscopic matrix, damping and the materials'
-!> stiffness in the modal basis. Set-up work only.
+!> Reduces a flexible body to its lowest modes and static shapes (`body_modes`): shape integrals, gyroscopic matrix, damping
+!> and the materials' stiffness in the modal basis. Set-up work only.
 module modal_reduction
   use kinds, only: wp
   use beam_element, only: element_stiffness, element_mass, element_gyroscopic
