@@ -32,6 +32,7 @@ module reduced_system
     logical :: exact = .true.                          !! no coupling was cut
   contains
     procedure :: build
+    procedure :: find_scale
     procedure :: take_apart
   end type reduced_model
 
@@ -79,14 +80,7 @@ contains
       self%part(:, j, :) = 0.0_wp
       self%part(j, :, :) = 0.0_wp
     end do
-    do j = 1, self%p
-      self%scale(j) = abs(self%k(j, j))
-      do r = 1, size(ds%groups)
-        self%scale(j) = self%scale(j) + sum(ds%groups(r)%law%alpha)*self%part(j, j, r)
-      end do
-      self%scale(j) = max(sqrt(self%scale(j)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
-      if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
-    end do
+    call self%find_scale(ds)
   contains
     !> Components of a force on the basis.
     function projected(force) result(y)
@@ -95,6 +89,21 @@ contains
       y = matmul(real(force(1:ds%n), wp), basis)
     end function projected
   end subroutine build
+
+  !> About the frequency of each motion.
+  subroutine find_scale(self, ds)
+    class(reduced_model), intent(inout) :: self
+    type(stiffness_system), intent(in) :: ds
+    integer :: j, r
+    do j = 1, self%p
+      self%scale(j) = abs(self%k(j, j))
+      do r = 1, size(ds%groups)
+        self%scale(j) = self%scale(j) + sum(ds%groups(r)%law%alpha)*self%part(j, j, r)
+      end do
+      self%scale(j) = max(sqrt(self%scale(j)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
+      if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
+    end do
+  end subroutine find_scale
 
   !> Sorts the motions into parts that do not couple; parts too large are cut where they couple least.
   subroutine take_apart(self, ds)

@@ -48,6 +48,7 @@ module spectrum
     procedure :: largest
     procedure :: largest_of_segment
     procedure :: mode
+    procedure :: quotients
   end type fast_spectrum
 
 contains
@@ -196,15 +197,24 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                 !! 1: the fastest
     type(fast_mode), intent(out) :: f
+    f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
+    call self%quotients(m, f)
+  end subroutine mode
+
+  !> Rayleigh quotients of a motion f%x of unit modal mass.
+  subroutine quotients(self, m, f)
+    class(fast_spectrum), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(fast_mode), intent(inout) :: f
     real(wp) :: square                       ! of a spring's deformation [m2] or [rad2]
     integer :: j, r
-    f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
-    allocate (f%segments(size(self%lin%segments)))
+    if (.not. allocated(f%segments)) allocate (f%segments(size(self%lin%segments)))
     f%stiffness = self%lin%stiffness%quadratic_form(f%x)
     do j = 1, size(self%turning)
       f%stiffness = f%stiffness + self%turning(j)*f%x(m%s%qo(j) + 3)**2
     end do
     f%damping = self%lin%damping%quadratic_form(f%x)
+    f%springs = 0.0_wp
     do r = 1, size(self%lin%segments)
       f%segments(r) = self%lin%segments(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
     end do
@@ -218,7 +228,7 @@ contains
       end do
     end do
     f%damping = f%damping + f%springs
-  end subroutine mode
+  end subroutine quotients
 
   !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it: they may
   !> turn away. Forces of springs against turns are an upper bound, too.

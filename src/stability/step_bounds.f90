@@ -5,15 +5,14 @@ module step_bounds
   use linear_matrices, only: linear_segment
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use deck_records, only: deck
+  use fast_poles, only: pole_list, find_fast_poles
   use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
+  use spectrum, only: fast_spectrum, fast_mode, only_stiffness
   use stability_region, only: largest_step, method_names
   implicit none (type, external)
   private
   public :: step_bound, find_bound, take_smaller, material_poles, look_at
-
-  integer, parameter :: modes_looked_at = 6      !! fastest modes whose eigenvalues are computed
 
   !> A bound for each explicit method and what sets it.
   type :: step_bound
@@ -48,8 +47,10 @@ contains
     real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations
     type(fast_mode) :: f
     type(bound_cause) :: cause
-    real(wp) :: fastest, most                  ! [rad2/s2], of damping [1/s]
+    type(pole_list) :: poles
+    real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
+    logical :: ok
     call fast%largest(m, held, only_stiffness, 100, fastest)
     if (present(lambda)) lambda = fastest
     if (present(force)) then
@@ -58,22 +59,47 @@ contains
         force = force + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
       end do
     end if
-    do k = 1, min(modes_looked_at, fast%steps)
-      if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
-      call fast%mode(m, k, f)
+    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh) .or. size(fast%lin%segments) > 0) then
+      call find_fast_poles(m, held, fast, poles, ok)
+      do k = 1, merge(size(poles%lambda), 0, ok)
+        call look_at_pole(d, m, fast, poles%lambda(k), poles%x(:, k), bound)
+      end do
+    else if (fast%steps > 0) then
+      call fast%mode(m, 1, f)
       call mode_cause(m, f, cause)
       call look_at(d, m, fast, f, cause, bound)
-    end do
-    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
-      call fast%largest(m, held, only_damping, 100, most)
-      do k = 1, min(2, fast%steps)
-        call fast%mode(m, k, f)
-        call mode_cause(m, f, cause)
-      call look_at(d, m, fast, f, cause, bound)
-      end do
     end if
     call material_poles(d, m, held, fast, fastest, bound)
   end subroutine find_bound
+
+  !> One pole of the mechanism with its motion, where it lowers a bound.
+  subroutine look_at_pole(d, m, fast, mu, x, bound)
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(inout) :: m
+    type(fast_spectrum), intent(in) :: fast
+    complex(wp), intent(in) :: mu              !! [1/s]
+    real(wp), intent(in) :: x(:)               !! (n) its motion, of unit modal mass [1/sqrt(kg)]
+    type(step_bound), intent(inout) :: bound
+    type(fast_mode) :: f
+    type(bound_cause) :: cause
+    complex(wp), allocatable :: roots(:)
+    logical, allocatable :: is_mode(:)
+    integer :: k, body
+    if (all([(largest_step(k, mu, bound%step(k)) >= bound%step(k), k=1, size(method_names))])) return
+    f%x = x
+    call fast%quotients(m, f)
+    call mode_cause(m, f, cause)
+    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
+    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
+    if (is_mode(minloc(abs(roots - mu), 1))) then
+      if (damping_limits(fast, f, [mu])) call blame_damping(f, f%springs, cause)
+    else
+      body = cause%body
+      cause = pole_cause(d, m, fast%lin%segments, maxloc(f%segments, dim=1))
+      cause%body = body
+    end if
+    call take([mu], cause, bound)
+  end subroutine look_at_pole
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
   subroutine look_at(d, m, fast, f, carrier, bound)

@@ -1,0 +1,212 @@
+!> Eigenvalues of the damped mechanism on the space of its fastest motions: those of the instantaneous stiffness with those that
+!> dampers oppose most. Damping and viscoelastic terms couple these motions; taken one by one they have eigenvalues that the
+!> mechanism has not.
+module fast_poles
+  use kinds, only: wp
+  use dynamic_stiffness, only: stiffness_system
+  use mechanism, only: mechanism_model
+  use reduced_system, only: reduced_model, reduced_poles
+  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
+  implicit none (type, external)
+  private
+  public :: pole_list, find_fast_poles
+
+  integer, parameter :: widest = 24                !! motions of the space
+  integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
+  integer, parameter :: most_unknowns = 200        !! of first order, about
+  real(wp), parameter :: slowest = 1.0e-5_wp       !! frequency that is told from that of a rigid motion, over the highest [-]
+
+  !> Poles with their motions.
+  type :: pole_list
+    complex(wp), allocatable :: lambda(:)          !! Im >= 0 [1/s]
+    real(wp), allocatable :: x(:, :)               !! (n, poles) of unit modal mass [1/sqrt(kg)]
+  end type pole_list
+
+contains
+
+  !> The poles, after an iteration of `fast` for the stiffness, which it repeats as far as the space is wide.
+  subroutine find_fast_poles(m, held, fast, poles, ok)
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held                    !! joints and drives held
+    type(fast_spectrum), intent(inout) :: fast
+    type(pole_list), intent(out) :: poles
+    logical, intent(out) :: ok
+    type(stiffness_system) :: ds                   ! holds the sets of terms
+    type(reduced_model) :: model
+    real(wp), allocatable :: x(:, :)
+    integer, allocatable :: group(:)
+    integer :: most
+    call sets_of_terms(fast, ds, group)
+    most = widest
+    do while (most > 4 .and. unknowns(fast, ds, group, most) > most_unknowns)
+      most = most - 1
+    end do
+    call space(m, held, fast, most, x)
+    call project(m, fast, ds, group, x, model)
+    call solve(ds, model, poles, ok)
+  end subroutine find_fast_poles
+
+  !> Unknowns of first order of some motions: a spring deforms in one way, a material in as many as there are motions.
+  pure integer function unknowns(fast, ds, group, motions) result(total)
+    type(fast_spectrum), intent(in) :: fast
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: group(:), motions       !! of each segment its set; motions
+    integer :: r, ways
+    total = 2*motions
+    do r = 1, size(ds%groups)
+      ways = count(group == r)
+      if (any(group == r .and. fast%lin%segments%element == 0)) ways = motions
+      total = total + min(ways, motions)*ds%groups(r)%law%order()
+    end do
+  end function unknowns
+
+  !> Segments whose terms are the same make one set.
+  subroutine sets_of_terms(fast, ds, group)
+    type(fast_spectrum), intent(in) :: fast
+    type(stiffness_system), intent(inout) :: ds
+    integer, allocatable, intent(out) :: group(:)  !! (segments) number of its set
+    integer, allocatable :: firsts(:)
+    integer :: r, k
+    allocate (group(size(fast%lin%segments)), source=0)
+    allocate (firsts(0))
+    do r = 1, size(group)
+      do k = 1, size(firsts)
+        if (fast%lin%segments(firsts(k))%law%equals(fast%lin%segments(r)%law)) group(r) = k
+      end do
+      if (group(r) > 0) cycle
+      firsts = [firsts, r]
+      group(r) = size(firsts)
+    end do
+    allocate (ds%groups(size(firsts)))
+    do k = 1, size(firsts)
+      ds%groups(k)%law = fast%lin%segments(firsts(k))%law
+    end do
+  end subroutine sets_of_terms
+
+  !> A basis of the fastest motions, orthonormal in the mass.
+  subroutine space(m, held, fast, most, x)
+    type(mechanism_model), intent(inout) :: m
+    logical, intent(in) :: held
+    type(fast_spectrum), intent(inout) :: fast
+    integer, intent(in) :: most                    !! motions
+    real(wp), allocatable, intent(out) :: x(:, :)  !! (n, motions) [1/sqrt(kg)]
+    real(wp), allocatable :: mx(:, :)              ! mass times them
+    real(wp) :: lambda, v(m%s%nq), mv(m%s%nq), length
+    integer :: p, k, pass, j
+    allocate (x(m%s%nq, most), mx(m%s%nq, most))
+    p = 0
+    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+      call fast%largest(m, held, only_damping, 100, lambda)
+      call append(min(most_damped, fast%steps))
+    end if
+    call fast%largest(m, held, only_stiffness, 100, lambda)
+    call append(min(most - p, fast%steps))
+    x = x(:, 1:p)
+  contains
+    !> Appends the fastest motions of the last iteration, less what is there already.
+    subroutine append(number)
+      integer, intent(in) :: number
+      do k = 1, number
+        v = matmul(fast%v(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
+        mv = matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
+        do pass = 1, 2
+          do j = 1, p
+            length = dot_product(mx(:, j), v)
+            v = v - length*x(:, j)
+            mv = mv - length*mx(:, j)
+          end do
+        end do
+        length = sqrt(max(dot_product(v, mv), 0.0_wp))
+        if (length < 1.0e-6_wp) cycle
+        p = p + 1
+        x(:, p) = v/length
+        mx(:, p) = mv/length
+      end do
+    end subroutine append
+  end subroutine space
+
+  !> All matrices on the basis, from Rayleigh quotients of sums of two motions.
+  subroutine project(m, fast, ds, group, x, model)
+    type(mechanism_model), intent(in) :: m
+    type(fast_spectrum), intent(in) :: fast
+    type(stiffness_system), intent(in) :: ds
+    integer, intent(in) :: group(:)                !! (segments)
+    real(wp), intent(in) :: x(:, :)                !! (n, p) [1/sqrt(kg)]
+    type(reduced_model), intent(out) :: model
+    type(fast_mode) :: f
+    integer :: i, j, r
+    model%p = size(x, 2)
+    model%basis = x
+    associate (p => model%p)
+      allocate (model%rigid(p), source=.false.)
+      allocate (model%k(p, p), model%g(p, p), model%c(p, p), model%part(p, p, size(ds%groups)), model%scale(p), source=0.0_wp)
+    end associate
+    do i = 1, model%p
+      do j = i, 1, -1
+        if (j == i) then
+          f%x = x(:, i)
+        else
+          f%x = x(:, i) + x(:, j)
+        end if
+        call fast%quotients(m, f)
+        call put(model%k(:, :), f%stiffness)
+        call put(model%c(:, :), f%damping)
+        do r = 1, size(ds%groups)
+          call put(model%part(:, :, r), sum(f%segments, group == r))
+        end do
+      end do
+    end do
+    do i = 1, model%p                              ! products of two motions from what their sum has more than each
+      do j = 1, i - 1
+        call mixed(model%k(:, :))
+        call mixed(model%c(:, :))
+        do r = 1, size(ds%groups)
+          call mixed(model%part(:, :, r))
+        end do
+      end do
+    end do
+    call model%find_scale(ds)
+    model%scale = max(model%scale, slowest*maxval(model%scale))
+  contains
+    !> Keeps a quotient.
+    subroutine put(a, value)
+      real(wp), intent(inout) :: a(:, :)           !! [1/s2], [1/s]
+      real(wp), intent(in) :: value                !! [1/s2], [1/s]
+      a(i, j) = value
+    end subroutine put
+
+    !> x_i^T A x_j.
+    subroutine mixed(a)
+      real(wp), intent(inout) :: a(:, :)           !! [1/s2], [1/s]
+      a(i, j) = 0.5_wp*(a(i, j) - a(i, i) - a(j, j))
+      a(j, i) = a(i, j)
+    end subroutine mixed
+  end subroutine project
+
+  !> Poles of all parts that do not couple.
+  subroutine solve(ds, model, poles, ok)
+    type(stiffness_system), intent(in) :: ds
+    type(reduced_model), intent(inout) :: model
+    type(pole_list), intent(inout) :: poles
+    logical, intent(out) :: ok
+    type(reduced_poles) :: found
+    complex(wp) :: v(model%p)
+    real(wp), allocatable :: x(:, :)
+    integer :: part, i, j
+    call model%take_apart(ds)
+    allocate (poles%lambda(0), x(size(model%basis, 1), 0))
+    ok = .true.
+    do part = 1, model%parts
+      found = reduced_poles()
+      call found%find(model, ds, pack([(j, j=1, model%p)], model%label == part), .true., ok)
+      if (.not. ok) return
+      poles%lambda = [poles%lambda, found%lambda]
+      do i = 1, size(found%lambda)
+        v = found%shape(:, i)
+        v = v/v(maxloc(abs(v), 1))                 ! the largest motion real
+        x = reshape([x, matmul(model%basis, real(v, wp)/norm2(real(v, wp)))], [size(x, 1), size(x, 2) + 1])
+      end do
+    end do
+    call move_alloc(x, poles%x)
+  end subroutine solve
+end module fast_poles
