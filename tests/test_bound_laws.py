@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from itertools import combinations
 
@@ -70,6 +71,54 @@ def test_one_disc_has_its_exact_bound(run_deck, method, k, c, terms):
     deck, eigenvalues = disc(k, c, terms)
     exact = largest_step(eigenvalues, method)
     assert safe_bound(run_deck, deck, method) == pytest.approx(exact, rel=2e-4)
+
+
+def coupled_discs(seed):
+    """Return discs on one axis between springs with dampers and GHM terms of their own, and the eigenvalues of all of it."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 6))
+    inertia = (10 ** rng.uniform(-1, 1, n)).tolist()
+    deck, terms, k, c = "", [], np.zeros((n, n)), np.zeros((n, n))
+    for i, j in enumerate(inertia):
+        deck += f"&body name='d{i}' kind='rigid' mass=1.0 inertia={j!r} /\n&joint name='j{i}' type='revolute' body_a='d{i}' /\n"
+    for s in range(2 * n):
+        b, a = sorted(rng.choice(n + 1, 2, replace=False))
+        line = (np.eye(n + 1)[a, 1:] - np.eye(n + 1)[b, 1:]) / np.sqrt(inertia)
+        stiffness, more = 10 ** rng.uniform(2, 4), ""
+        k += stiffness * np.outer(line, line)
+        if rng.random() < 0.4:
+            damping = 10 ** rng.uniform(-1, 2)
+            c += damping * np.outer(line, line)
+            more += f" damping={damping!r}"
+        if rng.random() < 0.6:
+            count = rng.integers(1, 3)
+            own = np.array([10 ** rng.uniform(*ends, count) for ends in ((-1, 1), (-0.7, 0.5), (0.5, 2.5))])
+            lists = [",".join(repr(float(x)) for x in row) for row in own]
+            more += " ghm_alpha={} ghm_zeta={} ghm_omega={}".format(*lists)
+            terms += [(*term, np.sqrt(stiffness) * line) for term in own.T]
+        on = f"body_b='d{b - 1}'" if b else ""
+        deck += f"&spring name='s{s}' type='torsional' body_a='d{a - 1}' {on} stiffness={stiffness!r}{more} /\n"
+    order = 2 * n + 2 * len(terms)
+    whole = np.zeros((order, order))
+    whole[:n, n : 2 * n], whole[n : 2 * n, :n], whole[n : 2 * n, n : 2 * n] = np.eye(n), -k, -c
+    for i, (alpha, zeta, omega, line) in zip(range(2 * n, order, 2), terms):
+        whole[n : 2 * n, :n] -= alpha * np.outer(line, line)
+        whole[n : 2 * n, i], whole[i, i + 1] = alpha * line, 1.0
+        whole[i + 1, :n], whole[i + 1, i : i + 2] = omega**2 * line, [-(omega**2), -2 * zeta * omega]
+    return deck, np.linalg.eigvals(whole)
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("BOUND_SCENES", "40")) // 2))
+def test_the_current_bound_of_coupled_discs_is_that_of_all_their_eigenvalues(run_deck, seed):
+    """Dampers and terms couple the modes. Poles of terms that no disc reaches may lower it a little, never raise it."""
+    deck, eigenvalues = coupled_discs(seed)
+    told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check").stdout
+    seen = eigenvalues[(eigenvalues.imag >= 0.0) & (np.abs(eigenvalues) > 1e-5 * np.abs(eigenvalues).max())]  # but for free turns
+    for method in STABILITY:
+        line = re.search(method + r": safe bound\s+(\S+) s .*, current bound\s+(\S+) s", told)
+        exact = largest_step(seen, method)
+        assert 0.9 < float(line[2]) / exact < 1.001, f"seed {seed}, {method}"
+        assert float(line[1]) / exact < 1.001, f"seed {seed}, {method}"
 
 
 @pytest.mark.parametrize("pair", combinations(PARTS, 2), ids=" and ".join)

@@ -14,6 +14,8 @@ module fast_poles
   integer, parameter :: widest = 24                !! motions of the space
   integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
   integer, parameter :: most_unknowns = 200        !! of first order, about
+  integer, parameter :: least = 5                  !! motions that make a space
+  real(wp), parameter :: no_part = 1.0e-6_wp       !! stiffness of a segment in a motion that is none, over the whole [-]
   real(wp), parameter :: slowest = 1.0e-5_wp       !! frequency that is told from that of a rigid motion, over the highest [-]
 
   !> Poles with their motions.
@@ -24,25 +26,27 @@ module fast_poles
 
 contains
 
-  !> The poles, after an iteration of `fast` for the stiffness, which it repeats as far as the space is wide.
+  !> The poles, after an iteration of `fast` for the stiffness.
   subroutine find_fast_poles(m, held, fast, poles, ok)
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held                    !! joints and drives held
     type(fast_spectrum), intent(inout) :: fast
     type(pole_list), intent(out) :: poles
-    logical, intent(out) :: ok
+    logical, intent(out) :: ok                     !! false: too many sets of terms take part in each motion
     type(stiffness_system) :: ds                   ! holds the sets of terms
     type(reduced_model) :: model
     real(wp), allocatable :: x(:, :)
     integer, allocatable :: group(:)
-    integer :: most
-    call sets_of_terms(fast, ds, group)
-    most = widest
-    do while (most > 4 .and. unknowns(fast, ds, group, most) > most_unknowns)
-      most = most - 1
+    integer :: p
+    allocate (poles%lambda(0))
+    call space(m, held, fast, x)
+    call sets_of_terms(m, fast, x, ds, group)
+    do p = size(x, 2), 1, -1
+      if (unknowns(fast, ds, group, p) <= most_unknowns) exit
     end do
-    call space(m, held, fast, most, x)
-    call project(m, fast, ds, group, x, model)
+    ok = p >= min(least, size(x, 2)) .and. p > 0
+    if (.not. ok) return
+    call project(m, fast, ds, group, x(:, 1:p), model)
     call solve(ds, model, poles, ok)
   end subroutine find_fast_poles
 
@@ -60,47 +64,58 @@ contains
     end do
   end function unknowns
 
-  !> Segments whose terms are the same make one set.
-  subroutine sets_of_terms(fast, ds, group)
+  !> The sets of terms that take part in the motions; segments whose terms are the same make one set.
+  subroutine sets_of_terms(m, fast, x, ds, group)
+    type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
+    real(wp), intent(in) :: x(:, :)                !! (n, motions) [1/sqrt(kg)]
     type(stiffness_system), intent(inout) :: ds
-    integer, allocatable, intent(out) :: group(:)  !! (segments) number of its set
-    integer, allocatable :: firsts(:)
-    integer :: r, k
-    allocate (group(size(fast%lin%segments)), source=0)
-    allocate (firsts(0))
+    integer, allocatable, intent(out) :: group(:)  !! (segments) number of its set, 0: it takes no part
+    type(fast_mode) :: f
+    integer :: firsts(most_unknowns), sets, r, k
+    logical :: takes_part(size(fast%lin%segments))
+    takes_part = .false.
+    do k = 1, size(x, 2)
+      f%x = x(:, k)
+      call fast%quotients(m, f)
+      takes_part = takes_part .or. f%segments > no_part*(f%stiffness + sum(f%segments))
+    end do
+    allocate (group(size(takes_part)), source=0)
+    sets = 0
     do r = 1, size(group)
-      do k = 1, size(firsts)
+      if (.not. takes_part(r)) cycle
+      do k = 1, sets
         if (fast%lin%segments(firsts(k))%law%equals(fast%lin%segments(r)%law)) group(r) = k
       end do
       if (group(r) > 0) cycle
-      firsts = [firsts, r]
-      group(r) = size(firsts)
+      sets = sets + 1
+      firsts(sets) = r
+      group(r) = sets
+      if (sets == size(firsts)) exit               ! more than can be solved for
     end do
-    allocate (ds%groups(size(firsts)))
-    do k = 1, size(firsts)
+    allocate (ds%groups(sets))
+    do k = 1, sets
       ds%groups(k)%law = fast%lin%segments(firsts(k))%law
     end do
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.
-  subroutine space(m, held, fast, most, x)
+  subroutine space(m, held, fast, x)
     type(mechanism_model), intent(inout) :: m
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast
-    integer, intent(in) :: most                    !! motions
     real(wp), allocatable, intent(out) :: x(:, :)  !! (n, motions) [1/sqrt(kg)]
     real(wp), allocatable :: mx(:, :)              ! mass times them
     real(wp) :: lambda, v(m%s%nq), mv(m%s%nq), length
     integer :: p, k, pass, j
-    allocate (x(m%s%nq, most), mx(m%s%nq, most))
+    allocate (x(m%s%nq, widest), mx(m%s%nq, widest))
     p = 0
     if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
       call fast%largest(m, held, only_damping, 100, lambda)
       call append(min(most_damped, fast%steps))
     end if
     call fast%largest(m, held, only_stiffness, 100, lambda)
-    call append(min(most - p, fast%steps))
+    call append(min(widest - p, fast%steps))
     x = x(:, 1:p)
   contains
     !> Appends the fastest motions of the last iteration, less what is there already.
@@ -194,7 +209,7 @@ contains
     real(wp), allocatable :: x(:, :)
     integer :: part, i, j
     call model%take_apart(ds)
-    allocate (poles%lambda(0), x(size(model%basis, 1), 0))
+    allocate (x(size(model%basis, 1), 0))
     ok = .true.
     do part = 1, model%parts
       found = reduced_poles()

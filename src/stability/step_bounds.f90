@@ -21,6 +21,8 @@ module step_bounds
     type(bound_cause) :: cause(size(method_names))        !! what it belongs to
   end type step_bound
 
+  integer, parameter :: modes_looked_at = 6        !! fastest modes that are looked at where too many laws take part in each
+
 contains
 
   !> Keeps the smaller bound of each method.
@@ -50,7 +52,7 @@ contains
     type(pole_list) :: poles
     real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
-    logical :: ok
+    logical :: damped
     call fast%largest(m, held, only_stiffness, 100, fastest)
     if (present(lambda)) lambda = fastest
     if (present(force)) then
@@ -59,16 +61,19 @@ contains
         force = force + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
       end do
     end if
-    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh) .or. size(fast%lin%segments) > 0) then
-      call find_fast_poles(m, held, fast, poles, ok)
-      do k = 1, merge(size(poles%lambda), 0, ok)
+    damped = any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh) .or. size(fast%lin%segments) > 0
+    if (damped) then
+      call find_fast_poles(m, held, fast, poles, damped)
+      do k = 1, merge(size(poles%lambda), 0, damped)
         call look_at_pole(d, m, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
-    else if (fast%steps > 0) then
-      call fast%mode(m, 1, f)
+    end if
+    do k = 1, merge(0, min(modes_looked_at, fast%steps), damped)
+      if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
+      call fast%mode(m, k, f)
       call mode_cause(m, f, cause)
       call look_at(d, m, fast, f, cause, bound)
-    end if
+    end do
     call material_poles(d, m, held, fast, fastest, bound)
   end subroutine find_bound
 
