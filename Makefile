@@ -90,7 +90,7 @@ bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, s
 	@BIELA=$(BIELA) $(RUN) $<
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
-	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py
+	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py tests/test_bound_laws.py
 	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/test_dopri5_scenes.py
 fuzz: tests/fuzz/fuzz.py debug sanitize $(VENV)   ## FUZZ_CASES=2000 decks of all kinds, FUZZ_SEED=1, against both checked builds
 	@$(RUN) $< bin/biela-debug bin/biela-sanitize
