@@ -12,6 +12,7 @@
 #   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
 #   JOBS=auto         processes that share the tests
 #   PREFIX=/usr/local where `make install` puts the program; DESTDIR=... in front of it, for packages
+#   FLANG=flang-new   a second compiler for `make rounding`, left out where it is not there
 #   -j N              processes that build; all cores where it is left out
 
 FC      = gfortran
@@ -22,6 +23,7 @@ PYTHON  = python3
 TESTS   = tests
 JOBS    = auto
 PREFIX  = /usr/local
+FLANG   = flang-new
 
 # gfortran 12 takes the descriptors of allocatable variables for uninitialised: those two warnings are off; the checked
 # build (-finit-real=snan with traps) finds the real ones
@@ -57,7 +59,7 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz lint setup clean help FORCE
+.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
@@ -94,6 +96,13 @@ extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stabili
 	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/test_dopri5_scenes.py
 fuzz: tests/fuzz/fuzz.py debug sanitize $(VENV)   ## FUZZ_CASES=2000 decks of all kinds, FUZZ_SEED=1, against both checked builds
 	@$(RUN) $< bin/biela-debug bin/biela-sanitize
+faults: tests/faults/faults.py $(BIELA) $(VENV)   ## failing system calls, limits, signals, damaged checkpoints: a report
+	@BIELA=$(BIELA) $(RUN) $<
+rounding: tests/rounding/rounding.py $(BIELA) $(VENV)   ## digits that rounding modes, fused operations and FLANG=flang-new leave
+	@$(MAKE) B=build/off SUFFIX=-off FFLAGS='-O3 -ffp-contract=off' all
+	@$(MAKE) B=build/fused SUFFIX=-fused FFLAGS='-O3 -ffp-contract=fast -march=native' all
+	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 all
+	@$(RUN) $< $(BIELA) bin/biela-off bin/biela-fused bin/biela-flang
 
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests
