@@ -59,7 +59,7 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding lint setup clean help FORCE
+.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
@@ -103,6 +103,16 @@ rounding: tests/rounding/rounding.py $(BIELA) $(VENV)   ## digits that rounding 
 	@$(MAKE) B=build/fused SUFFIX=-fused FFLAGS='-O3 -ffp-contract=fast -march=native' all
 	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 all
 	@$(RUN) $< $(BIELA) bin/biela-off bin/biela-fused bin/biela-flang
+coverage: $(VENV)                  ## lines of src/ and post/ that the tests reach: results/coverage_*.txt
+	@$(MAKE) BUILD=coverage all probe
+	@mkdir -p results; find build/coverage -name '*.gcda' -delete; rm -f .coverage*
+	-@BIELA=bin/biela-coverage PROBE=bin/probe-coverage TANGENT=bin/tangent-coverage TERMS=bin/terms-coverage \
+	  $(RUN) -m coverage run -m pytest -q -n $(JOBS) $(TESTS)
+	@$(RUN) -m gcovr --root . --filter src/ --gcov-ignore-parse-errors=all --txt results/coverage_src.txt build/coverage
+	@$(RUN) -m coverage combine -q && $(RUN) -m coverage report --show-missing > results/coverage_post.txt
+	@tail -n 2 results/coverage_src.txt results/coverage_post.txt
+mutants: tests/mutants/mutants.py $(BIELA) $(PROBE) $(VENV)   ## MUTANTS=20 small mistakes in src/, SEED=1: which does no test notice?
+	@$(RUN) $<
 
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests
@@ -158,6 +168,6 @@ endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
 	@awk "$$DEPENDENCIES" $(SOURCES) > $@
-ifneq ($(filter-out clean help lint setup debug sanitize test-debug,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out clean help lint setup debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif
