@@ -21,10 +21,12 @@ import command
 import matplotlib.pyplot as plt
 import numpy as np
 from histories import RESULT_FILES, History, HistoryError, read
+from matplotlib.ticker import ScalarFormatter
 
 # told apart by colour-blind readers, and in grey by lightness or by line style
 COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5b3a1e", "#8c8c8c"]
 STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
+RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 FLAT = 50.0
 ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
 PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
@@ -45,6 +47,18 @@ LOOK = {
     "legend.fontsize": 9,
     "savefig.dpi": 150,
 }
+
+
+class Plain(ScalarFormatter):
+    """Numbers of an axis as plain text, the power of ten above it with raised digits: to set formulas takes a third of the time."""
+
+    def __init__(self) -> None:
+        super().__init__(useMathText=False)
+
+    def get_offset(self) -> str:
+        """Return the power of ten, such as ×10⁻⁴."""
+        factor, mark, power = super().get_offset().partition("1e")
+        return f"{factor}×10{power.translate(RAISED)}" if mark else factor
 
 
 def pretty_unit(unit: str) -> str:
@@ -107,6 +121,8 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             size = _to_scale(runs, groups[0], abscissa)
         figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
         for axis, group in zip(axes.T.flat, groups):
+            axis.xaxis.set_major_formatter(Plain())
+            axis.yaxis.set_major_formatter(Plain())
             _panel(axis, runs, labels, group, abscissa)
             axis.margins(x=0.01)
             _log_scales(axis, runs, group, abscissa)

@@ -77,12 +77,13 @@ class Journal:
 def keys(study: Study, text: str, biela: Path) -> list[str]:
     """Return what tells each run from all others: solver, deck, values and measures."""
     solver = hashlib.sha256(biela.read_bytes()).hexdigest()
-    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars]])
+    targets = [[parameter.name, [asdict(target) for target in parameter.targets]] for parameter in study.parameters]
+    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets])
     head = hashlib.sha256(common.encode())
     found = []
     for point in study.points:
         own = head.copy()
-        own.update(json.dumps([[asdict(parameter) for parameter in study.parameters], point], default=str).encode())
+        own.update(json.dumps(point, default=str).encode())
         found.append(own.hexdigest()[:24])
     return found
 

@@ -264,16 +264,15 @@ def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
 
 def _hypercube(said: dict, free: list[Parameter]) -> list[tuple]:
     """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter."""
-    from scipy.stats import qmc
-
     samples, seed = said.get("samples"), said.get("seed", 0)
     if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
         raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
     if not all(isinstance(value, (int, float)) for parameter in free for value in parameter.values):
         raise StudyError("design = 'latin_hypercube': parameters have to be numbers")
-    unit = qmc.LatinHypercube(len(free), seed=seed).random(samples)
+    generator = np.random.default_rng(seed)
     columns = []
-    for parameter, part in zip(free, unit.T):
+    for parameter in free:
+        part = (generator.permutation(samples) + generator.random(samples)) / samples  # one value in each of as many strata
         low, high = min(parameter.values), max(parameter.values)
         column = low * (high / low) ** part if parameter.log else low + (high - low) * part
         columns.append([float(value) for value in column])

@@ -1,0 +1,69 @@
+"""The commands that README.md and post/README.md show are run as they are written, in order, in a folder like a fresh clone."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+
+import pytest
+from conftest import ROOT
+
+PAGES = ("README.md", "post/README.md")
+COMMAND = re.compile(r"^    ((?:post/\w+\.py|bin/biela|sed) .*?)(?:\s+#\s.*)?$", re.MULTILINE)
+EXAMPLE = re.compile(r"\b[A-Z]{3,}\b|\.\.\.")  # DECK, STUDY.toml: words that stand for something
+SHORTER = {"animate": ["--frames", "3"], "tradeoff": ["--time", "3", "--quiet"]}  # the same work on less, for the test's time
+STATUS = {"compare": {1}, "tradeoff": {0, 1}}
+
+
+def commands(page: str) -> list[str]:
+    """Return the commands of a page that name files of this project."""
+    return [found for found in COMMAND.findall((ROOT / page).read_text(encoding="utf-8")) if not EXAMPLE.search(found)]
+
+
+@pytest.fixture
+def clone(biela, tmp_path, monkeypatch):
+    """Return a folder with what the commands use, as a clone has it once it is built; the working folder."""
+    shutil.copytree(ROOT / "input", tmp_path / "input")
+    (tmp_path / "post").symlink_to(ROOT / "post")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "biela").symlink_to(biela)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(line: str) -> None:
+    """Run a command: a program of post/ in this process, which has loaded the libraries, any other by the shell."""
+    words = shlex.split(line)
+    if not words[0].startswith("post/"):
+        assert subprocess.run(line, shell=True, capture_output=True, check=False).returncode == 0, line
+        return
+    tool = words[0][len("post/") : -len(".py")]
+    try:
+        status = importlib.import_module(tool).main([*words[1:], *SHORTER.get(tool, [])])
+    except SystemExit as end:  # what the command line's parser refuses
+        status = end.code
+    assert status in STATUS.get(tool, {0}), line
+
+
+def test_commands_work_as_they_are_written(clone, capsys):
+    lines = [commands(page) for page in PAGES]
+    assert min(map(len, lines)) > 7
+    for line in dict.fromkeys(line for page in lines for line in page):
+        run(line)
+        told = capsys.readouterr()
+        assert "Traceback" not in told.err
+        for path in re.findall(r"(?<=wrote )\S+\.\w+|(?<=and )results/\S+\.\w+", told.out):
+            assert (clone / path.rstrip(",")).stat().st_size > 0, line
+
+
+def test_programs_run_from_any_folder_by_the_projects_own_python(tmp_path):
+    for tool in sorted(path for path in (ROOT / "post").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")):
+        assert os.access(tool, os.X_OK), tool.name
+        assert tool.read_text(encoding="utf-8").splitlines()[0].startswith("#!/usr/bin/env -S sh -c "), tool.name
+    done = subprocess.run([ROOT / "post" / "compare.py", "a", "b"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("compare: a")
