@@ -36,6 +36,18 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("alpha_state", "position_measures", "alpha_state", "self%measure"): {"group", "grows", "weight", "whole"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),
     ("alpha_state", "error_memory", "alpha_state", "self%error"): {"next"},
+    ("radau_stepper", "radau_march", "radau_stepper", "self"): {
+        *("adaptive", "step", "tolerance", "first_step", "max_step", "stops", "jumps", "group", "weight", "grows"),
+    },
+    ("step_control", "error_norm", "radau_stepper", "self%norm"): {
+        *("group", "floor", "rate", "slope", "fastest", "scale", "steepest", "noise"),
+    },
+    ("radau_stages", "radau_stage_values", "radau_stages", "self"): {
+        *("method", "nq", "nz", "nzd", "rows", "t", "h", "q", "v", "a", "u", "lambda", "work"),
+    },
+    ("radau_stages", "inner_values", "radau_stages", "self%inner"): {
+        *("viscosity", "inertia", "z", "zd", "delta0", "delta"),
+    },
     ("results", "result_set", "results", "self"): {"incomplete", "nodes", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "factor"},

@@ -22,6 +22,8 @@ MATERIALS = ["", TERMS, "rayleigh_stiffness=1e-4"]
 METHODS = {
     "fixed generalized_alpha": "method='generalized_alpha' step={step:.17g}",
     "controlled generalized_alpha": "method='generalized_alpha' tolerance=1e-3",
+    "fixed radau": "method='radau' step={step:.17g}",
+    "controlled radau": "method='radau' tolerance=1e-5",
     "rk4": "method='rk4' step={small:.17g}",
     "fixed dopri5": "method='dopri5' step={small:.17g}",
     "controlled dopri5": "method='dopri5' tolerance=1e-5",

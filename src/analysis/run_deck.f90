@@ -155,7 +155,7 @@ contains
     if (.not. run%d%transient%present) return
     k = method_number(run%d%transient%method)
     if (k == 0) then
-      line = 'generalized_alpha, stable with any step for small vibrations: accuracy alone sets it'
+      line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
     else if (run%d%transient%adaptive) then
       line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
              'its steps near or below the current bound'

@@ -59,11 +59,11 @@ contains
     t%present = .true.
     t%method = 'rk4'
     call get(deck, 't_end', t%t_end, required, above=0.0_wp)
-    call get_choice(deck, 'method', t%method, [character(17) :: 'rk4', 'dopri5', 'generalized_alpha'])
+    call get_choice(deck, 'method', t%method, [character(17) :: 'rk4', 'dopri5', 'radau', 'generalized_alpha'])
     call get(deck, 'step', t%step, above=0.0_wp)
-    call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 generalized_alpha')
-    call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 generalized_alpha')
-    call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 generalized_alpha')
+    call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 radau generalized_alpha')
+    call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 radau generalized_alpha')
+    call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 radau generalized_alpha')
     call get(deck, 'spectral_radius', t%spectral_radius, least=0.0_wp, most=0.99_wp, kinds='generalized_alpha')
     call get(deck, 'accept_unstable', t%accept_unstable)
     call get(deck, 'check_error', t%check_error)
@@ -152,9 +152,9 @@ contains
     type(transient_record), intent(inout) :: t
     logical :: baumgarte, implicit
     call get_word(deck, 'stabilization', t%stabilization, [character(10) :: 'projection', 'baumgarte', 'none'])
-    implicit = deck%is_choice('generalized_alpha')
+    implicit = deck%is_choice('generalized_alpha') .or. deck%is_choice('radau')
     if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
-      quoted(trim(t%stabilization))//' does not apply to method=''generalized_alpha'', expected ''projection''')
+      quoted(trim(t%stabilization))//' does not apply to method='//quoted(trim(t%method))//', expected ''projection''')
     call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
     call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
     baumgarte = t%stabilization == 'baumgarte' .and. .not. implicit

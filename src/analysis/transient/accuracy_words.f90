@@ -37,7 +37,7 @@ contains
       call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
       call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3)
       call text%line(' J')
-      if (run%d%transient%method == 'generalized_alpha') then
+      if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
         call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
         call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &
                        es_text(b%row(5) + march%method%removed, 3)//' J')

@@ -8,6 +8,7 @@ module choose_stepper
   use error_groups, only: group_unknowns
   use fixed_step, only: fixed_stepper
   use history, only: breakpoint
+  use radau_stepper, only: radau_march
   use runge_kutta, only: classical_rk4, dormand_prince
   use scene_model, only: scene
   use time_stepper, only: stepper
@@ -28,7 +29,7 @@ contains
     select case (method)
     case ('rk4')
       order = 4
-    case ('dopri5')
+    case ('dopri5', 'radau')
       order = 5
     case default
       order = 2
@@ -43,6 +44,8 @@ contains
     class(stepper), allocatable, intent(out) :: march
     if (r%method == 'generalized_alpha') then
       call make_implicit(r, s, march)
+    else if (r%method == 'radau') then
+      call make_radau(r, s, march)
     else if (r%adaptive) then
       call make_adaptive(r, s, fastest, march)
     else
@@ -70,6 +73,23 @@ contains
     call stop_times(r, s, alpha%stops, alpha%jumps)
     call move_alloc(alpha, march)
   end subroutine make_implicit
+
+  !> The implicit method of order 5, with fixed or controlled steps.
+  subroutine make_radau(r, s, march)
+    type(transient_record), intent(in) :: r
+    type(scene), intent(in) :: s
+    class(stepper), allocatable, intent(out) :: march
+    type(radau_march), allocatable :: radau
+    allocate (radau)
+    radau%adaptive = r%adaptive
+    radau%step = r%step
+    radau%tolerance = r%tolerance
+    radau%first_step = r%first_step
+    if (r%max_step > 0.0_wp) radau%max_step = r%max_step
+    call group_unknowns(s, radau%norm)
+    call stop_times(r, s, radau%stops, radau%jumps)
+    call move_alloc(radau, march)
+  end subroutine make_radau
 
   !> Explicit methods with a fixed step.
   subroutine make_fixed(r, march)

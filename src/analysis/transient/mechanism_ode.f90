@@ -8,14 +8,17 @@ module mechanism_ode
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
-  use newton_results, only: term_increments, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, &
-                            scene_reach
+  use newton_results, only: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, &
+                            position_groups, scene_reach
   use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
   use newton_system, only: newton_matrix, set_up_newton
   use ode_system, only: largest_value, is_bounded
   use projection, only: project
-  use second_order_system, only: second_order_ode, sensible, out_of_shape, out_of_turns
+  use second_order_system, only: sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
+  use stage_equations, only: stage_solver, set_up_stages, stage_residual, renew_terms, factor_stages, solve_stage, close_rows, &
+                             stage_power
+  use stage_system, only: stage_ode
   implicit none (type, external)
   private
 
@@ -26,11 +29,12 @@ module mechanism_ode
   real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
 
   !> The system.
-  type, extends(second_order_ode), public :: mechanism_system
+  type, extends(stage_ode), public :: mechanism_system
     type(mechanism_model) :: m
     type(evaluation_options) :: options       !! what acts in the present analysis
     integer :: stabilisation = stabilise_projection
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
+    type(stage_solver), allocatable :: stages !! methods of several stages: matrices of theirs
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
     procedure :: start_implicit
@@ -56,6 +60,15 @@ module mechanism_ode
     procedure :: nearly_dependent => mechanism_dependent
     procedure :: factors => mechanism_factors
     procedure :: rates => mechanism_rates     !! the same with other options
+    procedure :: start_stages
+    procedure :: stage_residual => mechanism_stage
+    procedure :: renew_stages => mechanism_renew_stages
+    procedure :: factor_stages => mechanism_factor_stages
+    procedure :: stage_correction => mechanism_stage_correction
+    procedure :: deformations => mechanism_deformations
+    procedure :: internal_laws => mechanism_laws
+    procedure :: close => mechanism_close
+    procedure :: stage_powers => mechanism_stage_powers
     procedure :: derivative => mechanism_derivative
     procedure :: project => mechanism_accept
   end type mechanism_system
@@ -394,4 +407,93 @@ contains
     constant = self%t%base_factors
     whole = self%t%whole_factors
   end subroutine mechanism_factors
+
+  !> Makes ready for a method of several stages.
+  subroutine start_stages(self)
+    class(mechanism_system), intent(inout) :: self
+    if (allocated(self%stages)) deallocate (self%stages)
+    allocate (self%stages)
+    call set_up_stages(self%stages, self%t, self%m)
+  end subroutine start_stages
+
+  !> Residuals of a stage.
+  subroutine mechanism_stage(self, t, q, v, a, z, lambda, left, r, gap)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
+    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+    logical, intent(in) :: left
+    real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
+    real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
+    call stage_residual(self%t, self%m, at_side(self%options, left), t, q, v, a, z, lambda, r, gap)
+  end subroutine mechanism_stage
+
+  !> Mass, damping and stiffness there.
+  subroutine mechanism_renew_stages(self, t, v, a, lambda)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
+    real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
+    call renew_terms(self%stages, self%t, self%m, t, v, a, lambda)
+  end subroutine mechanism_renew_stages
+
+  !> Both factors.
+  subroutine mechanism_factor_stages(self, c2)
+    class(mechanism_system), intent(inout) :: self
+    complex(wp), intent(in) :: c2(2)          !! [1/s]
+    call factor_stages(self%stages, self%t, c2)
+  end subroutine mechanism_factor_stages
+
+  !> Corrections by one of them.
+  subroutine mechanism_stage_correction(self, k, r, gap, dq, dlambda)
+    class(mechanism_system), intent(inout) :: self
+    integer, intent(in) :: k
+    complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
+    complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
+    complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
+    complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
+    call solve_stage(self%stages%factor(k), self%m, r, gap, dq, dlambda)
+  end subroutine mechanism_stage_correction
+
+  !> Deformations that internal variables follow.
+  subroutine mechanism_deformations(self, q, v, delta)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
+    call term_deformations(self%t, self%m, q, v, delta)
+  end subroutine mechanism_deformations
+
+  !> Their laws.
+  subroutine mechanism_laws(self, viscosity, inertia)
+    class(mechanism_system), intent(in) :: self
+    real(wp), intent(out) :: viscosity(:)     !! (nz) [s]
+    real(wp), intent(out) :: inertia(:)       !! (nz) [s2]
+    integer :: k
+    do k = 1, size(self%t%terms)
+      associate (t => self%t%terms(k))
+        viscosity(t%first:t%last) = t%viscosity
+        inertia(t%first:t%last) = t%inertia
+      end associate
+    end do
+  end subroutine mechanism_laws
+
+  !> Closes the joints.
+  subroutine mechanism_close(self, t, q, v, a)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    call close_rows(self%stages, self%m, at_side(self%options, .true.), t, q, v, a)
+  end subroutine mechanism_close
+
+  !> Powers at a stage.
+  subroutine mechanism_stage_powers(self, t, q, v, lambda, z, zd, power)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
+    real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
+    real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
+    real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
+    call stage_power(self%t, self%m, at_side(self%options, .true.), t, q, v, lambda, z, zd, power)
+  end subroutine mechanism_stage_powers
 end module mechanism_ode

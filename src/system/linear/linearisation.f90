@@ -19,7 +19,7 @@ module linearisation
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linearise, marker_jacobian
+  public :: linearise, marker_jacobian, rate_jacobian, in_body_axes, to_body
 
 contains
 

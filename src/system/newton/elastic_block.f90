@@ -12,6 +12,7 @@ module elastic_block
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
+  public :: stiffening_change
 
   !> The block's factors.
   type, public :: block_factor
@@ -134,14 +135,30 @@ contains
     self%lu(2*self%kb + 1 + i - j, j) = self%lu(2*self%kb + 1 + i - j, j) + x
   end subroutine marker
 
-  !> Adds what stiffening changes of an element's stiffness, at the coordinates bo%qx.
+  !> Adds what stiffening changes of an element's stiffness, at the coordinates body%qx.
   subroutine add_stiffening(self, eq, body, e)
     class(block_factor), intent(inout) :: self
     type(body_equations), intent(in) :: eq
     type(body_model), intent(in) :: body
     integer, intent(in) :: e
-    real(wp) :: x(6), k(6, 6), g(6, 6), n, factor
-    integer :: i, j, r
+    real(wp) :: k(6, 6)
+    integer :: i, j
+    call stiffening_change(eq, body, e, k)
+    do j = 1, 6
+      do i = 1, 6
+        if (body%edof(i, e) > 0 .and. body%edof(j, e) > 0) call marker(self, body%edof(i, e), body%edof(j, e), k(i, j))
+      end do
+    end do
+  end subroutine add_stiffening
+
+  !> What stiffening changes of the stiffness of element e, at the coordinates body%qx of eq's last residual.
+  subroutine stiffening_change(eq, body, e, k)
+    type(body_equations), intent(in) :: eq
+    type(body_model), intent(in) :: body
+    integer, intent(in) :: e
+    real(wp), intent(out) :: k(6, 6)         !! [N/m, N, N m]
+    real(wp) :: x(6), g(6, 6), n, factor
+    integer :: r
     factor = 1.0_wp
     do r = 1, size(body%segments)
       if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) factor = eq%factor(r)
@@ -150,12 +167,7 @@ contains
     n = body%elements(e)%ea_l*merge(body%ds(1, e), body%d(1, e), size(body%segments) > 0)
     call stiffening_tangent(body%elements(e), x, n, k, g)
     k = factor*(k - element_stiffness(body%elements(e))) + g
-    do j = 1, 6
-      do i = 1, 6
-        if (body%edof(i, e) > 0 .and. body%edof(j, e) > 0) call marker(self, body%edof(i, e), body%edof(j, e), k(i, j))
-      end do
-    end do
-  end subroutine add_stiffening
+  end subroutine stiffening_change
 
   !> Solves in place with T0 or the whole block.
   subroutine solve(self, whole, x)

@@ -13,7 +13,7 @@ module newton_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, predict_terms, residual, renew, solve_elastic, frame_acceleration
+  public :: prepare, predict_terms, hold_terms, residual, renew, solve_elastic, turn_wrenches, frame_acceleration
 
 contains
 
@@ -57,15 +57,46 @@ contains
     real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
     real(wp), intent(in), contiguous :: zd(:)   !! (nz) [m/s, rad/s]
     real(wp), intent(in), contiguous :: zdd(:)  !! (nz) [m/s2, rad/s2]
+    integer :: k
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k), i => self%terms(k)%first)
+        call t%offsets(t%last - i + 1, z(i:t%last), zd(i:t%last), zdd(i:t%last), self%offset(i:t%last))
+      end associate
+    end do
+    call pass_offsets(self, m)
+  end subroutine predict_terms
+
+  !> Gives the dissipative coordinates that residuals see, whatever the deformations.
+  subroutine hold_terms(self, m, z)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
+    integer :: k
+    do k = 1, size(self%b)
+      if (self%b(k)%eq%n > 0) self%b(k)%eq%factor = 1.0_wp
+    end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        t%g = 0.0_wp
+        if (t%body > 0) self%b(t%body)%eq%factor(t%segment) = self%b(t%body)%eq%factor(t%segment) + t%alpha
+      end associate
+    end do
+    self%offset = z
+    call pass_offsets(self, m)
+  end subroutine hold_terms
+
+  !> Hands the offsets on to the bodies that the terms belong to.
+  subroutine pass_offsets(self, m)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     integer :: k, b, e, i, first
     do b = 1, size(self%b)
       if (m%s%bodies(b)%nz > 0) self%b(b)%eq%past = 0.0_wp
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        i = t%first
-        call t%offsets(t%last - i + 1, z(i:t%last), zd(i:t%last), zdd(i:t%last), self%offset(i:t%last))
         if (t%body == 0) cycle
+        i = t%first
         associate (x => self%b(t%body)%eq%past, segment => m%s%bodies(t%body)%segments(t%segment))
           first = segment%first
           if (m%s%bodies(t%body)%modal) first = t%segment
@@ -76,7 +107,7 @@ contains
         end associate
       end associate
     end do
-  end subroutine predict_terms
+  end subroutine pass_offsets
 
   !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
   subroutine residual(self, m, options, t, q, v, a, lambda)

@@ -12,7 +12,8 @@ module newton_results
   use nodal_kernel, only: deformations
   implicit none (type, external)
   private
-  public :: term_increments, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, scene_reach
+  public :: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, &
+            scene_reach
 
 contains
 
@@ -23,7 +24,24 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    real(wp) :: d(1), dd, e(3)
+    real(wp) :: delta(size(z))
+    integer :: k
+    if (size(self%terms) == 0) return
+    call term_deformations(self, m, q, v, delta)
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
+        call t%increments(j - i + 1, delta(i:j), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
+      end associate
+    end do
+  end subroutine term_increments
+
+  !> The deformations that the dissipative coordinates follow.
+  subroutine term_deformations(self, m, q, v, delta)
+    type(newton_matrix), intent(in) :: self
+    type(mechanism_model), intent(inout) :: m
+    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
+    real(wp), intent(out), contiguous :: delta(:)             !! (nz) [m, rad]
+    real(wp) :: dd, e(3)
     integer :: k, b
     if (size(self%terms) == 0) return
     call set_frames(m, q)
@@ -33,17 +51,17 @@ contains
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
         if (b == 0) then
-          call m%s%forces(t%element)%item%deformation(m%p, d(1), dd, e)
-          call t%increments(1, d, z(i:i), zd(i:i), zdd(i:i), dz(i:i))
+          call m%s%forces(t%element)%item%deformation(m%p, delta(i), dd, e)
         else if (m%s%bodies(b)%modal) then
-          call t%increments(j - i + 1, m%s%bodies(b)%qx(1), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
+          delta(i:j) = m%s%bodies(b)%qx(1:)
         else
-          call t%increments(j - i + 1, m%s%bodies(b)%d(1, m%s%bodies(b)%segments(t%segment)%first), z(i:j), zd(i:j), zdd(i:j), &
-                            dz(i:j))
+          associate (body => m%s%bodies(b), segment => m%s%bodies(b)%segments(t%segment))
+            delta(i:j) = reshape(body%d(:, segment%first:segment%last), [j - i + 1])
+          end associate
         end if
       end associate
     end do
-  end subroutine term_increments
+  end subroutine term_deformations
 
   !> Deformations of the viscoelastic bodies, kept in them.
   subroutine deform(m, q)

@@ -51,6 +51,7 @@ module newton_system
     type(newton_body), allocatable :: b(:)
     type(row_system) :: rows
     type(ghm_term), allocatable :: terms(:)
+    real(wp), allocatable :: q(:)            !! (nq) positions of the last stage's residual [m, rad]
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
     real(wp), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
     real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates

@@ -1,0 +1,292 @@
+!> A step of the Radau IIA method: the rates of the three stages are the unknowns, positions and accelerations follow from them,
+!>
+!>   Q_i = q + h sum_j a_ij V_j      A_i = sum_j w_ij (V_j - v)/h      r(Q, V, A, Z, Lambda) = 0      phi'(Q, V) = 0
+!>
+!> with W = A^-1: constraints hold at the level of rates (index 2), and internal variables are those that the same relations give
+!> exactly for the stages' deformations. Simplified Newton iterations in the eigenvectors of W (Hairer & Wanner, IV.8).
+module radau_stages
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use radau_method, only: radau_tableau, lagrange_weights
+  use stage_system, only: stage_ode
+  use step_control, only: error_norm
+  implicit none (type, external)
+  private
+  public :: set_up_stages, start_stages, predict_stages, solve_stages, exchange_stages
+
+  integer, parameter :: most_iterations = 10       !! Newton iterations of a step
+  real(wp), parameter :: slow = 0.3_wp             !! contraction from which matrices are made anew [-]
+  real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
+  real(wp), parameter :: fine = 1.0e-9_wp          !! fixed steps: Newton's error, of the scales [-]
+  real(wp), parameter :: finer = 1.0e-7_wp         !! the same, of the first correction [-]
+
+  !> Internal variables.
+  type, public :: inner_values
+    real(wp), allocatable :: viscosity(:)    !! (nz) [s]
+    real(wp), allocatable :: inertia(:)      !! (nz) 0: of first order [s2]
+    real(wp), allocatable :: z0(:), zd0(:)   !! (nz) at the start of the step [m, rad] and per second
+    real(wp), allocatable :: z(:, :), zd(:, :)           !! (nz, 3) of the stages [m, rad] and per second
+    real(wp), allocatable :: delta0(:), delta(:, :)      !! (nz), (nz, 3) deformations that they follow [m, rad]
+  end type inner_values
+
+  !> The stages.
+  type, public :: radau_stage_values
+    type(radau_tableau) :: method
+    integer :: nq = 0, nz = 0, nzd = 0, rows = 0
+    type(inner_values) :: inner
+    real(wp) :: t = 0.0_wp, h = 0.0_wp       !! start and size of the step [s]
+    real(wp), allocatable :: q0(:), v0(:), a0(:)         !! (nq) state at its start [m, rad], rates, accelerations
+    real(wp), allocatable :: q(:, :), v(:, :), a(:, :)   !! (nq, 3) [m, rad], rates, accelerations
+    real(wp), allocatable :: u(:, :)         !! (nq, 3) V - v [m/s, rad/s]
+    real(wp), allocatable :: lambda(:, :)    !! (rows, 3) [N]
+    real(wp), allocatable :: past(:, :)      !! (nq, 0:3) rates of the last step: start and stages [m/s, rad/s]
+    real(wp), allocatable :: past_lambda(:, :)           !! (rows, 3) [N]
+    real(wp) :: past_h = 0.0_wp              !! its size, 0: none [s]
+    real(wp) :: eta = 1.0_wp                 !! Theta/(1 - Theta) of the last step, Theta Newton's contraction [-]
+    type(stage_work), allocatable :: work
+    integer(ip) :: iterations = 0, residuals = 0, renewals = 0
+  end type radau_stage_values
+
+  !> Work space.
+  type, public :: stage_work
+    real(wp), allocatable :: r(:, :), gap(:, :)          !! (nq, 3), (rows, 3) residuals [N, N m], [m/s]
+    real(wp), allocatable :: dq(:, :), dv(:, :)          !! (nq, 3) corrections [m, rad], [m/s, rad/s]
+    complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! of one eigenvalue [N, m/s, m, N, ...]
+    real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
+  end type stage_work
+
+contains
+
+  !> Work space for a system.
+  subroutine set_up_stages(self, system, method)
+    type(radau_stage_values), intent(out) :: self
+    class(stage_ode), intent(in) :: system
+    type(radau_tableau), intent(in) :: method
+    self%method = method
+    self%nq = system%nq
+    self%nz = system%nz
+    self%nzd = system%nzd
+    self%rows = system%rows
+    associate (nq => self%nq, nz => self%nz, rows => self%rows)
+      allocate (self%q0(nq), self%v0(nq), self%a0(nq), self%q(nq, 3), self%v(nq, 3), self%a(nq, 3), self%u(nq, 3), &
+                self%lambda(rows, 3), self%past(nq, 0:3), self%past_lambda(rows, 3), source=0.0_wp)
+      associate (n => self%inner)
+        allocate (n%viscosity(nz), n%inertia(nz), n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%delta(nz, 3), &
+                  source=0.0_wp)
+      end associate
+      allocate (self%work)
+      associate (w => self%work)
+        allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(2*nq + nz + self%nzd + 2), source=0.0_wp)
+        allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows))
+        w%y = w%e
+      end associate
+    end associate
+    call system%internal_laws(self%inner%viscosity, self%inner%inertia)
+  end subroutine set_up_stages
+
+  !> Starts at a state, where there is no last step: accelerations and multipliers of the equations.
+  subroutine start_stages(self, system, t)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: t                !! [s]
+    real(wp) :: powers(2), a(self%nq + self%nz)
+    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%past_lambda(:, 3), powers)
+    self%residuals = self%residuals + 1
+    self%a0 = a(1:self%nq)
+    self%past_h = 0.0_wp
+    self%eta = 1.0_wp
+  end subroutine start_stages
+
+  !> First guess of the stages: the polynomial of the last step goes on.
+  subroutine predict_stages(self, system, t, h)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: t, h             !! [s]
+    real(wp) :: w(4), w3(3)
+    integer :: i
+    self%t = t
+    self%h = h
+    if (self%nz > 0) call system%deformations(self%q0, self%v0, self%inner%delta0)
+    do i = self%nzd + 1, self%nz
+      self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
+    end do
+    do i = 1, 3
+      if (self%past_h > 0.0_wp) then
+        w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%past_h)
+        self%u(:, i) = matmul(self%past, w) - self%v0
+        w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%past_h)
+        self%lambda(:, i) = matmul(self%past_lambda, w3)
+      else
+        self%u(:, i) = self%method%c(i)*h*self%a0
+        self%lambda(:, i) = self%past_lambda(:, 3)
+      end if
+    end do
+  end subroutine predict_stages
+
+  !> Positions, rates, accelerations and internal variables of the stages from u.
+  subroutine stage_states(self, system)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    integer :: i, k
+    associate (h => self%h, a => self%method%a, w => self%method%w, u => self%u)
+      do i = 1, 3
+        do k = 1, self%nq
+          self%v(k, i) = self%v0(k) + u(k, i)
+          self%q(k, i) = self%q0(k) + h*(self%method%c(i)*self%v0(k) + (a(i, 1)*u(k, 1) + a(i, 2)*u(k, 2) + a(i, 3)*u(k, 3)))
+          self%a(k, i) = (w(i, 1)*u(k, 1) + w(i, 2)*u(k, 2) + w(i, 3)*u(k, 3))/h
+        end do
+      end do
+      if (self%nz == 0) return
+      do i = 1, 3
+        call system%deformations(self%q(:, i), self%v(:, i), self%inner%delta(:, i))
+      end do
+    end associate
+    call internal_stages(self)
+  end subroutine stage_states
+
+  !> Internal variables: their equations are linear, and part by the eigenvectors.
+  subroutine internal_stages(self)
+    type(radau_stage_values), intent(inout) :: self
+    complex(wp) :: x(2), c2(2)
+    integer :: i, j
+    associate (m => self%method, n => self%inner)
+      c2 = m%mu/self%h
+      do i = 1, self%nz
+        x = (matmul(m%from, n%delta(i, :) - n%z0(i)) + n%inertia(i)*c2*sum(m%from, 2)*n%zd0(i)) &
+            /(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
+        do j = 1, 3
+          n%z(i, j) = n%z0(i) + real(m%to(j, 1)*x(1) + m%to(j, 2)*x(2), wp)
+          n%zd(i, j) = real(m%to(j, 1)*c2(1)*x(1) + m%to(j, 2)*c2(2)*x(2), wp)
+        end do
+      end do
+    end associate
+  end subroutine internal_stages
+
+  !> Newton iterations from the prediction; ok is false where they fail.
+  subroutine solve_stages(self, system, norm, tolerance, ok)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    type(error_norm), intent(inout) :: norm
+    real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
+    logical, intent(out) :: ok
+    real(wp) :: d, before, theta, eta, goal
+    integer :: k
+    logical :: again
+    ok = .false.
+    again = .false.
+    before = huge(1.0_wp)
+    theta = 0.0_wp
+    eta = max(self%eta, epsilon(1.0_wp))**0.8_wp
+    goal = fine
+    if (tolerance > 0.0_wp) goal = tolerance*max(10*epsilon(1.0_wp)/tolerance, min(0.03_wp, sqrt(tolerance)))
+    do k = 1, most_iterations
+      call stage_residuals(self, system)
+      if (k == 1 .or. (theta > slow .and. .not. again)) then
+        call renew(self, system)
+        again = k > 1
+        before = huge(1.0_wp)
+      end if
+      call correct(self, system)
+      d = size_of_correction(self, norm)
+      if (.not. d < 1.0e3_wp) exit
+      if (k == 1 .and. .not. tolerance > 0.0_wp) goal = min(goal, finer*d)
+      if (before < huge(1.0_wp)) then
+        theta = d/max(before, tiny(1.0_wp))
+        eta = theta/max(1 - theta, tiny(1.0_wp))
+        ok = theta > slow .and. d <= noise
+        if (theta >= 1.0_wp .and. again .and. .not. ok) exit
+      end if
+      ok = ok .or. eta*d <= goal .or. d <= epsilon(1.0_wp)
+      if (ok) exit
+      before = d
+    end do
+    self%eta = merge(eta, 1.0_wp, ok)
+    if (ok) call stage_states(self, system)
+  end subroutine solve_stages
+
+  !> Residuals of the three stages; the middle one last, where matrices are made.
+  subroutine stage_residuals(self, system)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    integer :: i, k
+    call stage_states(self, system)
+    do k = 1, 3
+      i = merge(2, merge(1, 3, k == 1), k == 3)
+      call system%stage_residual(self%t + self%method%c(i)*self%h, self%q(:, i), self%v(:, i), self%a(:, i), self%inner%z(:, i), &
+                                 self%lambda(:, i), .true., self%work%r(:, i), self%work%gap(:, i))
+    end do
+    self%residuals = self%residuals + 3
+  end subroutine stage_residuals
+
+  !> Matrices at the second stage.
+  subroutine renew(self, system)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    call system%renew_stages(self%t + self%method%c(2)*self%h, self%v(:, 2), self%a(:, 2), self%lambda(:, 2))
+    call system%factor_stages(self%method%mu/self%h)
+    self%renewals = self%renewals + 1
+  end subroutine renew
+
+  !> One correction of the stages by the factors that stand.
+  subroutine correct(self, system)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    complex(wp) :: c2
+    integer :: i, k
+    associate (m => self%method, w => self%work)
+      w%dq = 0.0_wp
+      w%dv = 0.0_wp
+      do k = 1, 2
+        c2 = m%mu(k)/self%h
+        w%r_part = m%from(k, 1)*w%r(:, 1) + m%from(k, 2)*w%r(:, 2) + m%from(k, 3)*w%r(:, 3)
+        w%gap_part = (m%from(k, 1)*w%gap(:, 1) + m%from(k, 2)*w%gap(:, 2) + m%from(k, 3)*w%gap(:, 3))/c2
+        call system%stage_correction(k, w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
+        do i = 1, 3
+          w%dq(:, i) = w%dq(:, i) + real(m%to(i, k)*w%dq_part, wp)
+          w%dv(:, i) = w%dv(:, i) + real((m%to(i, k)*c2)*w%dq_part, wp)
+          self%lambda(:, i) = self%lambda(:, i) + real(m%to(i, k)*w%dlambda_part, wp)
+        end do
+      end do
+      self%u = self%u + w%dv
+    end associate
+    self%iterations = self%iterations + 1
+  end subroutine correct
+
+  !> The largest correction of a position or rate over its scale [-].
+  real(wp) function size_of_correction(self, norm) result(d)
+    type(radau_stage_values), intent(inout) :: self
+    type(error_norm), intent(inout) :: norm
+    integer :: i
+    d = 0.0_wp
+    associate (w => self%work, nq => self%nq)
+      w%e = 0.0_wp
+      w%y = 0.0_wp
+      do i = 1, 3
+        w%e(1:nq) = w%dq(:, i)
+        w%e(nq + 1:2*nq) = w%dv(:, i)
+        w%y(1:nq) = self%q(:, i)
+        w%y(nq + 1:2*nq) = self%v(:, i)
+        d = max(d, norm%measure(w%e, w%y, self%h, 1.0_wp))
+        if (.not. all(abs(w%dq(:, i)) < huge(1.0_wp))) d = huge(1.0_wp)
+      end do
+    end associate
+  end function size_of_correction
+
+  !> Saves or restores what the next step needs.
+  subroutine exchange_stages(self, a)
+    type(radau_stage_values), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%q0)
+    call a%exchange(self%v0)
+    call a%exchange(self%a0)
+    call a%exchange(self%inner%z0)
+    call a%exchange(self%inner%zd0)
+    call a%exchange(self%past)
+    call a%exchange(self%past_lambda)
+    call a%exchange(self%past_h)
+    call a%exchange(self%iterations)
+    call a%exchange(self%residuals)
+    call a%exchange(self%renewals)
+    call a%exchange(self%eta)
+  end subroutine exchange_stages
+end module radau_stages

@@ -1,0 +1,149 @@
+"""method='radau': order 5 of every column, tolerances that are kept, L-stability, evaluations beside scipy's Radau, energies."""
+
+import re
+
+import numpy as np
+import pytest
+from compare import differences
+from conftest import REFERENCE
+from histories import read
+from scipy.integrate import Radau
+
+# Two steps between which every column above the reference's own error falls with order 5.
+STEPS = {
+    "vrl_elastic": (1e-5, 5e-6),
+    "vrl_ghm": (1e-5, 5e-6),
+    "vrl_torque_on_rod": (1e-5, 5e-6),
+    "andrews": (1e-4, 5e-5),
+    "viscoelastic_joint": (1.25e-3, 6.25e-4),
+}
+STRUCK = {"viscoelastic_joint": ["damper.f"]}  # axial vibrations of the start, which these steps do not resolve
+TOLERANCES = [
+    *[(scene, tolerance) for scene in ("vrl_elastic", "vrl_ghm", "vrl_torque_on_rod") for tolerance in (1e-4, 1e-6)],
+    *[(scene, tolerance) for scene in ("andrews", "viscoelastic_joint", "spin_up") for tolerance in (1e-4, 1e-6, 1e-8)],
+    ("vrl_torque_on_rod", 1e-8),
+    ("four_bar", 1e-4),
+]
+UNHEARD = {"four_bar": ["rocker_q3.qdd"]}  # a vibration of 1e-9 m far above all others, which shows in its acceleration alone
+
+
+@pytest.fixture
+def errors(run_deck):
+    """Return a function: errors by column, over its range, of a scene run with the given words."""
+
+    def measure(scene, words):
+        deck = (REFERENCE / scene / "deck.nml").read_text(encoding="utf-8")
+        deck, count = re.subn(r"method='rk4' step=\S+", f"method='radau' {words}", deck)
+        assert count == 1
+        run = run_deck(deck, name=f"{scene}_{words.split('=')[1]}")
+        return {d.name: d.error for d in differences(run.history, read(REFERENCE / scene / "expected.csv"))}
+
+    return measure
+
+
+@pytest.mark.parametrize("scene", STEPS)
+def test_order_five_of_every_column(scene, errors):
+    coarse, fine = (errors(scene, f"step={step}") for step in STEPS[scene])
+    seen = [column for column in fine if fine[column] > 1e-8 and column not in STRUCK.get(scene, [])]
+    assert len(seen) >= 4
+    for column in seen:
+        assert 4.6 < np.log2(coarse[column] / fine[column]) < 5.4, column
+
+
+@pytest.mark.parametrize(("scene", "tolerance"), TOLERANCES)
+def test_every_column_keeps_within_a_hundred_tolerances(scene, tolerance, errors):
+    found = errors(scene, f"tolerance={tolerance}")
+    bad = {column: error for column, error in found.items() if error > 100 * tolerance}
+    assert [column for column in bad if column not in UNHEARD.get(scene, [])] == []
+
+
+SWING = """&joint name='j' type='revolute' body_a='b' {near} /
+&sensor name='p' quantity='position' body='b' {far} /
+&sensor name='w' quantity='angular_velocity' body='b' /
+&sensor name='a' quantity='angular_acceleration' body='b' /
+&sensor name='r' quantity='reaction' joint='j' /
+&transient t_end=0.5 output_step=0.05 method='radau' {words} /
+"""
+RIGID = """&scene gravity=0.0,-9.81 /
+&body name='b' kind='rigid' mass=0.05 inertia=1.0416666666666667e-3 com=0.25,0.0 /
+""" + SWING
+STIFF = """&scene gravity=0.0,-9.81 /
+&material name='m' density=1000.0 young=1.0e15 {terms} /
+&section name='s' shape='rectangle' width=0.01 height=0.01 /
+&body name='b' kind='beam' length=0.5 elements={elements} material='m' section='s' /
+""" + SWING
+NODES = {"near": "node_a=1", "far": "node=-1"}
+FAST = "ghm_alpha=0.5 ghm_zeta=3.0 ghm_omega=1.7e6 prony_alpha=0.5 prony_tau=1.0e-7"  # poles up to 1e7 rad/s
+
+
+@pytest.mark.parametrize(
+    ("elements", "terms", "words"),
+    [(512, "", "step=0.01"), (512, "", "tolerance=1e-3"), (4, FAST, "step=0.01"), (4, FAST, "tolerance=1e-5")],
+)
+def test_steps_of_the_motion_whatever_vibrates_above_it(elements, terms, words, run_deck):
+    """A swinging rod of E = 1e15: with 512 elements, and with poles of 1e7 rad/s, it moves as the rigid rod at its steps."""
+    run = run_deck(STIFF.format(elements=elements, terms=terms, words=words, **NODES), name="stiff")
+    rigid = run_deck(RIGID.format(words="tolerance=1e-9", near="", far="point=0.5,0.0"), name="rigid")
+    for column in run.history.names[1:]:
+        apart = np.abs(run.history[column] - rigid.history[column])[1:]  # the rod starts undeformed
+        assert apart.max() <= 2e-3 * np.ptp(rigid.history[column]) + 1e-9, column
+    assert int(re.search(r"steps: (\d+)", run.summary)[1]) < 250
+
+
+# a compound pendulum with a stiff linear damper-spring: one coordinate, written for scipy as its own equation
+PENDULUM = """&scene gravity=0.0,-9.81 /
+&body name='a' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 /
+&joint name='o' type='revolute' body_a='a' /
+&spring name='k' type='torsional' body_a='a' stiffness={k} damping={c} /
+&sensor name='angle' quantity='angle' body='a' /
+&transient t_end=2.0 output_step=2.0 method='radau' tolerance={tolerance} /
+"""
+
+
+class Counted:
+    """The pendulum's equations, counting how often they are asked for."""
+
+    def __init__(self, k, c):
+        """Take the spring."""
+        self.k, self.c, self.count = k, c, 0
+
+    def __call__(self, _, y):
+        """Return the rates."""
+        self.count += 1
+        return [y[1], (-self.k * y[0] - self.c * y[1] - 9.81 * 0.5 * np.cos(y[0])) / 0.35]
+
+    def jacobian(self, _, y):
+        """Return their derivatives."""
+        return [[0.0, 1.0], [(-self.k + 9.81 * 0.5 * np.sin(y[0])) / 0.35, -self.c / 0.35]]
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize(("k", "c"), [(0.0, 0.0), (20.0, 0.2), (1e3, 200.0)])
+def test_evaluations_beside_those_of_scipy(k, c, tolerance, run_deck):
+    run = run_deck(PENDULUM.format(k=k, c=c, tolerance=tolerance))
+    mine = int(re.search(r"evaluations of the residual: (\d+)", run.summary)[1])
+    equations = Counted(k, c)
+    method = Radau(equations, 0.0, [0.0, 0.0], 2.0, rtol=tolerance, atol=tolerance * 1e-2, jac=equations.jacobian)
+    while method.status == "running":
+        method.step()
+    assert mine <= 1.5 * equations.count
+    exact = Counted(k, c)
+    truth = Radau(exact, 0.0, [0.0, 0.0], 2.0, rtol=1e-9, atol=1e-10, jac=exact.jacobian)
+    while truth.status == "running":
+        truth.step()
+    assert abs(run.history["angle"][-1] - truth.y[0]) < 100 * tolerance
+
+
+def test_energy_that_the_method_takes_out_is_told(run_deck):
+    """Undamped vibrations that large steps damp: the residual is what the method says that it removed."""
+    deck = (REFERENCE / "vrl_elastic" / "deck.nml").read_text(encoding="utf-8")
+    run = run_deck(re.sub(r"method='rk4' step=\S+", "method='radau' step=2e-5", deck))
+    residual = float(re.search(r"energy residual: .*? at the end +(\S+) J;", run.summary)[1])
+    removed = float(re.search(r"removed by the method itself: +(\S+) J", run.summary)[1])
+    assert removed > 0.0
+    assert abs(residual + removed) < 0.1 * abs(residual)
+
+
+def test_no_bound_applies(run_deck):
+    run = run_deck(STIFF.format(elements=2, terms="", words="step=0.05", **NODES), name="bound")
+    assert "this deck: radau, stable with any step" in run.summary
