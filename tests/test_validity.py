@@ -167,3 +167,23 @@ def test_beams_that_are_not_slender(run_deck, height):
         assert (found is not None) == (expected > 0.01)
         if found:
             assert float(found[1]) == pytest.approx(100 * expected, rel=0.01)
+
+
+@pytest.mark.parametrize("modes", [1, 2, 4])
+def test_modes_that_are_kept_are_in_use(run_deck, modes):
+    """A pinned beam 1 m long and 0.05 m high: k = n pi of the highest mode in bending; the first mode along it does not count."""
+    deck = f"""&scene gravity=0.0,-1.0 /
+&material name='m' density=7800.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.05 /
+&body name='b' kind='beam' length=1.0 elements=24 material='m' section='s' modes={modes} /
+&joint name='p' type='revolute' body_a='b' node_a=1 /
+&joint name='r' type='slider' body_a='b' node_a=-1 /
+"""
+    highest = {1: 1, 2: 2, 4: 3}[modes]  # the fourth is the first along the axis: pi/2 c/l against 16 pi2 r c/l2
+    expected = 1 - 1 / math.sqrt(1 + (highest * math.pi) ** 2 * 0.05**2 / 12 * (1 + 3.12))
+    run = run_deck(deck + transient(1.0e-3, 1.0e-6, 1.0e-4))
+    found = re.search(r'body "b" is so short and thick .* (\w+) frequency by (\S+) %', run.stderr)
+    assert (found is not None) == (expected > 0.01)
+    if found:
+        assert found[1] == "kept"
+        assert float(found[2]) == pytest.approx(100 * expected, rel=0.02)

@@ -113,7 +113,9 @@ contains
           shear = shear_correction(body)
           if (shear > slender) call say(body, &
                                         'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
-            'lower its lowest frequency by', 100*shear, '%, and higher ones by more')
+            'lower its '//trim(merge('highest kept', 'lowest      ', body%modal .and. body%nf > 1))//' frequency by', &
+                                        100*shear, '%'//trim(merge('                         ', ', and higher ones by more', &
+                                                                   body%modal)))
         end if
         carried = highest_carried(body)
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
@@ -193,13 +195,14 @@ contains
     end do
   end subroutine lowest_mode
 
-  !> Part by which shear and rotary inertia would lower the lowest frequency: Timoshenko's first correction
-  !> k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length;
-  !> 1 - 1/sqrt(1 + 2 x) where it is not small.
+  !> Part by which shear and rotary inertia would lower the highest frequency in bending that is kept, or of a mesh the lowest,
+  !> which is surely in use: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency,
+  !> k2 r2 = omega r/sqrt(E/rho), averaged over the length; 1 - 1/sqrt(1 + 2 x) where it is not small.
   function shear_correction(b) result(share)
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
     share = lowest_frequency(b)
+    if (b%modal) share = sqrt(max(b%omega2(highest_bending(b)), 0.0_wp))
     if (share >= huge(1.0_wp)) then
       share = 0.0_wp
       return
@@ -209,6 +212,26 @@ contains
     end associate
     share = 1 - 1/sqrt(1 + 2*share)
   end function shear_correction
+
+  !> The highest kept mode in which a straight body moves across its axis rather than along it.
+  pure integer function highest_bending(b) result(mode)
+    type(body_model), intent(in) :: b
+    real(wp) :: x(b%nf), u(3), along, across         ! unit modal coordinate [-]; displacements and their squares [m], [m2]
+    integer :: k
+    do mode = b%nf, 2, -1
+      x = 0.0_wp
+      x(mode) = 1.0_wp
+      along = 0.0_wp
+      across = 0.0_wp
+      do k = 1, b%nn
+        u = b%displacement(k, x)
+        along = along + u(1)**2
+        across = across + u(2)**2
+      end do
+      if (across >= along .or. any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) return
+    end do
+    mode = 1
+  end function highest_bending
 
   !> Highest frequency that the mesh (half a wave an element) or the kept modes (the highest of them) carry [rad/s].
   pure function highest_carried(b) result(omega)
