@@ -204,3 +204,14 @@ def test_published_frequencies(elements, safe, aligned, run_deck):
     bounds = [float(x) for x in re.search(r"rk4: safe bound\s+(\S+).*current bound\s+(\S+)", text).groups()]
     assert 2.8284271 / bounds[0] == pytest.approx(safe, rel=2e-4)
     assert 2.8284271 / bounds[1] == pytest.approx(aligned, rel=2e-4)
+
+
+def test_the_bound_of_a_slow_motion_is_followed(run_deck):
+    """A spring of 1/4 N/m on 1 kg: 0.5 rad/s, bound 2 sqrt(2)/0.5 s; frequencies below 1 rad/s count as others do."""
+    run = run_deck(
+        "&body name='a' mass=1.0 inertia=1.0 /\n&joint name='j' type='prismatic' body_a='a' /\n"
+        "&spring name='k' type='linear' body_a='a' point_b=-1,0 stiffness=0.25 free_length=0.9 /\n"
+        "&transient t_end=10 step=0.1 output_step=1 /\n"
+    )
+    found = re.search(r"smallest current bound of the step: +(\S+) s", run.summary)
+    assert float(found[1]) == pytest.approx(4.0 * math.sqrt(2.0), rel=1e-3)
