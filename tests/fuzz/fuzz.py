@@ -77,8 +77,8 @@ def run(program: Path, folder: Path, names: list[str], patience: float = PATIENC
         for name, ending in ended:
             found[name] = (ending, "\n".join(line for line in texts if line.startswith(name)))
         names = [name for name in names if name not in found]
-        normal = status in (0, 1, 2, 3, 143) and not DIED.search(said)
-        if names and status == 143 and not ended:  # asked to stop before it had begun to write
+        normal = status in (0, 1, 2, 3, 143, -15) and not DIED.search(said)
+        if names and status in (143, -15) and not ended:  # asked to stop before it had begun to write, or to run
             found[names.pop(0)] = (143, "")
         elif names and (not normal or not ended):  # the first without an ending is the one that died
             found[names.pop(0)] = (-1, f"status {status}\n" + said.decode(errors="replace")[-3000:])
