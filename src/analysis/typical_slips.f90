@@ -176,29 +176,53 @@ contains
   !> Joints or drives between the same places that hold the same.
   subroutine doubled_constraints(d)
     type(deck), intent(in) :: d
-    integer :: k, j
-    do k = 2, size(d%joints)
-      do j = 1, k - 1
+    integer :: earlier(max(size(d%joints), size(d%drives)))
+    integer :: k, j, first
+    call find_neighbours(d%joints%a, d%joints%b, earlier)
+    do k = 1, size(d%joints)
+      first = 0
+      j = earlier(k)
+      do while (j > 0)
         associate (x => d%joints(j), y => d%joints(k))
-          if (x%type /= y%type .or. abs(x%direction - y%direction) > 0.0_wp) cycle
-          if (.not. (same(x%a, y%a) .and. same(x%b, y%b)) .and. &
-              .not. (same(x%a, y%b) .and. same(x%b, y%a) .and. y%type /= 'slider' .and. y%type /= 'prismatic')) cycle
-          call warn(y%at, 'joint/'//y%name, twin('joint', x%name, x%at))
+          if (x%type == y%type .and. .not. abs(x%direction - y%direction) > 0.0_wp) then
+            if (same(x%a, y%a) .and. same(x%b, y%b)) first = j
+            if (same(x%a, y%b) .and. same(x%b, y%a) .and. y%type /= 'slider' .and. y%type /= 'prismatic') first = j
+          end if
         end associate
-        exit
+        j = earlier(j)
       end do
+      if (first > 0) call warn(d%joints(k)%at, 'joint/'//d%joints(k)%name, twin('joint', d%joints(first)%name, d%joints(first)%at))
     end do
-    do k = 2, size(d%drives)
-      do j = 1, k - 1
+    call find_neighbours(d%drives%a, d%drives%b, earlier)
+    do k = 1, size(d%drives)
+      first = 0
+      j = earlier(k)
+      do while (j > 0)
         associate (x => d%drives(j), y => d%drives(k))
-          if (x%type /= y%type .or. abs(x%direction - y%direction) > 0.0_wp) cycle
-          if (.not. (same(x%a, y%a) .and. same(x%b, y%b))) cycle
-          call warn(y%at, 'drive/'//y%name, twin('drive', x%name, x%at))
+          if (x%type == y%type .and. .not. abs(x%direction - y%direction) > 0.0_wp) then
+            if (same(x%a, y%a) .and. same(x%b, y%b)) first = j
+          end if
         end associate
-        exit
+        j = earlier(j)
       end do
+      if (first > 0) call warn(d%drives(k)%at, 'drive/'//d%drives(k)%name, twin('drive', d%drives(first)%name, d%drives(first)%at))
     end do
   end subroutine doubled_constraints
+
+  !> For each pair of markers the one before it, 0: none, that may lie on the same bodies and nodes, whichever is named first:
+  !> only those need a closer look.
+  pure subroutine find_neighbours(a, b, earlier)
+    type(marker_record), intent(in) :: a(:), b(:)
+    integer, intent(out) :: earlier(:)
+    integer :: newest(0:size(a))               ! of the pairs with the same remainder
+    integer :: k, r
+    newest = 0
+    do k = 1, size(a)
+      r = modulo(31*(a(k)%body + b(k)%body) + a(k)%node + b(k)%node, size(a) + 1)
+      earlier(k) = newest(r)
+      newest(r) = k
+    end do
+  end subroutine find_neighbours
 
   !> What is wrong with the second of two that are the same.
   pure function twin(kind, name, at) result(text)

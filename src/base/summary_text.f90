@@ -165,13 +165,12 @@ contains
     call json%add('"')
     k = 1
     do while (k <= len(plain))
-      n = letter_length(plain(k:))
-      if (n == 0 .or. iachar(plain(k:k)) < 32) then
+      n = unchanged(plain(k:))
+      if (n > 0) then
+        call json%add(plain(k:k + n - 1))
+      else
         call json%add(escaped(iachar(plain(k:k))))
         n = 1
-      else
-        if (scan(plain(k:k), '"\') > 0) call json%add('\')
-        call json%add(plain(k:k + n - 1))
       end if
       k = k + n
     end do
@@ -179,14 +178,32 @@ contains
     text = json%all()
   end function json_text
 
-  !> \n, or \u00XX.
+  !> How many bytes at the beginning of a text JSON takes as they are.
+  pure integer function unchanged(plain) result(n)
+    character(*), intent(in) :: plain
+    integer :: bytes
+    n = 0
+    do while (n < len(plain))
+      bytes = letter_length(plain(n + 1:))
+      if (bytes == 0 .or. iachar(plain(n + 1:n + 1)) < 32) exit
+      if (plain(n + 1:n + 1) == '"' .or. plain(n + 1:n + 1) == '\') exit
+      n = n + bytes
+    end do
+  end function unchanged
+
+  !> \n, \", \\, or \u00XX.
   pure function escaped(code) result(text)
     integer, intent(in) :: code                   !! 0 to 255
     character(:), allocatable :: text
     character(16), parameter :: hex = '0123456789abcdef'
-    text = '\n'
-    if (code == 10) return
-    text = '\u00'//hex(code/16 + 1:code/16 + 1)//hex(mod(code, 16) + 1:mod(code, 16) + 1)
+    select case (code)
+    case (10)
+      text = '\n'
+    case (34, 92)
+      text = '\'//achar(code)
+    case default
+      text = '\u00'//hex(code/16 + 1:code/16 + 1)//hex(mod(code, 16) + 1:mod(code, 16) + 1)
+    end select
   end function escaped
 
   !> Bytes of the UTF-8 letter with which a text begins; 0: it begins with none.
