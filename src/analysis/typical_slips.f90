@@ -243,15 +243,18 @@ contains
   subroutine lost_dwells(d)
     type(deck), intent(in) :: d
     class(history_model), allocatable :: h
-    real(wp) :: miss, worst, at
-    integer :: k, i
+    logical, allocatable :: flat(:)            ! pieces of the table, with one before and one after it
+    real(wp) :: miss, worst, at                ! [unit], [unit], [s]
+    integer :: k, i, n
     do k = 1, size(d%histories)
       if (d%histories(k)%kind /= 'table' .or. d%histories(k)%interpolation /= 'spline') cycle
       call make_history(d, k, h)
       worst = 0.0_wp
       associate (r => d%histories(k))
-        do i = 1, size(r%time) - 1
-          if (.not. is_dwell(r, i)) cycle
+        n = size(r%time)
+        flat = [.true., abs(r%values(2:) - r%values(:n - 1)) <= 1.0e-9_wp*maxval(abs(r%values)), .true.]
+        do i = 1, n - 1
+          if (.not. (flat(i + 1) .and. (flat(i) .or. flat(i + 2)))) cycle
           call leave(h, r, i, miss)
           if (miss > worst) at = r%time(i)
           worst = max(worst, miss)
@@ -262,21 +265,6 @@ contains
       end associate
     end do
   end subroutine lost_dwells
-
-  !> Whether piece i of a table is flat and so is a neighbour, or it is the first or last one.
-  pure function is_dwell(r, i) result(yes)
-    type(history_record), intent(in) :: r
-    integer, intent(in) :: i
-    logical :: yes
-    logical :: flat(3)
-    integer :: k, n
-    n = size(r%time)
-    flat = [(i + k < 1 .or. i + k > n - 1, k=-1, 1)]
-    do k = -1, 1
-      if (.not. flat(k + 2)) flat(k + 2) = abs(r%values(i + k + 1) - r%values(i + k)) <= 1.0e-9_wp*maxval(abs(r%values))
-    end do
-    yes = flat(2) .and. (flat(1) .or. flat(3))
-  end function is_dwell
 
   !> How far the curve leaves the flat piece i.
   pure subroutine leave(h, r, i, miss)
