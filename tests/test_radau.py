@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 from compare import differences
-from conftest import REFERENCE
+from conftest import REFERENCE, ROOT
 from histories import read
 from scipy.integrate import Radau
+from test_published import four_bars, reduced_four_bars
 
 # Two steps between which every column above the reference's own error falls with order 5.
 STEPS = {
@@ -147,3 +148,27 @@ def test_energy_that_the_method_takes_out_is_told(run_deck):
 def test_no_bound_applies(run_deck):
     run = run_deck(STIFF.format(elements=2, terms="", words="step=0.05", **NODES), name="bound")
     assert "this deck: radau, stable with any step" in run.summary
+
+
+def test_a_damped_scene_at_a_tenth_of_the_evaluations_of_rk4(run_deck):
+    """The viscoelastic slider-crank when its fast motion has died away: 1e-4 of positions."""
+    deck = (ROOT / "input" / "slider_crank_viscoelastic.nml").read_text(encoding="utf-8")
+    runs = {}
+    for name, words in {"radau": "radau' tolerance=1e-2", "rk4": "rk4' step=9e-6", "truth": "radau' tolerance=1e-7"}.items():
+        text = re.sub(r"&transient[^/]*/", f"&transient t_end=0.1 output_step=1e-3 method='{words} accept_unstable=.true. /", deck)
+        runs[name] = run_deck(text, name=name)
+    for column in ("pin.x", "pin.y", "rod"):
+        truth = runs["truth"].history[column]
+        for name in ("radau", "rk4"):
+            assert np.abs(runs[name].history[column] - truth).max() < 1e-4 * np.ptp(truth), (name, column)
+    mine = int(re.search(r"evaluations of the residual: (\d+)", runs["radau"].summary)[1])
+    assert 10 * mine <= int(re.search(r"evaluations: (\d+)", runs["rk4"].summary)[1])
+
+
+def test_change_points_by_tolerance(run_deck):
+    """Two four-bars in a row, all links in line twice a turn."""
+    deck = re.sub(r"method='rk4' step=\S+", "method='radau' tolerance=1e-6", four_bars(2, t_end=4.0))
+    run = run_deck(deck)
+    exact, _ = reduced_four_bars(2, run.history.time)
+    assert np.abs(run.history["b0.x"] - np.sin(exact)).max() < 1e-4
+    assert np.abs(run.history["b0.y"] - np.cos(exact)).max() < 1e-4

@@ -439,10 +439,11 @@ contains
   end subroutine mechanism_renew_stages
 
   !> Both factors.
-  subroutine mechanism_factor_stages(self, c2)
+  subroutine mechanism_factor_stages(self, c2, hold)
     class(mechanism_system), intent(inout) :: self
     complex(wp), intent(in) :: c2(2)          !! [1/s]
-    call factor_stages(self%stages, self%t, c2)
+    logical, intent(in) :: hold
+    call factor_stages(self%stages, self%t, c2, hold)
   end subroutine mechanism_factor_stages
 
   !> Corrections by one of them.

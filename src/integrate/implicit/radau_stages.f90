@@ -12,7 +12,7 @@ module radau_stages
   use step_control, only: error_norm
   implicit none (type, external)
   private
-  public :: set_up_stages, start_stages, predict_stages, solve_stages, exchange_stages
+  public :: set_up_stages, start_stages, solve_stages, exchange_stages
 
   integer, parameter :: most_iterations = 10       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.3_wp             !! contraction from which matrices are made anew [-]
@@ -162,12 +162,28 @@ contains
     end associate
   end subroutine internal_stages
 
-  !> Newton iterations from the prediction; ok is false where they fail.
-  subroutine solve_stages(self, system, norm, tolerance, ok)
+  !> The stages of a step from t; ok is false where Newton's method fails, also with rows held back as in a singular position.
+  subroutine solve_stages(self, system, norm, t, h, tolerance, ok)
+    type(radau_stage_values), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    type(error_norm), intent(inout) :: norm
+    real(wp), intent(in) :: t, h             !! [s]
+    real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
+    logical, intent(out) :: ok
+    call predict_stages(self, system, t, h)
+    call newton(self, system, norm, tolerance, .false., ok)
+    if (ok .or. self%rows == 0) return
+    call predict_stages(self, system, t, h)
+    call newton(self, system, norm, tolerance, .true., ok)
+  end subroutine solve_stages
+
+  !> Newton iterations from the prediction.
+  subroutine newton(self, system, norm, tolerance, hold, ok)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
+    logical, intent(in) :: hold
     logical, intent(out) :: ok
     real(wp) :: d, before, theta, eta, goal
     integer :: k
@@ -182,7 +198,7 @@ contains
     do k = 1, most_iterations
       call stage_residuals(self, system)
       if (k == 1 .or. (theta > slow .and. .not. again)) then
-        call renew(self, system)
+        call renew(self, system, hold)
         again = k > 1
         before = huge(1.0_wp)
       end if
@@ -202,7 +218,7 @@ contains
     end do
     self%eta = merge(eta, 1.0_wp, ok)
     if (ok) call stage_states(self, system)
-  end subroutine solve_stages
+  end subroutine newton
 
   !> Residuals of the three stages; the middle one last, where matrices are made.
   subroutine stage_residuals(self, system)
@@ -219,11 +235,12 @@ contains
   end subroutine stage_residuals
 
   !> Matrices at the second stage.
-  subroutine renew(self, system)
+  subroutine renew(self, system, hold)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
+    logical, intent(in) :: hold
     call system%renew_stages(self%t + self%method%c(2)*self%h, self%v(:, 2), self%a(:, 2), self%lambda(:, 2))
-    call system%factor_stages(self%method%mu/self%h)
+    call system%factor_stages(self%method%mu/self%h, hold)
     self%renewals = self%renewals + 1
   end subroutine renew
 

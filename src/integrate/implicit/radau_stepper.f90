@@ -6,7 +6,7 @@ module radau_stepper
   use ode_system, only: ode, is_bounded
   use radau_error, only: measure_error, removed_energy
   use radau_method, only: radau_iia, lagrange_weights
-  use radau_stages, only: radau_stage_values, set_up_stages, start_stages, predict_stages, solve_stages, exchange_stages
+  use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
   use second_order_system, only: sensible, out_of_shape
   use stage_system, only: stage_ode
   use step_control, only: error_norm
@@ -124,8 +124,7 @@ contains
                   self%tried, at_stop)
     if (abs(h - whole) <= 1.0e-9_wp*whole) h = whole        ! without the rounding of times
     call ready(self, system)
-    call predict_stages(self%stages, system, self%t, h)
-    call solve_stages(self%stages, system, self%norm, 0.0_wp, ok)
+    call solve_stages(self%stages, system, self%norm, self%t, h, 0.0_wp, ok)
     self%hopeless = merge(self%hopeless + 1, 0, self%level >= hopeless_halvings)
     if (ok) then
       call accept(self, system, h, outcome)
@@ -152,8 +151,7 @@ contains
     call ready(self, system)
     if (.not. self%h > 0.0_wp) call choose_step(self, to - from)
     call step_end(self%t, min(self%h, self%max_step), self%stops, next, h, self%tried, at_stop)
-    call predict_stages(self%stages, system, self%t, h)
-    call solve_stages(self%stages, system, self%norm, self%tolerance, ok)
+    call solve_stages(self%stages, system, self%norm, self%t, h, self%tolerance, ok)
     self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
     error = huge(1.0_wp)
     if (ok) then

@@ -51,10 +51,11 @@ module stage_system
       real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
     end subroutine stage_point
     !> Factors both matrices, T(c2**2, c2), of the mass, damping and stiffness that stand.
-    subroutine take_constants(self, c2)
+    subroutine take_constants(self, c2, hold)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
       complex(wp), intent(in) :: c2(2)        !! a real and a complex constant [1/s]
+      logical, intent(in) :: hold             !! rows that nearly depend on others are held back
     end subroutine take_constants
     !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by one of the two factors.
     subroutine stage_solution(self, k, r, gap, dq, dlambda)

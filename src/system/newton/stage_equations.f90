@@ -71,13 +71,14 @@ contains
   end subroutine renew_terms
 
   !> Both factors.
-  subroutine factor_stages(self, newton, c2)
+  subroutine factor_stages(self, newton, c2, hold)
     type(stage_solver), intent(inout) :: self
     type(newton_matrix), intent(in) :: newton
     complex(wp), intent(in) :: c2(2)         !! [1/s]
+    logical, intent(in) :: hold              !! rows that nearly depend on others are held back
     integer :: k
     do k = 1, 2
-      call factor_stage(self%factor(k), self%terms, newton, c2(k))
+      call factor_stage(self%factor(k), self%terms, newton, c2(k), hold)
     end do
   end subroutine factor_stages
 

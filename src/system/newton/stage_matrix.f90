@@ -21,7 +21,8 @@ module stage_matrix
   public :: set_up_stage_terms, fill_stage_terms, set_up_factor, factor_stage
 
   integer, parameter :: of_mass = 1, of_damping = 2, of_stiffness = 3
-  real(wp), parameter :: shift = 1.0e-10_wp     !! of the rows' own compliance: dependent rows share their force [-]
+  real(wp), parameter :: light_shift = 1.0e-10_wp  !! of the rows' own compliance: dependent rows share their force [-]
+  real(wp), parameter :: strong_shift = 1.0e-4_wp  !! the same where rows nearly depend on others, in a singular position [-]
 
   !> M, C and K, whose entries are noted in the same order at every state.
   type, extends(symmetric_pattern), public :: stage_terms
@@ -348,11 +349,12 @@ contains
   end subroutine set_up_factor
 
   !> Fills and factors T for the constants c2 and c1 = c2**2.
-  subroutine factor_stage(self, terms, newton, c2)
+  subroutine factor_stage(self, terms, newton, c2, hold)
     type(stage_factor), intent(inout) :: self
     type(stage_terms), intent(in) :: terms
     type(newton_matrix), intent(in) :: newton
     complex(wp), intent(in) :: c2            !! dv/dq [1/s]
+    logical, intent(in) :: hold              !! rows that nearly depend on others are held back
     complex(wp), allocatable :: g(:)         ! (groups) what terms add to the static stiffness [-]
     integer :: k, e
     self%c2 = c2
@@ -371,7 +373,7 @@ contains
     end do
     do k = 1, terms%rows
       e = terms%entry(terms%nq + k, terms%nq + k)
-      self%value(e) = -shift*terms%held(k)/self%c1
+      self%value(e) = -merge(strong_shift, light_shift, hold)*terms%held(k)/self%c1
     end do
     call self%solver%factor(self%value)
   end subroutine factor_stage
