@@ -49,6 +49,16 @@ def test_beam_is_a_straight_frame(more, run_deck):
     assert_same(as_frame, as_beam, 1e-8, MOVING)
 
 
+@pytest.mark.parametrize("more", ["", "reference='clamped'"])
+def test_elements_in_a_row_are_those_in_any_order(more, run_deck):
+    """The loop over a straight beam's elements in a row against the sparse products that serve all other bodies."""
+    loose = FRAME_ROD.replace("1,2,2,3,3,4", "3,4,1,2,2,3")
+    row = run_deck(SLIDER_CRANK.format(rod=FRAME_ROD, more=more), name="row").history
+    any_order = run_deck(SLIDER_CRANK.format(rod=loose, more=more), name="loose").history
+    assert np.ptp(row["mid.v"]) > 1e-4
+    assert_same(any_order, row, 1e-9, ["crank", "rod", "tip.x", "mid.*"])
+
+
 @pytest.mark.parametrize("reference", ["pinned", "clamped"])
 def test_all_modes_are_the_nodal_coordinates(reference, run_deck):
     more = f"reference='{reference}'"

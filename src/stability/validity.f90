@@ -5,7 +5,8 @@ module validity
   use archive, only: value_archive
   use banded, only: band_factor, factor_symmetric, band_solve
   use body, only: body_model
-  use body_matrices, only: stiffness_triplets, mass_product
+  use body_matrices, only: stiffness_triplets
+  use elastic_operators, only: mass_product
   use mechanism, only: mechanism_model
   use text, only: es_text, fixed_text
   implicit none (type, external)
@@ -173,10 +174,10 @@ contains
     real(wp), allocatable, intent(out) :: x(:)       !! (nf) shape of that mode, of any size [m, rad]
     type(band_factor) :: factor
     integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:), mx(:)
+    real(wp), allocatable :: values(:), mx(:), force(:)
     integer :: bad, k, pass
     omega = huge(1.0_wp)
-    allocate (x(b%nf))
+    allocate (x(b%nf), mx(b%nf))
     if (b%modal) then
       omega = sqrt(max(b%omega2(1), 0.0_wp))
       x = [(merge(1.0_wp, 0.0_wp, k == 1), k=1, b%nf)]
@@ -187,11 +188,13 @@ contains
     if (bad > 0) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30
-      mx = mass_product(b, x)
+      call mass_product(b%op, x, mx)
+      force = mx
       x = mx
       call band_solve(factor, x)
-      omega = sqrt(dot_product(x, mx)/dot_product(x, mass_product(b, x)))
-      x = x/sqrt(dot_product(x, mass_product(b, x)))
+      call mass_product(b%op, x, mx)
+      omega = sqrt(dot_product(x, force)/dot_product(x, mx))
+      x = x/sqrt(dot_product(x, mx))
     end do
   end subroutine lowest_mode
 

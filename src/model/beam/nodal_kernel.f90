@@ -5,11 +5,11 @@ module nodal_kernel
   use kinds, only: wp
   use body, only: body_model
   use chain_kernel, only: chain_deformations, chain_forces
+  use elastic_operators, only: inertia_forces, damping_forces
   use ghm_kernel, only: advance_segment, relax_segment, segment_dissipation, copy_values
   implicit none (type, external)
   private
-  public :: nodal_forces, deformations, linear_deformations, element_stress, stress_forces
-  public :: gather, mass_times, gyroscopic_times
+  public :: nodal_forces, deformations, linear_deformations, element_stress, add_stress
 
 contains
 
@@ -49,8 +49,7 @@ contains
     else
       call element_forces(b, edof, factors, b%d, thetad, qmq, qmv)
     end if
-    if (b%rayleigh) call rayleigh_forces(b, power)
-    call lump_forces(b, thetad, qmq, qmv)
+    if (b%rayleigh) call damping_forces(b%op, b%nf, b%vx(1), b%elastic_force(1), power)
   end subroutine nodal_forces
 
   !> Deformations (e, phi1, phi2) of every element, or (phi1, phi2) without axial deformation.
@@ -141,60 +140,29 @@ contains
     end if
   end subroutine element_stress
 
-  !> The element loop: inertia and elastic forces of every element.
+  !> Inertia and elastic forces: of a chain in one loop over its elements, else by the operators.
   subroutine element_forces(b, edof, factors, ds, thetad, qmq, qmv)
     type(body_model), intent(inout) :: b
     integer, intent(in), contiguous :: edof(:, :)       !! as above
-    real(wp), intent(in), contiguous :: factors(:, :)
-    real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations with GHM differences
+    real(wp), intent(in), contiguous :: factors(:, :)   !! as above [m, kg, N m, ...]
+    real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations with GHM differences [m, rad, rad]
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(out) :: qmq, qmv
-    real(wp) :: a(6), v(6), ma(6), za(6), zv(6), f(6), n, fpsi, m1, m2, q, w2, il
-    integer :: e, k
+    real(wp), intent(out) :: qmq, qmv       !! [kg m2], [kg m2/s]
     if (b%chain) then
       call chain_forces(b%ne, b%nd, b%nf, edof, factors, ds, thetad, b%qx, b%vx, b%elastic_force, b%angle_coupling, qmq, qmv)
-      return
+      call lump_forces(b, thetad, qmq, qmv)
+    else
+      call inertia_forces(b%op, b%nf, thetad, b%qx(1), b%vx(1), b%elastic_force(1), b%angle_coupling(1), qmq, qmv)
+      call add_stress(b, ds, b%qx, -1.0_wp, b%elastic_force)
     end if
-    w2 = thetad**2
-    qmq = 0.0_wp
-    qmv = 0.0_wp
-    do e = 1, b%ne
-      call gather(b, e, b%qx, a)
-      call gather(b, e, b%vx, v)
-      call mass_times(b%elements(e)%mass, b%elements(e)%length, a, ma)
-      call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, a, za)
-      call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, v, zv)
-      do k = 1, 6
-        qmq = qmq + a(k)*ma(k)
-        qmv = qmv + v(k)*ma(k)
-        f(k) = w2*ma(k) + 2*thetad*zv(k)
-      end do
-      call element_stress(b, e, b%d(:, e), ds(:, e), n, fpsi, m1, m2)
-      il = b%factors(2, e)
-      q = (m1 + m2)*il
-      if (b%stiffening) q = q - n*(a(5) - a(2))*il
-      f(1) = f(1) + n
-      f(4) = f(4) - n
-      f(2) = f(2) - q
-      f(5) = f(5) + q
-      f(3) = f(3) - m1
-      f(6) = f(6) - m2
-      if (.not. b%straight) then
-        call to_element(b%elements(e)%c, -b%elements(e)%s, f)
-        call to_element(b%elements(e)%c, -b%elements(e)%s, za)
-      end if
-      do k = 1, 6
-        b%elastic_force(b%edof(k, e)) = b%elastic_force(b%edof(k, e)) + f(k)
-        b%angle_coupling(b%edof(k, e)) = b%angle_coupling(b%edof(k, e)) - za(k)
-      end do
-    end do
   end subroutine element_forces
 
-  !> Adds B^T D ds of all elements, with the terms of stiffening, to f: forces that the deformations ask for.
-  pure subroutine stress_forces(b, ds, qx, f)
+  !> Adds B^T D ds of all elements, with the terms of stiffening, times a factor to f: forces that the deformations ask for.
+  pure subroutine add_stress(b, ds, qx, factor, f)
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations, GHM differences included [m, rad, rad]
     real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
     real(wp) :: y(6), a(6), n, fpsi, m1, m2, q
     integer :: e, k
@@ -208,90 +176,12 @@ contains
       y = [-n, q, m1, n, -q, m2]
       if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
       do k = 1, 6
-        f(b%edof(k, e)) = f(b%edof(k, e)) + y(k)
+        f(b%edof(k, e)) = f(b%edof(k, e)) + factor*y(k)
       end do
     end do
-  end subroutine stress_forces
+  end subroutine add_stress
 
-  !> m a for one element in its own axes.
-  pure subroutine mass_times(w, l, a, ma)
-    real(wp), intent(in) :: w               !! element mass [kg]
-    real(wp), intent(in) :: l               !! length [m]
-    real(wp), intent(in) :: a(6)
-    real(wp), intent(out) :: ma(6)
-    real(wp) :: wb, r1, r2
-    wb = w/420
-    r1 = l*a(3)
-    r2 = l*a(6)
-    ma(1) = wb*(140*a(1) + 70*a(4))
-    ma(4) = wb*(70*a(1) + 140*a(4))
-    ma(2) = wb*(156*a(2) + 22*r1 + 54*a(5) - 13*r2)
-    ma(3) = wb*l*(22*a(2) + 4*r1 + 13*a(5) - 3*r2)
-    ma(5) = wb*(54*a(2) + 13*r1 + 156*a(5) - 22*r2)
-    ma(6) = -wb*l*(13*a(2) + 3*r1 + 22*a(5) - 4*r2)
-  end subroutine mass_times
-
-  !> Z a for one element in its own axes.
-  pure subroutine gyroscopic_times(w, l, a, za)
-    real(wp), intent(in) :: w               !! element mass [kg]
-    real(wp), intent(in) :: l               !! length [m]
-    real(wp), intent(in) :: a(6)
-    real(wp), intent(out) :: za(6)
-    real(wp) :: wb, r1, r2
-    wb = w/60
-    r1 = l*a(3)
-    r2 = l*a(6)
-    za(1) = wb*(21*a(2) + 3*r1 + 9*a(5) - 2*r2)
-    za(4) = wb*(9*a(2) + 2*r1 + 21*a(5) - 3*r2)
-    za(2) = -wb*(21*a(1) + 9*a(4))
-    za(3) = -wb*l*(3*a(1) + 2*a(4))
-    za(5) = -wb*(9*a(1) + 21*a(4))
-    za(6) = wb*l*(2*a(1) + 3*a(4))
-  end subroutine gyroscopic_times
-
-  !> Rayleigh damping, element by element: -(a m + b K) q' with K linear at E_R; adds the power.
-  subroutine rayleigh_forces(b, power)
-    type(body_model), intent(inout) :: b
-    real(wp), intent(inout) :: power        !! [W]
-    real(wp) :: v(6), f(6)
-    integer :: e, k
-    do e = 1, b%ne
-      call gather(b, e, b%vx, v)
-      call damping_times(b, e, v, f)
-      power = power + dot_product(v, f)
-      if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, f)
-      do k = 1, 6
-        b%elastic_force(b%edof(k, e)) = b%elastic_force(b%edof(k, e)) - f(k)
-      end do
-    end do
-  end subroutine rayleigh_forces
-
-  !> (a m + b K) v for one element in its own axes.
-  pure subroutine damping_times(b, e, v, f)
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e
-    real(wp), intent(in) :: v(6)
-    real(wp), intent(out) :: f(6)
-    real(wp) :: psi, n, m1, m2, q
-    associate (g => b%elements(e))
-      call mass_times(g%mass, g%length, v, f)
-      f = g%ray_m*f
-      psi = (v(5) - v(2))/g%length
-      n = 0.0_wp
-      if (b%nd == 3) n = g%ray_k*g%ea_l*(v(4) - v(1))
-      m1 = g%ray_k*g%ei_l*(4*(v(3) - psi) + 2*(v(6) - psi))
-      m2 = g%ray_k*g%ei_l*(2*(v(3) - psi) + 4*(v(6) - psi))
-      q = (m1 + m2)/g%length
-      f(1) = f(1) - n
-      f(2) = f(2) + q
-      f(3) = f(3) + m1
-      f(4) = f(4) + n
-      f(5) = f(5) - q
-      f(6) = f(6) + m2
-    end associate
-  end subroutine damping_times
-
-  !> Lumps: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
+  !> Lumps on a chain: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
   subroutine lump_forces(b, thetad, qmq, qmv)
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: thetad          !! [rad/s]

@@ -4,6 +4,7 @@ module body
   use kinds, only: wp
   use banded, only: band_factor
   use beam_element, only: beam_geometry
+  use elastic_operators, only: elastic_operator
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -67,6 +68,7 @@ module body
     real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
     real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
     type(band_factor) :: mff                  !! nodal: factor of m_ff
+    type(elastic_operator) :: op
     ! modal bodies
     integer :: nodal_nf = 0                   !! nodal coordinates before the reduction
     real(wp), allocatable :: psi(:, :)        !! (3 nn, nf) nodal displacements of each mode [m or rad, mass-normalised]
@@ -74,7 +76,6 @@ module body
     real(wp), allocatable :: zmodal(:, :)     !! (nf, nf) Psi^T Z Psi [-]
     real(wp), allocatable :: jmodal(:, :)     !! (nf, nf) rotary inertia of lumps, part of m_ff = 1 that theta' does not see
     real(wp), allocatable :: cmodal(:, :)     !! (nf, nf) Rayleigh damping [1/s]
-    logical :: rotary = .false.               !! lumps carry rotary inertia (modal: jmodal matters)
     ! viscoelasticity
     type(viscoelastic_segment), allocatable :: segments(:)
     ! work space of one evaluation

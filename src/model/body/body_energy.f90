@@ -2,8 +2,9 @@
 module body_energy
   use kinds, only: wp
   use body, only: body_model, viscoelastic_segment
+  use elastic_operators, only: inertia_products, mass_product
   use ghm_kernel, only: segment_product
-  use nodal_kernel, only: deformations, gather, mass_times, gyroscopic_times
+  use nodal_kernel, only: deformations
   implicit none (type, external)
   private
   public :: kinetic_energy, strain_energy
@@ -40,55 +41,21 @@ contains
   end function kinetic_energy
 
   !> Adds q^T m q (translational) to mtt, q^T Z v to cross and v^T m_ff v to vmv.
-  subroutine elastic_products(b, qf, vf, mtt, cross, vmv)
-    type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: qf(:), vf(:)
-    real(wp), intent(inout) :: mtt, cross, vmv
-    real(wp) :: a(6), v(6), ma(6), mv(6), zv(6), w
-    integer :: e, k, i
-    if (b%modal) then
-      call modal_products(b, qf, vf, mtt, cross, vmv)
-      return
-    end if
-    b%qx(1:b%nf) = qf
-    b%vx(1:b%nf) = vf
-    do e = 1, b%ne
-      call gather(b, e, b%qx, a)
-      call gather(b, e, b%vx, v)
-      call mass_times(b%elements(e)%mass, b%elements(e)%length, a, ma)
-      call mass_times(b%elements(e)%mass, b%elements(e)%length, v, mv)
-      call gyroscopic_times(b%elements(e)%mass, b%elements(e)%length, v, zv)
-      mtt = mtt + dot_product(a, ma)
-      vmv = vmv + dot_product(v, mv)
-      cross = cross + dot_product(a, zv)
-    end do
-    do k = 1, size(b%lumps)
-      associate (l => b%lumps(k))
-        do i = 1, 3
-          a(i) = b%qx(b%dof(i, l%node))
-          v(i) = b%vx(b%dof(i, l%node))
-        end do
-        w = l%mass
-        mtt = mtt + w*dot_product(a(1:2), a(1:2))
-        cross = cross + w*(a(1)*v(2) - a(2)*v(1))
-        vmv = vmv + w*dot_product(v(1:2), v(1:2)) + l%inertia*v(3)**2
-      end associate
-    end do
-  end subroutine elastic_products
-
-  !> The same of a modal body.
-  pure subroutine modal_products(b, qf, vf, mtt, cross, vmv)
+  pure subroutine elastic_products(b, qf, vf, mtt, cross, vmv)
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: qf(:), vf(:)
-    real(wp), intent(inout) :: mtt, cross, vmv
-    integer :: j
-    mtt = mtt + dot_product(qf, qf)
-    vmv = vmv + dot_product(vf, vf)
-    do j = 1, b%nf
-      cross = cross + dot_product(qf, b%zmodal(:, j))*vf(j)
-      if (b%rotary) mtt = mtt - dot_product(qf, b%jmodal(:, j))*qf(j)
-    end do
-  end subroutine modal_products
+    real(wp), intent(in) :: qf(:), vf(:)      !! (nf) [m, rad] and per second
+    real(wp), intent(inout) :: mtt            !! [kg m2]
+    real(wp), intent(inout) :: cross          !! [kg m2/s]
+    real(wp), intent(inout) :: vmv            !! [kg m2/s2]
+    real(wp), dimension(2, b%nf) :: x, mx, zx ! both vectors and their products [m, kg m, ...]
+    x(1, :) = qf
+    x(2, :) = vf
+    call inertia_products(b%op, b%nf, x, x, mx, zx)
+    mtt = mtt + dot_product(qf, mx(1, :))
+    cross = cross + dot_product(qf, zx(2, :))
+    call mass_product(b%op, vf, mx(2, :))
+    vmv = vmv + dot_product(vf, mx(2, :))
+  end subroutine elastic_products
 
   !> Strain energy with what viscoelastic terms store [J].
   function strain_energy(b, qf, z, zd) result(energy)

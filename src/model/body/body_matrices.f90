@@ -1,11 +1,11 @@
-!> Mass and stiffness of a flexible body in its nodal coordinates: triplets of lower triangles, and products with a vector.
+!> Mass and stiffness of a flexible body in its nodal coordinates: triplets of lower triangles.
 module body_matrices
   use kinds, only: wp
   use beam_element, only: element_mass, element_stiffness
   use body, only: body_model
   implicit none (type, external)
   private
-  public :: mass_triplets, stiffness_triplets, mass_product, translational_product
+  public :: mass_triplets, stiffness_triplets
 
   !> m_ff for many products: the lower triangle's entries.
   type, public :: mass_matrix
@@ -104,44 +104,4 @@ contains
       end do
     end do
   end subroutine add_lower
-
-  !> m_ff x, lumps with their rotary inertia included.
-  pure function mass_product(b, x) result(y)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: x(:)             !! (nf)
-    real(wp) :: y(size(x))
-    integer :: k
-    y = translational_product(b, x)
-    do k = 1, size(b%lumps)
-      associate (d => b%dof(3, b%lumps(k)%node))
-        if (d > 0) y(d) = y(d) + b%lumps(k)%inertia*x(d)
-      end associate
-    end do
-  end function mass_product
-
-  !> m_ff x without the rotary inertia of lumps: what the frame's rate and angle meet (theory.md, section 2).
-  pure function translational_product(b, x) result(y)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: x(:)             !! (nf)
-    real(wp) :: y(size(x))
-    real(wp) :: xx(0:size(x)), yy(0:size(x)), a(6)
-    integer :: e, k, c
-    xx(0) = 0.0_wp
-    xx(1:) = x
-    yy = 0.0_wp
-    do e = 1, b%ne
-      a = matmul(element_mass(b%elements(e)), xx(b%edof(:, e)))
-      do k = 1, 6
-        yy(b%edof(k, e)) = yy(b%edof(k, e)) + a(k)
-      end do
-    end do
-    do k = 1, size(b%lumps)
-      do c = 1, 2
-        associate (d => b%dof(c, b%lumps(k)%node))
-          yy(d) = yy(d) + b%lumps(k)%mass*xx(d)
-        end associate
-      end do
-    end do
-    y = yy(1:)
-  end function translational_product
 end module body_matrices

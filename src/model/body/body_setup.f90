@@ -6,6 +6,7 @@ module body_setup
   use beam_element, only: beam_geometry, shape_integral, shape_moment
   use body, only: body_model, lump, viscoelastic_segment
   use body_matrices, only: mass_triplets
+  use body_operators, only: elastic_operators_of
   use chain_kernel, only: element_factors
   implicit none (type, external)
   private
@@ -179,7 +180,7 @@ contains
   end subroutine finish_elastic
 
   !> Counts the internal variables and allocates the work space of one evaluation.
-  pure subroutine allocate_work(b)
+  subroutine allocate_work(b)
     type(body_model), intent(inout) :: b
     integer :: k
     b%nz = 0
@@ -195,6 +196,7 @@ contains
       end associate
       if (k > 1) b%chain = b%chain .and. b%en(1, k) == b%en(2, k - 1)
     end do
+    call elastic_operators_of(b, b%op)
     allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%elastic_force(0:b%nf), b%angle_coupling(0:b%nf), source=0.0_wp)
     if (b%modal) then
       allocate (b%d(b%nf, 1), b%ds(b%nf, 1), source=0.0_wp)

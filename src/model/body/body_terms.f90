@@ -11,8 +11,8 @@
 module body_terms
   use kinds, only: wp
   use body, only: body_model
-  use elastic_operators, only: elastic_operator, elastic_operators_of, inertia_products, add_product
-  use nodal_kernel, only: deformations, stress_forces
+  use elastic_operators, only: inertia_products, add_product
+  use nodal_kernel, only: deformations, add_stress
   implicit none (type, external)
   private
   public :: body_residual, body_tangent, set_up_terms
@@ -20,7 +20,6 @@ module body_terms
   !> Residual, tangent and work space of one body.
   type, public :: body_equations
     integer :: n = 0                         !! elastic coordinates
-    type(elastic_operator) :: op
     real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
     real(wp), allocatable :: past(:, :) !! sum of alpha times the terms' offsets: as the deformations, or (n, segments) [m, rad]
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
@@ -40,7 +39,6 @@ contains
     type(body_model), intent(in) :: body
     if (.not. body%flexible) return
     t%n = body%nf
-    call elastic_operators_of(body, t%op)
     allocate (t%factor(size(body%segments)), source=1.0_wp)
     if (body%modal) allocate (t%past(body%nf, size(body%segments)), source=0.0_wp)
     if (.not. body%modal) allocate (t%past(body%nd, body%ne), source=0.0_wp)
@@ -71,7 +69,7 @@ contains
         t%x(1, k) = a(3 + k) - w**2*q(3 + k)
         t%x(2, k) = t%y(1, k)
       end do
-      call inertia_products(t%op, t%n, t%x, t%y, t%mx, t%zy)
+      call inertia_products(body%op, t%n, t%x, t%y, t%mx, t%zy)
       do k = 1, t%n
         p = p + body%sbar(k, :)*q(3 + k)
         sv = sv + body%sbar(k, :)*v(3 + k)
@@ -79,8 +77,8 @@ contains
         turning = turning + body%i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k)) + body%c0(k)*a(3 + k) + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
         t%elastic(k) = body%sbar(k, 1)*b(1) + body%sbar(k, 2)*b(2) + body%c0(k)*wd - w**2*body%i1f(k) + t%mx(1, k) - t%zy(1, k)
       end do
-      if (t%op%rotary) call add_product(t%op%even, t%op%j, a(4:), t%elastic(1:))
-      if (body%rayleigh) call add_product(t%op%even, t%op%c, v(4:), t%elastic(1:))
+      if (body%op%rotary) call add_product(body%op%even, body%op%j, a(4:), t%elastic(1:))
+      if (body%rayleigh) call add_product(body%op%even, body%op%c, v(4:), t%elastic(1:))
       call add_elastic(t, body, q(4:))
     end if
     t%frame(1) = body%mass*b(1) - wd*p(2) - w**2*p(1) - 2*w*sv(2) + sa(1)
@@ -108,7 +106,7 @@ contains
     body%qx(1:t%n) = q
     call deformations(body, body%qx, body%d)
     if (size(body%segments) == 0) then
-      call stress_forces(body, body%d, body%qx, t%elastic)
+      call add_stress(body, body%d, body%qx, 1.0_wp, t%elastic)
       return
     end if
     body%ds = body%d
@@ -117,7 +115,7 @@ contains
         body%ds(:, e) = t%factor(r)*body%d(:, e) - t%past(:, e)
       end do
     end do
-    call stress_forces(body, body%ds, body%qx, t%elastic)
+    call add_stress(body, body%ds, body%qx, 1.0_wp, t%elastic)
   end subroutine add_elastic
 
   !> The tangent a2 M + a1 C + a0 K of the frame, and of what couples the angle and the elastic coordinates; markers' parts not.
@@ -146,7 +144,7 @@ contains
         t%y(1, k) = a2*q(3 + k) + 2*a1*v(3 + k)
         t%y(2, k) = a0*a(3 + k) - a2*q(3 + k)
       end do
-      call inertia_products(t%op, t%n, t%x, t%y, t%mx, t%zy)
+      call inertia_products(body%op, t%n, t%x, t%y, t%mx, t%zy)
       do k = 1, t%n
         p = p + body%sbar(k, :)*q(3 + k)
         sv = sv + body%sbar(k, :)*v(3 + k)

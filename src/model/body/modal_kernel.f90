@@ -3,6 +3,7 @@
 module modal_kernel
   use kinds, only: wp
   use body, only: body_model
+  use elastic_operators, only: inertia_forces, damping_forces
   implicit none (type, external)
   private
   public :: modal_forces
@@ -17,59 +18,17 @@ contains
     real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m kg^1/2/s2], [m kg^1/2/s]
     real(wp), intent(out) :: qmq, qmv       !! translational part [kg m2], [kg m2/s]
     real(wp), intent(out) :: power          !! dissipated [W]
-    integer :: r
+    integer :: r, k
     power = 0.0_wp
-    call inertia_forces(b, thetad, qmq, qmv)
-    if (b%rayleigh) call rayleigh_forces(b, power)
+    call inertia_forces(b%op, b%nf, thetad, b%qx(1), b%vx(1), b%elastic_force(1), b%angle_coupling(1), qmq, qmv)
+    do k = 1, b%nf
+      b%elastic_force(k) = b%elastic_force(k) - b%omega2(k)*b%qx(k)
+    end do
+    if (b%rayleigh) call damping_forces(b%op, b%nf, b%vx(1), b%elastic_force(1), power)
     do r = 1, size(b%segments)
       call term_forces(b, r, z, zd, zdd, power)
     end do
   end subroutine modal_forces
-
-  !> (theta'^2 m - Omega2) q + 2 theta' Z q' with the translational part m = 1 - J; q^T m q and q^T m q'.
-  pure subroutine inertia_forces(b, thetad, qmq, qmv)
-    type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(out) :: qmq, qmv       !! [kg m2], [kg m2/s]
-    integer :: n, i, j
-    real(wp) :: s
-    n = b%nf
-    qmq = dot_product(b%qx(1:n), b%qx(1:n))
-    qmv = dot_product(b%qx(1:n), b%vx(1:n))
-    do i = 1, n
-      b%elastic_force(i) = b%elastic_force(i) + (thetad**2 - b%omega2(i))*b%qx(i)
-    end do
-    do j = 1, n
-      do i = 1, n
-        b%elastic_force(i) = b%elastic_force(i) + 2*thetad*b%zmodal(i, j)*b%vx(j)
-        b%angle_coupling(i) = b%angle_coupling(i) - b%zmodal(i, j)*b%qx(j)
-      end do
-    end do
-    if (.not. b%rotary) return
-    do j = 1, n                             ! the rotary inertia of lumps does not multiply theta'
-      do i = 1, n
-        s = b%jmodal(i, j)*b%qx(j)
-        b%elastic_force(i) = b%elastic_force(i) - thetad**2*s
-        qmq = qmq - b%qx(i)*s
-        qmv = qmv - b%vx(i)*s
-      end do
-    end do
-  end subroutine inertia_forces
-
-  !> -C_v q' and the power it dissipates.
-  pure subroutine rayleigh_forces(b, power)
-    type(body_model), intent(inout) :: b
-    real(wp), intent(inout) :: power        !! [W]
-    real(wp) :: s
-    integer :: i, j
-    do j = 1, b%nf
-      do i = 1, b%nf
-        s = b%cmodal(i, j)*b%vx(j)
-        b%elastic_force(i) = b%elastic_force(i) - s
-        power = power + b%vx(i)*s
-      end do
-    end do
-  end subroutine rayleigh_forces
 
   !> Highest derivatives of one material's internal variables, the force -K sum of alpha_k (q - z_k), and the power of the terms.
   pure subroutine term_forces(b, r, z, zd, zdd, power)

@@ -97,7 +97,6 @@ contains
           if (d > 0) xl(c, :) = x(d, :)
         end associate
       end do
-      if (b%lumps(k)%inertia > 0.0_wp) b%rotary = .true.
       do j = 1, size(x, 2)
         do i = 1, size(x, 2)
           b%zmodal(i, j) = b%zmodal(i, j) + b%lumps(k)%mass*(xl(1, i)*xl(2, j) - xl(2, i)*xl(1, j))

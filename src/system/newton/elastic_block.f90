@@ -8,6 +8,7 @@ module elastic_block
   use beam_element, only: element_stiffness, stiffening_tangent
   use body, only: body_model
   use body_terms, only: body_equations
+  use elastic_operators, only: elastic_operator
   use lapack, only: dgbtrf, dgbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -40,13 +41,13 @@ module elastic_block
 contains
 
   !> Entries and orderings.
-  subroutine set_up(self, eq)
+  subroutine set_up(self, op)
     class(block_factor), intent(inout) :: self
-    type(body_equations), intent(in) :: eq
+    type(elastic_operator), intent(in) :: op
     integer, allocatable :: order(:), starts(:)
     integer :: e, i, n
-    self%n = eq%n
-    associate (even => eq%op%even, odd => eq%op%odd)
+    associate (even => op%even, odd => op%odd)
+      self%n = size(even%first) - 1
       self%entry = pack([(e, e=1, size(even%row))], even%row >= even%col)
       self%row = even%row(self%entry)
       self%col = even%col(self%entry)
@@ -61,20 +62,19 @@ contains
     allocate (self%band(0))
   end subroutine set_up
 
-  !> Fills and factors T0; the runs' factors of eq belong to the step.
-  subroutine factor_base(self, eq, c1, c2, bad)
+  !> Fills and factors T0; the segments' factors of eq belong to the step.
+  subroutine factor_base(self, op, eq, c1, c2, bad)
     class(block_factor), intent(inout) :: self
+    type(elastic_operator), intent(in) :: op
     type(body_equations), intent(in) :: eq
     real(wp), intent(in) :: c1               !! [1/s2]
     real(wp), intent(in) :: c2               !! [1/s]
     logical, intent(out) :: bad
     integer :: i, n, info
-    associate (op => eq%op)
-      self%value = c1*(op%m + op%j) + c2*op%c + op%k
-      do i = 1, size(op%entry)
-        self%value(op%entry(i)) = self%value(op%entry(i)) + (eq%factor(op%segment(i)) - 1)*op%part(i)
-      end do
-    end associate
+    self%value = c1*(op%m + op%j) + c2*op%c + op%k
+    do i = 1, size(op%entry)
+      self%value(op%entry(i)) = self%value(op%entry(i)) + (eq%factor(op%segment(i)) - 1)*op%part(i)
+    end do
     do i = 1, size(self%entry)
       self%lower(i) = self%value(self%entry(i))
     end do
@@ -107,7 +107,7 @@ contains
     integer :: e, info
     turn = 2*c2*w + wd
     self%lu = 0.0_wp
-    associate (op => eq%op)
+    associate (op => body%op)
       do e = 1, size(self%value)             ! a pattern's column is the row's number in the operators
         call marker(self, op%even%col(e), op%even%row(e), self%value(e) - w**2*op%m(e))
       end do

@@ -42,7 +42,7 @@ contains
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%eq%n == 0) cycle
-        call x%block%factor_base(x%eq, c1, c2, bad)
+        call x%block%factor_base(m%s%bodies(b)%op, x%eq, c1, c2, bad)
         if (bad) return
         call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
         self%base_factors = self%base_factors + 1

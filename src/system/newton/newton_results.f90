@@ -5,7 +5,7 @@ module newton_results
   use body, only: body_model
   use body_terms, only: body_equations
   use dynamics, only: set_frames, marker_kinematics, applied_forces
-  use elastic_operators, only: add_product
+  use elastic_operators, only: add_product, elastic_mass => mass_product
   use ghm_law, only: term_product
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix
@@ -141,9 +141,9 @@ contains
       i = m%s%qo(b) + 3
       n = self%b(b)%eq%n
       if (n == 0 .or. .not. m%s%bodies(b)%rayleigh) cycle
-      associate (eq => self%b(b)%eq)
+      associate (eq => self%b(b)%eq, op => m%s%bodies(b)%op)
         eq%elastic = 0.0_wp
-        call add_product(eq%op%even, eq%op%c, v(i + 1:i + n), eq%elastic(1:))
+        call add_product(op%even, op%c, v(i + 1:i + n), eq%elastic(1:))
         m%dissipated_power = m%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
       end associate
     end do
@@ -214,14 +214,10 @@ contains
               + dot_product(r(:, j), f(:, j + 1)) + dot_product(r(:, j + 1), f(:, j))
     end do
     if (eq%n == 0) return
-    eq%column(1:) = 0.0_wp
-    call add_product(eq%op%even, eq%op%m, x(4:, 2), eq%column(1:))
-    if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(4:, 2), eq%column(1:))
-    total = total + dot_product(x(4:, 1), eq%column(1:))
-    eq%column(1:) = 0.0_wp
-    call add_product(eq%op%even, eq%op%m, x(4:, 4), eq%column(1:))
-    if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(4:, 4), eq%column(1:))
-    total = total + dot_product(x(4:, 3), eq%column(1:))
+    do j = 1, 3, 2
+      call elastic_mass(body%op, x(4:, j + 1), eq%column(1:))
+      total = total + dot_product(x(4:, j), eq%column(1:))
+    end do
   end function body_product
 
   !> Leaves of two vectors of coordinates and dissipative coordinates what the step resolves: elastic ones T0^-1 c1 m_ff x.
@@ -233,15 +229,11 @@ contains
     integer :: b, i, n, k
     do b = 1, size(self%b)
       i = m%s%qo(b) + 3
-      associate (eq => self%b(b)%eq)
+      associate (eq => self%b(b)%eq, op => m%s%bodies(b)%op)
         n = eq%n
         if (n == 0) cycle
-        eq%elastic = 0.0_wp
-        eq%column = 0.0_wp
-        call add_product(eq%op%even, eq%op%m, x(i + 1:i + n), eq%elastic(1:))
-        call add_product(eq%op%even, eq%op%m, y(i + 1:i + n), eq%column(1:))
-        if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, x(i + 1:i + n), eq%elastic(1:))
-        if (eq%op%rotary) call add_product(eq%op%even, eq%op%j, y(i + 1:i + n), eq%column(1:))
+        call elastic_mass(op, x(i + 1:i + n), eq%elastic(1:))
+        call elastic_mass(op, y(i + 1:i + n), eq%column(1:))
         call self%b(b)%block%solve_two(.false., eq%elastic(1:n), eq%column(1:n))
         x(i + 1:i + n) = self%c1*eq%elastic(1:n)
         y(i + 1:i + n) = self%c1*eq%column(1:n)

@@ -78,7 +78,7 @@ contains
     do b = 1, size(self%b)
       call set_up_terms(self%b(b)%eq, m%s%bodies(b))
       if (.not. m%s%bodies(b)%flexible) cycle
-      call self%b(b)%block%set_up(self%b(b)%eq)
+      call self%b(b)%block%set_up(m%s%bodies(b)%op)
       call number_columns(self%b(b)%at, self%rows, m, b)
     end do
   end subroutine set_up_newton
