@@ -12,7 +12,6 @@ module scene_run
   use assembly_reports, only: assembly_report
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
-  use nodal_kernel, only: deformations
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor
@@ -87,7 +86,7 @@ contains
     type(mechanism_system), intent(inout) :: sys
     real(wp), intent(in) :: prestress !! fraction that acts [-]
     real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    integer :: b, r, k, o, i, n
+    integer :: b, r, k, o, i
     associate (s => sys%m%s)
       y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
       do b = 1, size(s%bodies)
@@ -95,19 +94,14 @@ contains
           if (body%nz == 0) cycle
           i = s%qo(b) + 3
           body%qx(1:body%nf) = y(i + 1:i + body%nf)
-          if (.not. body%modal) call deformations(body, body%qx, body%d)
+          call body%basis%deform(body, body%qx, body%d)
           do r = 1, size(body%segments)
-            n = body%segments(r)%width
-            do k = 1, size(body%segments(r)%law%alpha)
-              o = 2*s%nq + body%segments(r)%offset + (k - 1)*n
-              if (k > body%segments(r)%law%second) o = 2*s%nq + body%segments(r)%first_order &
-                  + (k - 1 - body%segments(r)%law%second)*n
-              if (body%modal) then
-                y(o + 1:o + n) = body%qx(1:n)
-              else
-                y(o + 1:o + n) = reshape(body%d(:, body%segments(r)%first:body%segments(r)%last), [n])
-              end if
-            end do
+            associate (segment => body%segments(r))
+              do k = 1, size(segment%law%alpha)
+                o = 2*s%nq + segment%start(k)
+                y(o + 1:o + segment%width) = reshape(body%d(:, segment%first:segment%last), [segment%width])
+              end do
+            end associate
           end do
         end associate
       end do

@@ -1,7 +1,8 @@
 !> Deck records of bodies, materials, sections and lumps into bodies of the model.
 module build_bodies
   use kinds, only: wp, pi
-  use viscoelastic_law, only: law_of, viscoelastic_terms
+  use build_law, only: law_of
+  use viscoelastic_law, only: viscoelastic_terms
   use errors, only: fault_list
   use deck_records, only: deck, body_record, lump_record
   use beam_element, only: beam_geometry
@@ -63,6 +64,7 @@ contains
     type(body_record), intent(in) :: r
     type(body_model), intent(in) :: b
     type(fault_list), intent(inout) :: faults
+    type(viscoelastic_terms) :: law
     real(wp) :: raised                        ! instantaneous over static stiffness [-]
     integer :: e
     beyond = .false.
@@ -72,7 +74,8 @@ contains
     do e = 1, b%ne
       associate (g => b%elements(e), m => d%materials(b%material(e)))
         raised = 1.0_wp
-        if (r%viscoelastic) raised = 1.0_wp + sum(m%ghm_alpha) + sum(m%prony_alpha)
+        law = law_of(m%law)
+        if (r%viscoelastic) raised = 1.0_wp + sum(law%alpha)
         call check_range('mass of an element', g%mass, 'kg')
         call check_range('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
         call check_range('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
@@ -138,7 +141,7 @@ contains
         g%mass = m%density*s%area*g%length
         young = m%young
         if (.not. r%viscoelastic) then
-          law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
+          law = law_of(m%law)
           young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*r%modulus_at, wp)), wp))
         end if
         g%ea_l = young*s%area/g%length
@@ -179,6 +182,7 @@ contains
     integer, intent(in) :: k                  !! number of the body
     type(body_model), intent(inout) :: b
     type(fault_list), intent(inout) :: faults
+    type(viscoelastic_terms) :: law
     logical, allocatable :: removed(:, :), viscoelastic(:)
     integer :: e, bad
     associate (r => d%bodies(k))
@@ -188,9 +192,8 @@ contains
       b%stiffening = r%stiffening
       allocate (viscoelastic(b%ne))
       do e = 1, b%ne
-        associate (m => d%materials(b%material(e)))
-          viscoelastic(e) = r%viscoelastic .and. size(m%ghm_alpha) + size(m%prony_alpha) > 0
-        end associate
+        law = law_of(d%materials(b%material(e))%law)
+        viscoelastic(e) = r%viscoelastic .and. law%order() > 0
       end do
       call remove_coordinates(r, b, removed, faults)
       call number_coordinates(b, removed)
@@ -204,9 +207,9 @@ contains
         call reduce(d, k, b, viscoelastic, faults)
       else
         call sort_segments(b, viscoelastic)
-        for_segments: do e = 1, size(b%segments)
-          call copy_terms(d, b%segments(e))
-        end do for_segments
+        do e = 1, size(b%segments)
+          b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
+        end do
         call factor_mass(b, bad)
         if (bad > 0) then
           call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
@@ -220,15 +223,6 @@ contains
       call allocate_work(b)
     end associate
   end subroutine make_flexible
-
-  !> Viscoelastic terms of a run's material.
-  subroutine copy_terms(d, segment)
-    type(deck), intent(in) :: d
-    type(viscoelastic_segment), intent(inout) :: segment
-    associate (m => d%materials(segment%material))
-      segment%law = law_of(m%ghm_alpha, m%ghm_zeta, m%ghm_omega, m%prony_alpha, m%prony_tau)
-    end associate
-  end subroutine copy_terms
 
   !> Which nodal coordinates the reference conditions remove; they must stop exactly the rigid motions.
   subroutine remove_coordinates(r, b, removed, faults)
@@ -289,7 +283,7 @@ contains
         if (any(segments(1:n)%material == b%material(e))) cycle
         n = n + 1
         segments(n)%material = b%material(e)
-        call copy_terms(d, segments(n))
+        segments(n)%law = law_of(d%materials(b%material(e))%law)
       end do
       call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), segments(1:n), bad)
       if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &

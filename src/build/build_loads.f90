@@ -2,6 +2,7 @@
 module build_loads
   use body_force, only: body_force_model
   use build_history, only: make_history
+  use build_law, only: law_of
   use build_markers, only: marker_table, find_marker
   use central_torque, only: central_torque_model
   use deck_records, only: deck, force_record, spring_record
@@ -14,7 +15,6 @@ module build_loads
   use spring, only: spring_model
   use torque, only: torque_model
   use torsional_spring, only: torsional_model
-  use viscoelastic_law, only: law_of
   implicit none (type, external)
   private
   public :: build_forces
@@ -59,7 +59,7 @@ contains
     sp%damping = r%damping
     sp%free = r%free
     sp%pending = .not. r%has_free
-    sp%law = law_of(r%ghm_alpha, r%ghm_zeta, r%ghm_omega, r%prony_alpha, r%prony_tau)
+    sp%law = law_of(r%law)
     call move_alloc(sp, item)
   end subroutine make_spring
 

@@ -6,7 +6,7 @@ module deck_joints
   use deck_words, only: get_name, get_choice, get_reference
   use deck_kinds, only: in_history
   use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
-  use deck_properties, only: read_ghm, read_prony
+  use deck_properties, only: read_law
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record
   implicit none (type, external)
   private
@@ -76,8 +76,7 @@ contains
     call get(deck, 'free_length', s%free, least=0.0_wp, kinds='linear')
     call get(deck, 'free_angle', s%free, kinds='torsional')
     s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
-    call read_ghm(deck, s%ghm_alpha, s%ghm_zeta, s%ghm_omega)
-    call read_prony(deck, s%prony_alpha, s%prony_tau)
+    call read_law(deck, s%law)
     call forbid_rigid_pair(deck, d, s%a, s%b)
   end subroutine read_spring
 end module deck_joints

@@ -6,10 +6,10 @@ module deck_properties
   use deck_get, only: get, get_pair
   use deck_lists, only: get_list
   use deck_words, only: get_name, get_choice
-  use deck_records, only: scene_record, material_record, section_record
+  use deck_records, only: law_record, scene_record, material_record, section_record
   implicit none (type, external)
   private
-  public :: read_scene, read_material, read_section, read_ghm, read_prony
+  public :: read_scene, read_material, read_section, read_law
 
 contains
 
@@ -31,20 +31,27 @@ contains
     call get_name(deck, m%name)
     call get(deck, 'density', m%density, required, above=0.0_wp)
     call get(deck, 'young', m%young, required, above=0.0_wp)
-    call read_ghm(deck, m%ghm_alpha, m%ghm_zeta, m%ghm_omega)
-    call read_prony(deck, m%prony_alpha, m%prony_tau)
+    call read_law(deck, m%law)
     scale = 1.0_wp
     call get(deck, 'ghm_frequency_scale', scale, above=0.0_wp)
     if (deck%is_given('ghm_frequency_scale') .and. .not. (deck%is_given('ghm_omega') .or. &
       deck%is_given('prony_tau'))) call deck%complain('ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic '// &
       'material, expected ghm_alpha, ghm_zeta and ghm_omega, or prony_alpha and prony_tau')
-    m%ghm_omega = scale*m%ghm_omega
-    m%prony_tau = m%prony_tau/scale
+    m%law%ghm_omega = scale*m%law%ghm_omega
+    m%law%prony_tau = m%law%prony_tau/scale
     call get(deck, 'rayleigh_mass', m%rayleigh_mass, least=0.0_wp)
     call get(deck, 'rayleigh_stiffness', m%rayleigh_stiffness, least=0.0_wp)
   end subroutine read_material
 
-  !> GHM terms of a material or a spring: three lists of equal length, size 0 where there are none.
+  !> Viscoelastic terms of a material or a spring.
+  subroutine read_law(deck, law)
+    class(deck_source), intent(inout) :: deck
+    type(law_record), intent(inout) :: law
+    call read_ghm(deck, law%ghm_alpha, law%ghm_zeta, law%ghm_omega)
+    call read_prony(deck, law%prony_alpha, law%prony_tau)
+  end subroutine read_law
+
+  !> GHM terms: three lists of equal length, size 0 where there are none.
   subroutine read_ghm(deck, alpha, zeta, omega)
     class(deck_source), intent(inout) :: deck
     real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
@@ -61,7 +68,7 @@ contains
       to_text(size(omega))//' values, expected equal numbers')
   end subroutine read_ghm
 
-  !> Maxwell terms of a material or a spring: two lists of equal length, size 0 where there are none.
+  !> Maxwell terms: two lists of equal length, size 0 where there are none.
   subroutine read_prony(deck, alpha, tau)
     class(deck_source), intent(inout) :: deck
     real(wp), allocatable, intent(out) :: alpha(:)   !! [-]

@@ -20,17 +20,22 @@ module deck_records
     real(wp) :: gravity(2) = 0.0_wp          !! [m/s2]
   end type scene_record
 
+  !> Viscoelastic terms of a material or a spring.
+  type, public :: law_record
+    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: no such terms
+    real(wp), allocatable :: ghm_zeta(:)     !! [-]
+    real(wp), allocatable :: ghm_omega(:)    !! [rad/s], ghm_frequency_scale already applied
+    real(wp), allocatable :: prony_alpha(:)  !! [-], size 0: no Maxwell terms
+    real(wp), allocatable :: prony_tau(:)    !! [s], ghm_frequency_scale already applied
+  end type law_record
+
   !> &material
   type, public :: material_record
     type(origin) :: at
     character(name_length) :: name = ''
     real(wp) :: density = 0.0_wp             !! [kg/m3]
     real(wp) :: young = 0.0_wp               !! static modulus E_R [Pa]
-    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: no such terms
-    real(wp), allocatable :: ghm_zeta(:)     !! [-]
-    real(wp), allocatable :: ghm_omega(:)    !! [rad/s], ghm_frequency_scale already applied
-    real(wp), allocatable :: prony_alpha(:)  !! [-], size 0: no Maxwell terms
-    real(wp), allocatable :: prony_tau(:)    !! [s], ghm_frequency_scale already applied
+    type(law_record) :: law
     real(wp) :: rayleigh_mass = 0.0_wp       !! [1/s]
     real(wp) :: rayleigh_stiffness = 0.0_wp  !! [s]
   end type material_record
@@ -167,11 +172,7 @@ module deck_records
     real(wp) :: damping = 0.0_wp             !! [N s/m] or [N m s/rad]
     logical :: has_free = .false.            !! false: free length or angle as assembled
     real(wp) :: free = 0.0_wp                !! free_length [m] or free_angle [rad]
-    real(wp), allocatable :: ghm_alpha(:)    !! [-], size 0: no such terms
-    real(wp), allocatable :: ghm_zeta(:)     !! [-]
-    real(wp), allocatable :: ghm_omega(:)    !! [rad/s]
-    real(wp), allocatable :: prony_alpha(:)  !! [-], size 0: no Maxwell terms
-    real(wp), allocatable :: prony_tau(:)    !! [s]
+    type(law_record) :: law
   end type spring_record
 
   !> &sensor

@@ -5,7 +5,7 @@ module bound_causes
   use deck_records, only: deck
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
-  use nodal_kernel, only: linear_deformations
+  use nodal_basis, only: linear_deformations
   use spectrum, only: fast_mode
   use text, only: to_text
   implicit none (type, external)

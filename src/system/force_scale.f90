@@ -3,7 +3,7 @@ module force_scale
   use kinds, only: wp
   use body, only: body_model
   use mechanism, only: mechanism_model
-  use nodal_kernel, only: element_stress
+  use nodal_basis, only: element_stress
   implicit none (type, external)
   private
   public :: largest_force

@@ -5,7 +5,7 @@ module elastic_operators
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
   private
-  public :: inertia_forces, damping_forces, inertia_products, mass_product, add_product
+  public :: inertia_forces, damping_forces, inertia_products, mass_product, bilinear, add_product
 
   !> The operators. An entry of row i stands among first(i) to first(i+1) - 1, its column in `row` (the patterns are symmetric).
   type, public :: elastic_operator
@@ -110,6 +110,24 @@ contains
     call add_product(op%even, op%m, x, y)
     if (op%rotary) call add_product(op%even, op%j, x, y)
   end subroutine mass_product
+
+  !> x^T A y, A given by its entries on a pattern.
+  pure function bilinear(pattern, a, x, y) result(total)
+    type(symmetric_pattern), intent(in) :: pattern
+    real(wp), intent(in) :: a(:)                   !! (entries) [any]
+    real(wp), intent(in) :: x(:), y(:)             !! (n) [any]
+    real(wp) :: total                              !! [any]
+    real(wp) :: s
+    integer :: i, k
+    total = 0.0_wp
+    do i = 1, size(x)
+      s = 0.0_wp
+      do k = pattern%first(i), pattern%first(i + 1) - 1
+        s = s + a(k)*y(pattern%row(k))
+      end do
+      total = total + x(i)*s
+    end do
+  end function bilinear
 
   !> y <- y + A x, A given by its entries on a pattern.
   pure subroutine add_product(pattern, a, x, y)

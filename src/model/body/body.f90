@@ -5,21 +5,10 @@ module body
   use banded, only: band_factor
   use beam_element, only: beam_geometry
   use elastic_operators, only: elastic_operator
-  use viscoelastic_law, only: viscoelastic_terms
+  use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private
-
-  !> A segment of neighbouring elements that share one viscoelastic material, or (modal bodies) one distinct material.
-  !> Internal variables of a run: z(component, element, term), those of second order contiguous, and those of first order.
-  type, public :: viscoelastic_segment
-    integer :: first = 0, last = 0            !! elements
-    integer :: offset = 0                     !! of its internal variables of second order among the scene's, from 0
-    integer :: first_order = 0                !! of those of first order
-    integer :: width = 0                      !! coordinates of one term
-    integer :: material = 0                   !! index of the material, for messages
-    type(viscoelastic_terms) :: law
-    real(wp), allocatable :: stiffness(:, :)  !! modal bodies: the material's modal stiffness (k x k) [N/m scaled]
-  end type viscoelastic_segment
+  public :: viscoelastic_segment
 
   !> A point mass and rotary inertia at a node or at a point of a rigid body.
   type, public :: lump
@@ -29,10 +18,20 @@ module body
     real(wp) :: inertia = 0.0_wp              !! [kg m2]
   end type lump
 
+  !> What tells nodal coordinates from modal amplitudes: the kinds of flexible body.
+  type, abstract, public :: elastic_basis
+  contains
+    procedure(to_deformations), deferred, nopass :: deform
+    procedure(to_forces), deferred, nopass :: add_stress
+    procedure(to_energy), deferred, nopass :: strain_energy
+    procedure(to_displacement), deferred, nopass :: displacement
+  end type elastic_basis
+
   !> One rigid or flexible body.
   type, public :: body_model
     character(32) :: name = ''
     logical :: flexible = .false.
+    class(elastic_basis), allocatable :: basis   !! of flexible bodies
     logical :: modal = .false.
     logical :: axial = .true.
     logical :: straight = .true.              !! all elements along body x
@@ -81,11 +80,47 @@ module body
     ! work space of one evaluation
     real(wp), allocatable :: qx(:), vx(:)     !! (0:nf) coordinates and rates, entry 0 is zero
     real(wp), allocatable :: elastic_force(:), angle_coupling(:) !! (0:nf) Q_f and m_theta_f, entry 0 is thrown away
-    real(wp), allocatable :: d(:, :)          !! nodal: (nd, ne) deformations; modal: (nf, 1) work
+    real(wp), allocatable :: d(:, :)          !! deformations: nodes: (nd, ne); modes: (nf, segments) the amplitudes
     real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added
   contains
     procedure :: displacement => node_displacement
   end type body_model
+
+  abstract interface
+    !> Deformations of coordinates.
+    pure subroutine to_deformations(b, qx, d)
+      import :: body_model, wp
+      type(body_model), intent(in) :: b
+      real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+      real(wp), intent(inout), contiguous :: d(:, :)  !! as the body's [m, rad]
+    end subroutine to_deformations
+
+    !> Adds the elastic forces of deformations b%d with terms' differences added to ds, times a factor, to f.
+    pure subroutine to_forces(b, ds, qx, factor, f)
+      import :: body_model, wp
+      type(body_model), intent(in) :: b
+      real(wp), intent(in), contiguous :: ds(:, :)    !! as b%d [m, rad]
+      real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+      real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
+      real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) entry 0 is thrown away [N, N m]
+    end subroutine to_forces
+
+    !> Strain energy at E_R of the deformations b%d and coordinates b%qx.
+    pure function to_energy(b) result(energy)
+      import :: body_model, wp
+      type(body_model), intent(in) :: b
+      real(wp) :: energy                              !! [J]
+    end function to_energy
+
+    !> Displacement (u, v, rotation) of a node in body axes.
+    pure function to_displacement(b, node, q) result(u)
+      import :: body_model, wp
+      type(body_model), intent(in) :: b
+      integer, intent(in) :: node
+      real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
+      real(wp) :: u(3)                                !! [m, m, rad] or their rates
+    end function to_displacement
+  end interface
 
 contains
 
@@ -95,17 +130,7 @@ contains
     integer, intent(in) :: node        !! node number
     real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates or accelerations
     real(wp) :: u(3)                   !! [m, m, rad] or their rates
-    integer :: k
     u = 0.0_wp
-    if (.not. self%flexible) return
-    if (self%modal) then
-      do k = 1, self%nf
-        u = u + self%psi(3*node - 2:3*node, k)*q(k)
-      end do
-    else
-      do k = 1, 3
-        if (self%dof(k, node) > 0) u(k) = q(self%dof(k, node))
-      end do
-    end if
+    if (self%flexible) u = self%basis%displacement(self, node, q)
   end function node_displacement
 end module body

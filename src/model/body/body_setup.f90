@@ -8,6 +8,7 @@ module body_setup
   use body_matrices, only: mass_triplets
   use body_operators, only: elastic_operators_of
   use chain_kernel, only: element_factors
+  use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
@@ -184,11 +185,16 @@ contains
     type(body_model), intent(inout) :: b
     integer :: k
     b%nz = 0
+    if (.not. allocated(b%basis)) allocate (nodal_model :: b%basis)
     do k = 1, size(b%segments)
-      b%segments(k)%width = merge(b%nf, b%nd*(b%segments(k)%last - b%segments(k)%first + 1), b%modal)
+      associate (segment => b%segments(k))
+        segment%width = merge(b%nf, b%nd*(segment%last - segment%first + 1), b%modal)
+        segment%ei_l = b%elements(segment%first:segment%last)%ei_l
+        segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
+      end associate
       b%nz = b%nz + b%segments(k)%width*size(b%segments(k)%law%alpha)
     end do
-    b%chain = b%straight .and. .not. b%stiffening
+    b%chain = b%straight .and. .not. (b%stiffening .or. b%modal)
     allocate (b%factors(10, b%ne))
     do k = 1, b%ne
       associate (g => b%elements(k))
@@ -199,7 +205,7 @@ contains
     call elastic_operators_of(b, b%op)
     allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%elastic_force(0:b%nf), b%angle_coupling(0:b%nf), source=0.0_wp)
     if (b%modal) then
-      allocate (b%d(b%nf, 1), b%ds(b%nf, 1), source=0.0_wp)
+      allocate (b%d(b%nf, size(b%segments)), b%ds(b%nf, size(b%segments)), source=0.0_wp)
     else
       allocate (b%d(b%nd, b%ne), b%ds(b%nd, b%ne), source=0.0_wp)
     end if

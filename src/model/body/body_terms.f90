@@ -12,7 +12,6 @@ module body_terms
   use kinds, only: wp
   use body, only: body_model
   use elastic_operators, only: inertia_products, add_product
-  use nodal_kernel, only: deformations, add_stress
   implicit none (type, external)
   private
   public :: body_residual, body_tangent, set_up_terms
@@ -21,7 +20,7 @@ module body_terms
   type, public :: body_equations
     integer :: n = 0                         !! elastic coordinates
     real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
-    real(wp), allocatable :: past(:, :) !! sum of alpha times the terms' offsets: as the deformations, or (n, segments) [m, rad]
+    real(wp), allocatable :: past(:, :) !! sum of alpha times the terms' offsets, as the deformations [m, rad]
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
     real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame [N/m, N, N m]
@@ -40,8 +39,8 @@ contains
     if (.not. body%flexible) return
     t%n = body%nf
     allocate (t%factor(size(body%segments)), source=1.0_wp)
-    if (body%modal) allocate (t%past(body%nf, size(body%segments)), source=0.0_wp)
-    if (.not. body%modal) allocate (t%past(body%nd, body%ne), source=0.0_wp)
+    allocate (t%past, mold=body%d)
+    t%past = 0.0_wp
     allocate (t%elastic(0:body%nf), t%column(0:body%nf), t%row(0:body%nf), t%x(2, body%nf), t%y(2, body%nf), t%mx(2, body%nf), &
               t%zy(2, body%nf), source=0.0_wp)
   end subroutine set_up_terms
@@ -91,22 +90,11 @@ contains
     type(body_equations), intent(inout) :: t
     type(body_model), intent(inout) :: body
     real(wp), intent(in) :: q(:)                 !! (n) elastic coordinates [m, rad, ...]
-    integer :: k, r, e
-    if (body%modal) then
-      do k = 1, t%n
-        t%elastic(k) = t%elastic(k) + body%omega2(k)*q(k)
-      end do
-      do r = 1, size(body%segments)
-        do k = 1, t%n
-          t%elastic(1:) = t%elastic(1:) + body%segments(r)%stiffness(:, k)*((t%factor(r) - 1)*q(k) - t%past(k, r))
-        end do
-      end do
-      return
-    end if
+    integer :: r, e
     body%qx(1:t%n) = q
-    call deformations(body, body%qx, body%d)
+    call body%basis%deform(body, body%qx, body%d)
     if (size(body%segments) == 0) then
-      call add_stress(body, body%d, body%qx, 1.0_wp, t%elastic)
+      call body%basis%add_stress(body, body%d, body%qx, 1.0_wp, t%elastic)
       return
     end if
     body%ds = body%d
@@ -115,7 +103,7 @@ contains
         body%ds(:, e) = t%factor(r)*body%d(:, e) - t%past(:, e)
       end do
     end do
-    call add_stress(body, body%ds, body%qx, 1.0_wp, t%elastic)
+    call body%basis%add_stress(body, body%ds, body%qx, 1.0_wp, t%elastic)
   end subroutine add_elastic
 
   !> The tangent a2 M + a1 C + a0 K of the frame, and of what couples the angle and the elastic coordinates; markers' parts not.

@@ -5,6 +5,7 @@ module modal_reduction
   use beam_element, only: element_stiffness, element_mass, element_gyroscopic
   use body, only: body_model, viscoelastic_segment
   use body_modes, only: lowest_modes, add_static_shapes
+  use modal_basis, only: modal_model
   implicit none (type, external)
   private
   public :: reduce_to_modes
@@ -28,6 +29,7 @@ contains
     call project_integrals(b, x, w, viscoelastic)
     call nodal_shapes(b, x)
     b%modal = .true.
+    allocate (modal_model :: b%basis)
     b%nodal_nf = b%nf
     b%nf = size(w)
   end subroutine reduce_to_modes
@@ -65,6 +67,8 @@ contains
     allocate (b%zmodal(n, n), b%jmodal(n, n), b%cmodal(n, n), source=0.0_wp)
     do r = 1, size(b%segments)
       allocate (b%segments(r)%stiffness(n, n), source=0.0_wp)
+      b%segments(r)%first = r
+      b%segments(r)%last = r
     end do
     do e = 1, b%ne
       do i = 1, 6

@@ -4,8 +4,8 @@ module force_element
   use kinds, only: wp
   use constraint, only: marker_stiffness
   use history, only: breakpoint
+  use internal_variables, only: internal_state
   use marker, only: marker_states
-  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
 
@@ -31,7 +31,7 @@ module force_element
   end type element_action
 
   !> A spring, a load or anything else that acts by forces that follow from the state.
-  type, abstract, public :: force_model
+  type, abstract, extends(internal_state), public :: force_model
     character(32) :: name = ''
     character(8) :: group = 'force'       !! the deck's word after `&`, for messages
     integer :: ia = 0, ib = 0             !! markers a and b; the same where it acts on one
@@ -39,10 +39,8 @@ module force_element
     logical :: in_frame = .false.         !! its force on a keeps its direction in the axes of a's body
     real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
-    type(viscoelastic_terms) :: law       !! of its deformation; most elements have no terms
-    integer :: offset = 0                 !! of its internal variables of second order among the scene's, from 0
-    integer :: first_order = 0            !! of those of first order
   contains
+    procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
     procedure :: tangent => no_tangent
     procedure :: components => no_components      !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
@@ -79,6 +77,15 @@ module force_element
   end interface
 
 contains
+
+  !> x k y of the static stiffness, which terms multiply; most elements have none [J].
+  pure function elastic_product(self, n, x, y) result(total)
+    class(force_model), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n), y(n)      !! [m] or [rad]
+    real(wp) :: total                       !! [J]
+    total = self%stiffness*x(1)*y(1)
+  end function elastic_product
 
   !> Forces that are constant in global axes have no tangent. Kinds set k%k, and k%c if they damp: minus the wrenches' derivatives
   !> by displacements and turns of the markers (global axes) and by their rates.

@@ -34,26 +34,13 @@ contains
     real(wp), intent(in) :: zd(*)          !! (nzd) rates of those of second order [m/s, rad/s]
     real(wp), intent(inout) :: zdd(*)      !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     type(element_action), intent(inout) :: x
-    real(wp) :: d, dd, e(3), f
-    integer :: k, i
-    call self%deformation(p, d, dd, e)
+    real(wp) :: d(1), ds(1), dd, e(3), f
+    call self%deformation(p, d(1), dd, e)
     d = d - self%unprestressed(with%prestress)
-    f = self%stiffness*d + self%damping*dd
+    ds = d
     x%dissipated = self%damping*dd**2
-    associate (law => self%law)
-      do k = 1, law%second
-        i = self%offset + k
-        f = f + self%stiffness*law%alpha(k)*(d - z(i))
-        zdd(i) = (d - z(i) - law%viscosity(k)*zd(i))/law%inertia(k)
-        x%dissipated = x%dissipated + self%stiffness*law%alpha(k)*law%viscosity(k)*zd(i)**2
-      end do
-      do k = law%second + 1, law%second + law%first
-        i = self%first_order + k - law%second
-        f = f + self%stiffness*law%alpha(k)*(d - z(i))
-        zdd(i) = (d - z(i))/law%viscosity(k)
-        x%dissipated = x%dissipated + self%stiffness*law%alpha(k)*law%viscosity(k)*zdd(i)**2
-      end do
-    end associate
+    if (size(self%law%alpha) > 0) call self%follow(1, d, z, zd, zdd, ds, x%dissipated)
+    f = self%stiffness*ds(1) + self%damping*dd
     x%force = f
     x%a = -f*e
     x%b = f*e
@@ -78,19 +65,9 @@ contains
     class(spring_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: z(*), zd(*)    !! all internal variables [m, rad] and rates
-    real(wp) :: d, dd, e(3)
-    integer :: k, i
-    call self%deformation(p, d, dd, e)
-    energy = 0.5_wp*self%stiffness*d**2
-    associate (law => self%law)
-      do k = 1, law%second
-        i = self%offset + k
-        energy = energy + 0.5_wp*self%stiffness*law%alpha(k)*((d - z(i))**2 + law%inertia(k)*zd(i)**2)
-      end do
-      do k = 1, law%first
-        energy = energy + 0.5_wp*self%stiffness*law%alpha(law%second + k)*(d - z(self%first_order + k))**2
-      end do
-    end associate
+    real(wp) :: d(1), dd, e(3)
+    call self%deformation(p, d(1), dd, e)
+    energy = 0.5_wp*self%stiffness*d(1)**2 + self%stored(1, d, z, zd)
   end function spring_energy
 
   !> Viscoelastic terms at rest follow the deformation.

@@ -1,149 +1,25 @@
-!> One viscoelastic term where a method condenses it (theory.md, sections 5 and 7): with rates and accelerations at the end of a
-!> step tied to values by z1 = z + x, z1' = z' + c2 x, z1'' = z'' + c1 x, (z, z', z'') what the past predicts,
-!>
-!>   inertia z1'' + viscosity z1' + z1 = delta
-!>
-!> gives x for the deformation delta there. So z1 = g delta + offset with g = 1/(1 + viscosity c2 + inertia c1), and the
-!> stiffness that the term multiplies acts with alpha (1 - g). The same g, at c1 = -omega^2 and c2 = i omega, is a frequency's.
+!> The law of Golla, Hughes and McTavish: terms with inertia, each a damped oscillator of frequency omega and damping ratio zeta.
 module ghm_law
   use kinds, only: wp
-  use ghm_kernel, only: segment_product
-  use scene_model, only: scene
-  use viscoelastic_law, only: viscoelastic_terms
+  use viscoelastic_law, only: law_model, viscoelastic_terms
   implicit none (type, external)
   private
-  public :: ghm_term, list_terms, term_product
 
-  !> One term of one run of elements, of one material of a modal body, or of one force element.
-  type :: ghm_term
-    integer :: first = 0                     !! its first coordinate among all internal variables
-    integer :: last = 0                      !! and the last
-    integer :: body = 0, segment = 0         !! whose, or
-    integer :: element = 0                   !! force element
-    real(wp) :: alpha = 0.0_wp               !! weight [-]
-    real(wp) :: viscosity = 0.0_wp           !! [s]
-    real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
-    real(wp) :: g = 1.0_wp                   !! dz/d(deformation) in the present step [-]
+  !> E(s)/E_R = 1 + sum of alpha (s2 + 2 zeta omega s)/(s2 + 2 zeta omega s + omega2).
+  type, extends(law_model), public :: ghm_model
+    real(wp), allocatable :: alpha(:)          !! weights [-]
+    real(wp), allocatable :: zeta(:)           !! damping ratios [-]
+    real(wp), allocatable :: omega(:)          !! frequencies [rad/s]
   contains
-    procedure :: set
-    procedure :: offsets
-    procedure :: increments
-    procedure :: filtered
-  end type ghm_term
+    procedure :: terms
+  end type ghm_model
 
 contains
 
-  !> All terms of a scene, those of second order before those of first order, each bodies', then force elements'.
-  subroutine list_terms(s, terms)
-    type(scene), intent(in) :: s
-    type(ghm_term), allocatable, intent(out) :: terms(:)
-    integer :: b, r, n, kind
-    allocate (terms(s%nz))
-    n = 0
-    do kind = 2, 1, -1
-      do b = 1, size(s%bodies)
-        do r = 1, size(s%bodies(b)%segments)
-          associate (segment => s%bodies(b)%segments(r))
-            call add_terms(segment%law, kind == 2, merge(segment%offset, segment%first_order, kind == 2), segment%width, &
-                           ghm_term(body=b, segment=r), terms, n)
-          end associate
-        end do
-      end do
-      do b = 1, size(s%forces)
-        associate (f => s%forces(b)%item)
-          call add_terms(f%law, kind == 2, merge(f%offset, f%first_order, kind == 2), 1, ghm_term(element=b), terms, n)
-        end associate
-      end do
-    end do
-    terms = terms(1:n)
-  end subroutine list_terms
-
-  !> Adds the terms of one order of a law to the list.
-  pure subroutine add_terms(law, second, offset, width, owner, terms, n)
-    type(viscoelastic_terms), intent(in) :: law
-    logical, intent(in) :: second            !! those of second order
-    integer, intent(in) :: offset, width     !! of the first one's coordinates
-    type(ghm_term), intent(in) :: owner      !! names the body's segment or the force element
-    type(ghm_term), intent(inout) :: terms(:)
-    integer, intent(inout) :: n              !! terms in the list
-    integer :: j, k
-    do j = 1, merge(law%second, law%first, second)
-      k = merge(j, law%second + j, second)
-      n = n + 1
-      terms(n) = owner
-      terms(n)%first = offset + (j - 1)*width + 1
-      terms(n)%last = offset + j*width
-      terms(n)%alpha = law%alpha(k)
-      terms(n)%viscosity = law%viscosity(k)
-      terms(n)%inertia = law%inertia(k)
-    end do
-  end subroutine add_terms
-
-  !> Takes the constants of a method's step.
-  elemental subroutine set(self, c1, c2)
-    class(ghm_term), intent(inout) :: self
-    real(wp), intent(in) :: c1               !! dz''/dz [1/s2]
-    real(wp), intent(in) :: c2               !! dz'/dz [1/s]
-    self%g = 1.0_wp/(1.0_wp + self%viscosity*c2 + self%inertia*c1)
-  end subroutine set
-
-  !> What a term's coordinates become at zero deformation, from their predictions.
-  pure subroutine offsets(self, n, z, zd, zdd, x)
-    class(ghm_term), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(in) :: z(n)             !! [m, rad]
-    real(wp), intent(in) :: zd(n)            !! [m/s, rad/s]
-    real(wp), intent(in) :: zdd(n)           !! [m/s2, rad/s2]
-    real(wp), intent(inout) :: x(n)          !! [m, rad]
-    integer :: i
-    do i = 1, n
-      x(i) = z(i) - self%g*(z(i) + self%viscosity*zd(i) + self%inertia*zdd(i))
-    end do
-  end subroutine offsets
-
-  !> The x of the head's comment.
-  pure subroutine increments(self, n, d, z, zd, zdd, x)
-    class(ghm_term), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(in) :: d(n)             !! deformations [m, rad]
-    real(wp), intent(in) :: z(n)             !! predicted [m, rad]
-    real(wp), intent(in) :: zd(n)            !! [m/s, rad/s]
-    real(wp), intent(in) :: zdd(n)           !! [m/s2, rad/s2]
-    real(wp), intent(inout) :: x(n)          !! [m, rad]
-    integer :: i
-    do i = 1, n
-      x(i) = self%g*(d(i) - z(i) - self%viscosity*zd(i) - self%inertia*zdd(i))
-    end do
-  end subroutine increments
-
-  !> The part of motion that the step resolves: 1 for motion slow against the term's own, 0 where it is much faster [-].
-  elemental real(wp) function filtered(self, c1)
-    class(ghm_term), intent(in) :: self
-    real(wp), intent(in) :: c1               !! [1/s2]
-    filtered = merge(self%inertia*c1*self%g, 1.0_wp - self%g, self%inertia > 0.0_wp)
-  end function filtered
-
-  !> x^T D y with the stiffness D at E_R that the term multiplies, over its coordinates alone [J for x, y in m, rad].
-  pure real(wp) function term_product(t, s, x, y) result(total)
-    type(ghm_term), intent(in) :: t
-    type(scene), intent(in) :: s
-    real(wp), intent(in), contiguous :: x(:), y(:)   !! (t%first:t%last) deformations or their rates [m, rad, ...]
-    integer :: i, j
-    if (t%body == 0) then
-      total = s%forces(t%element)%item%stiffness*x(1)*y(1)
-    else if (s%bodies(t%body)%modal) then
-      total = 0.0_wp
-      associate (k => s%bodies(t%body)%segments(t%segment)%stiffness)
-        do j = 1, size(x)
-          do i = 1, size(x)
-            total = total + x(i)*k(i, j)*y(j)
-          end do
-        end do
-      end associate
-    else
-      associate (body => s%bodies(t%body), segment => s%bodies(t%body)%segments(t%segment))
-        total = segment_product(body%nd, segment%last - segment%first + 1, body%factors(:, segment%first:segment%last), x, y)
-      end associate
-    end if
-  end function term_product
+  !> Inertia 1/omega2, viscosity 2 zeta/omega.
+  pure function terms(self) result(t)
+    class(ghm_model), intent(in) :: self
+    type(viscoelastic_terms) :: t
+    t = viscoelastic_terms(size(self%alpha), 0, self%alpha, 2*self%zeta/self%omega, 1/self%omega**2)
+  end function terms
 end module ghm_law

@@ -2,13 +2,13 @@
 !>
 !>   inertia z'' + viscosity z' + z = delta        force alpha K_R (delta - z) beside K_R delta        (theory.md, section 5)
 !>
-!> A GHM term has inertia 1/omega^2 and viscosity 2 zeta/omega; a Maxwell term has no inertia, its viscosity is the relaxation
-!> time tau, and z is of first order. So both give E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)).
+!> so that E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)). A kind of law says which terms its parameters make;
+!> those without inertia are of first order.
 module viscoelastic_law
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: viscoelastic_terms, law_of
+  public :: viscoelastic_terms
 
   !> The terms of one law; those of second order come first.
   type :: viscoelastic_terms
@@ -18,6 +18,7 @@ module viscoelastic_law
     real(wp), allocatable :: viscosity(:)      !! [s]
     real(wp), allocatable :: inertia(:)        !! [s2]
   contains
+    procedure :: beside
     procedure :: ratio
     procedure :: slope
     procedure :: rates
@@ -26,22 +27,36 @@ module viscoelastic_law
     procedure :: words
   end type viscoelastic_terms
 
+  !> A law with parameters of its own.
+  type, abstract, public :: law_model
+  contains
+    procedure(parameters_to_terms), deferred :: terms
+  end type law_model
+
+  abstract interface
+    !> The terms of a law.
+    pure function parameters_to_terms(self) result(t)
+      import :: law_model, viscoelastic_terms
+      class(law_model), intent(in) :: self
+      type(viscoelastic_terms) :: t
+    end function parameters_to_terms
+  end interface
+
 contains
 
-  !> The law of lists of GHM and of Maxwell terms.
-  pure function law_of(alpha, zeta, omega, prony_alpha, prony_tau) result(law)
-    real(wp), intent(in) :: alpha(:)           !! of GHM terms [-]
-    real(wp), intent(in) :: zeta(:)            !! [-]
-    real(wp), intent(in) :: omega(:)           !! [rad/s]
-    real(wp), intent(in) :: prony_alpha(:)     !! of Maxwell terms [-]
-    real(wp), intent(in) :: prony_tau(:)       !! [s]
-    type(viscoelastic_terms) :: law
-    law%second = size(alpha)
-    law%first = size(prony_alpha)
-    law%alpha = [alpha, prony_alpha]
-    law%viscosity = [2*zeta/omega, prony_tau]
-    law%inertia = [1/omega**2, 0*prony_tau]
-  end function law_of
+  !> The terms of two laws that act together.
+  pure function beside(self, other) result(both)
+    class(viscoelastic_terms), intent(in) :: self
+    type(viscoelastic_terms), intent(in) :: other
+    type(viscoelastic_terms) :: both
+    associate (m => self%second, n => other%second)
+      both%second = m + n
+      both%first = self%first + other%first
+      both%alpha = [self%alpha(:m), other%alpha(:n), self%alpha(m + 1:), other%alpha(n + 1:)]
+      both%viscosity = [self%viscosity(:m), other%viscosity(:n), self%viscosity(m + 1:), other%viscosity(n + 1:)]
+      both%inertia = [self%inertia(:m), other%inertia(:n), self%inertia(m + 1:), other%inertia(n + 1:)]
+    end associate
+  end function beside
 
   !> E(s)/E_R - 1 [-].
   pure function ratio(self, s) result(g)

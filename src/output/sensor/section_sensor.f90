@@ -114,8 +114,7 @@ contains
     do r = 1, size(b%segments)
       if (b%segments(r)%material /= b%material(e)) cycle
       do k = 1, size(b%segments(r)%law%alpha)
-        o = b%segments(r)%offset + (k - 1)*b%nf
-        if (k > b%segments(r)%law%second) o = b%segments(r)%first_order + (k - 1 - b%segments(r)%law%second)*b%nf
+        o = b%segments(r)%start(k)
         x = x + b%segments(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
       end do
     end do

@@ -4,8 +4,7 @@ module body_condensation
   use kinds, only: wp
   use banded, only: band_solve_two
   use mechanism, only: mechanism_model, factor_frame
-  use modal_kernel, only: modal_forces
-  use nodal_kernel, only: nodal_forces
+  use flexible_forces, only: elastic_forces
   use marker_forces, only: load_elastic
   implicit none (type, external)
   private
@@ -67,11 +66,7 @@ contains
                           body%vx, body%elastic_force, &
                           body%angle_coupling, p, sv, i1q, i1v)
       p = p + body%i1
-      if (body%modal) then
-        call modal_forces(body, z, zd, thetad, self%zdd, qmq, qmv, power)
-      else
-        call nodal_forces(body, prototype%edof, prototype%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
-      end if
+      call elastic_forces(body, prototype%edof, prototype%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
       self%dissipated_power = self%dissipated_power + power
       self%pin(:, b) = p
       self%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)

@@ -89,7 +89,7 @@ contains
   subroutine pass_offsets(self, m)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    integer :: k, b, e, i, first
+    integer :: k, b, e, i
     do b = 1, size(self%b)
       if (m%s%bodies(b)%nz > 0) self%b(b)%eq%past = 0.0_wp
     end do
@@ -98,9 +98,7 @@ contains
         if (t%body == 0) cycle
         i = t%first
         associate (x => self%b(t%body)%eq%past, segment => m%s%bodies(t%body)%segments(t%segment))
-          first = segment%first
-          if (m%s%bodies(t%body)%modal) first = t%segment
-          do e = first, first + (t%last - t%first)/size(x, 1)
+          do e = segment%first, segment%first + (t%last - t%first)/size(x, 1)
             x(:, e) = x(:, e) + t%alpha*self%offset(i:i + size(x, 1) - 1)
             i = i + size(x, 1)
           end do

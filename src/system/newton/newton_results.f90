@@ -6,10 +6,9 @@ module newton_results
   use body_terms, only: body_equations
   use dynamics, only: set_frames, marker_kinematics, applied_forces
   use elastic_operators, only: add_product, elastic_mass => mass_product
-  use ghm_law, only: term_product
+  use condensed_terms, only: term_product
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix
-  use nodal_kernel, only: deformations
   implicit none (type, external)
   private
   public :: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, &
@@ -52,8 +51,6 @@ contains
         b = t%body
         if (b == 0) then
           call m%s%forces(t%element)%item%deformation(m%p, delta(i), dd, e)
-        else if (m%s%bodies(b)%modal) then
-          delta(i:j) = m%s%bodies(b)%qx(1:)
         else
           associate (body => m%s%bodies(b), segment => m%s%bodies(b)%segments(t%segment))
             delta(i:j) = reshape(body%d(:, segment%first:segment%last), [j - i + 1])
@@ -73,7 +70,7 @@ contains
         if (body%nz == 0) cycle
         i = m%s%qo(b) + 3
         body%qx(1:body%nf) = q(i + 1:i + body%nf)
-        if (.not. body%modal) call deformations(body, body%qx, body%d)
+        call body%basis%deform(body, body%qx, body%d)
       end associate
     end do
   end subroutine deform
@@ -99,8 +96,6 @@ contains
           if (t%body == 0) then
             call m%s%forces(t%element)%item%deformation(m%p, d, dd, e)
             a(i) = a(i) + 0.5_wp*dd
-          else if (m%s%bodies(t%body)%modal) then
-            a(i:j) = a(i:j) + 0.5_wp*side*m%s%bodies(t%body)%qx(1:)
           else
             associate (body => m%s%bodies(t%body), segment => m%s%bodies(t%body)%segments(t%segment))
               a(i:j) = a(i:j) + 0.5_wp*side*reshape(body%d(:, segment%first:segment%last), [j - i + 1])

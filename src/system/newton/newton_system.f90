@@ -8,7 +8,7 @@ module newton_system
   use border_row_lists, only: list_rows, order_rows
   use border_rows, only: row_system
   use elastic_block, only: block_factor
-  use ghm_law, only: ghm_term, list_terms
+  use condensed_terms, only: condensed_term, list_terms
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -50,7 +50,7 @@ module newton_system
     logical :: solved = .false.              !! the elastic residuals have been solved
     type(newton_body), allocatable :: b(:)
     type(row_system) :: rows
-    type(ghm_term), allocatable :: terms(:)
+    type(condensed_term), allocatable :: terms(:)
     real(wp), allocatable :: q(:)            !! (nq) positions of the last stage's residual [m, rad]
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
     real(wp), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
