@@ -1,4 +1,4 @@
-"""Kinds that the program does not have, in scenes with a closed form: a joint, a force element, an explicit method.
+"""Kinds that the program does not have, in scenes with a closed form: a joint, a force element, an explicit method, a law.
 
 Each is one file of tests/toys, compiled against the built library.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from math import factorial, pi
+from math import factorial, gamma, pi
 
 import numpy as np
 import pytest
@@ -94,3 +94,37 @@ def test_a_tableau_makes_a_method(tmp_path):
     y = np.array(run_toy("toy_tableau", tmp_path, deck, 0.1, 10).split(), float)
     growth = np.polynomial.Polynomial([1 / factorial(k) for k in range(4)])(1j * 3.0 * 0.1) ** 10
     np.testing.assert_allclose([y[0] - 1.0, y[3]], [0.25 * growth.real, -0.25 * 3.0 * growth.imag], rtol=0, atol=1e-14)
+
+
+STRETCHED = """&body name='m' kind='rigid' mass={mass} inertia=0.1 position=1.0,0.0 /
+&joint name='rail' type='prismatic' body_a='m' direction=0.0 /
+&spring name='k' type='linear' body_a='m' stiffness={stiffness} /
+&sensor name='x' quantity='position' body='m' /
+&sensor name='k' quantity='spring' spring='k' /
+"""
+BETA, TAU, STIFFNESS = 0.5, 1.0, 50.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_power_law_resists_a_steady_stretch(tmp_path, method):
+    """At a rate v from rest its force is k v (t + tau**beta t**(1-beta)/Gamma(2-beta)); terms end at 1e5/tau."""
+    deck = STRETCHED.format(mass=MASS, stiffness=STIFFNESS) + "&drive name='pull' type='position' body_a='m' history='h' /\n"
+    deck += "&history name='h' kind='polynomial' coefficients=1.0,0.2 /\n"
+    deck += f"&transient t_end=0.2 method='{method}' step={2e-5 if method == 'rk4' else 1e-3} output_step=0.02 /\n"
+    run_toy("toy_law", tmp_path, deck, "results", BETA, TAU)
+    h = read(tmp_path / "results", "history")
+    t = h["t"][2:]
+    force = STIFFNESS * 0.2 * (t + TAU**BETA * t ** (1 - BETA) / gamma(2 - BETA))
+    np.testing.assert_allclose(h["k.f"][2:], force, rtol=1e-2)
+    np.testing.assert_allclose(h["x.x"][2:], 1.0 + 0.2 * t, rtol=0, atol=1e-9)
+
+
+def test_a_power_law_in_a_frequency_response(tmp_path):
+    deck = STRETCHED.format(mass=MASS, stiffness=STIFFNESS) + "&history name='h' kind='sine' amplitude=1.0 frequency=1.0 /\n"
+    deck += "&force name='push' type='force' body='m' fx=1.0 history='h' /\n"
+    deck += "&frequency_response from=1e-3 to=1.0 points=20 input='push' /\n"
+    run_toy("toy_law", tmp_path, deck, "results", BETA, TAU)
+    h = read(tmp_path / "results", "frequency_response")
+    s = 2j * pi * h["f"]
+    expected = 1 / (STIFFNESS * (1 + (TAU * s) ** BETA) + MASS * s**2)
+    np.testing.assert_allclose(h["x.x.re"] + 1j * h["x.x.im"], expected, rtol=1e-2)

@@ -11,8 +11,8 @@ from conftest import ROOT
 TO_DO = (
     "alpha_adaptive alpha_error alpha_fixed alpha_march alpha_start alpha_state alpha_stepper body body_condensation "
     "body_energy body_matrices body_modes body_setup border_rows complex_modes complex_modulus dynamic_stiffness "
-    "dynamics energy ghm_kernel gyroscopic_modes linear_pattern linearisation mechanism modal_kernel mode_list "
-    "multipliers natural_modes newton_results newton_system nodal_kernel marker_forces pole_iteration reduced_system "
+    "dynamics energy gyroscopic_modes linear_pattern linearisation mechanism mode_list "
+    "multipliers natural_modes newton_results newton_system nodal_basis marker_forces pole_iteration reduced_system "
     "redundancy scene_model spectrum spring static_analysis step_advice step_bounds step_monitor velocity_closing"
 )
 

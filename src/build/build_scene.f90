@@ -10,7 +10,7 @@ module build_scene
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: build
+  public :: build, number_internal
 
 contains
 
@@ -61,7 +61,6 @@ contains
       s%nq = s%nq + 3 + s%bodies(k)%nf
     end do
     call number_internal(s)
-    s%ny = 2*s%nq + s%nz + s%nzd + 2
     allocate (s%q0(s%nq), s%v0(s%nq), source=0.0_wp)
     allocate (s%stated(s%nq), source=.false.)
     do k = 1, size(s%bodies)
@@ -75,7 +74,8 @@ contains
     end do
   end subroutine number_unknowns
 
-  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way.
+  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way;
+  !> the length of the state follows.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
     integer :: k, r
@@ -105,5 +105,6 @@ contains
       s%forces(k)%item%first_order = s%nz
       s%nz = s%nz + s%forces(k)%item%law%first
     end do
+    s%ny = 2*s%nq + s%nz + s%nzd + 2
   end subroutine number_internal
 end module build_scene

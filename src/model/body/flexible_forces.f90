@@ -72,7 +72,7 @@ contains
   subroutine lump_forces(b, thetad, qmq, qmv)
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: thetad          !! [rad/s]
-    real(wp), intent(inout) :: qmq, qmv
+    real(wp), intent(inout) :: qmq, qmv     !! [kg m2], [kg m2/s]
     real(wp) :: u(2), v(2), mu
     integer :: k, i, j
     do k = 1, size(b%lumps)

@@ -1,5 +1,5 @@
-!> Flexible bodies in a truncated modal basis: mass-normalised modes, so that m_ff = 1. Their deformations are the amplitudes, once for
-!> every viscoelastic material (theory.md, section 5).
+!> Flexible bodies in a truncated modal basis: mass-normalised modes, so that m_ff = 1. Their deformations are the amplitudes,
+!> once for every viscoelastic material (theory.md, section 5).
 module modal_basis
   use kinds, only: wp
   use body, only: body_model, elastic_basis

@@ -1,0 +1,78 @@
+!> A viscoelastic law that the program does not have, from one file: a power law (springpot) beside the static stiffness,
+!> E(s)/E_R = 1 + (tau s)^beta. toy_law DECK FOLDER BETA TAU runs the deck's analyses with it on the deck's first spring.
+module power_law
+  use kinds, only: wp, pi
+  use viscoelastic_law, only: law_model, viscoelastic_terms
+  implicit none (type, external)
+  private
+
+  !> With its parameters.
+  type, extends(law_model), public :: power_model
+    real(wp) :: beta = 0.5_wp               !! exponent [-]
+    real(wp) :: tau = 1.0_wp                !! time [s]
+  contains
+    procedure :: terms
+  end type power_model
+
+  real(wp), parameter :: slowest = 1.0e-8_wp, fastest = 1.0e5_wp   !! rates of the first and last term, in 1/tau [-]
+
+contains
+
+  !> s^beta = sin(pi beta)/pi integral of x^beta (s/x)/(1 + s/x) du over x = exp(u), by the trapezoidal rule.
+  pure function terms(self) result(t)
+    class(power_model), intent(in) :: self
+    type(viscoelastic_terms) :: t
+    integer, parameter :: n = 60
+    real(wp) :: x(n), step                  ! rates times tau, interval of their logarithm [-]
+    integer :: k
+    step = log(fastest/slowest)/(n - 1)
+    x = [(slowest*exp(step*(k - 1)), k=1, n)]
+    t = viscoelastic_terms(0, n, sin(pi*self%beta)/pi*step*x**self%beta, self%tau/x, 0*x)
+  end function terms
+end module power_law
+
+!> Runs a deck with the law on its first spring.
+program toy_law
+  use build_scene, only: build, number_internal
+  use deck_reader, only: read_deck
+  use errors, only: failure, fault_list
+  use force_element, only: stage_transient
+  use posix, only: make_folder
+  use power_law, only: power_model
+  use response_analysis, only: run_response
+  use scene_model, only: scene
+  use scene_run, only: run_state, assemble_segment
+  use summary_text, only: summary_record
+  use transient, only: run_transient, transient_march
+  implicit none (type, external)
+  type(run_state) :: run
+  type(scene) :: s
+  type(power_model) :: new
+  type(transient_march) :: march
+  type(fault_list) :: faults
+  type(failure) :: fail
+  character(512) :: word(4)
+  type(summary_record) :: text
+  integer :: k
+  do k = 1, 4
+    call get_command_argument(k, word(k))
+  end do
+  read (word(3), *) new%beta
+  read (word(4), *) new%tau
+  call read_deck(trim(word(1)), run%d, faults)
+  if (faults%count == 0) call build(run%d, s, faults)
+  if (faults%count > 0) error stop 2, quiet=.true.
+  s%forces(1)%item%law = new%terms()
+  call number_internal(s)
+  run%quiet = .true.
+  run%folder = trim(word(2))
+  call make_folder(run%folder)
+  call assemble_segment(run, s, fail)
+  if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
+  run%sys%options%stage = stage_transient
+  if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)
+  if (fail%happened()) then
+    write (*, '(a)') fail%message
+    error stop 3, quiet=.true.
+  end if
+end program toy_law
