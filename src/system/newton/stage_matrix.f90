@@ -199,7 +199,7 @@ contains
     real(wp) :: k(6, 6)
     integer :: e, i, j, f
     f = m%s%qo(b) + 3
-    associate (op => newton%b(b)%eq%op, body => m%s%bodies(b))
+    associate (op => m%s%bodies(b)%op, body => m%s%bodies(b))
       do e = 1, size(op%m)                   ! a pattern's column is the row's number in the operators
         call note(self, f + op%even%col(e), f + op%even%row(e), of_mass, op%m(e) + op%j(e))
         call note(self, f + op%even%col(e), f + op%even%row(e), of_damping, op%c(e))
