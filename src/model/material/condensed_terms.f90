@@ -99,18 +99,17 @@ contains
     end do
   end subroutine offsets
 
-  !> The x of the head's comment.
-  pure subroutine increments(self, n, d, z, zd, zdd, x)
+  !> The x of the head's comment, in place of the deformations.
+  pure subroutine increments(self, n, z, zd, zdd, x)
     class(condensed_term), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: d(n)             !! deformations [m, rad]
     real(wp), intent(in) :: z(n)             !! predicted [m, rad]
     real(wp), intent(in) :: zd(n)            !! [m/s, rad/s]
     real(wp), intent(in) :: zdd(n)           !! [m/s2, rad/s2]
-    real(wp), intent(inout) :: x(n)          !! [m, rad]
+    real(wp), intent(inout) :: x(n)          !! on entry deformations [m, rad]
     integer :: i
     do i = 1, n
-      x(i) = self%g*(d(i) - z(i) - self%viscosity*zd(i) - self%inertia*zdd(i))
+      x(i) = self%g*(x(i) - z(i) - self%viscosity*zd(i) - self%inertia*zdd(i))
     end do
   end subroutine increments
 

@@ -23,13 +23,12 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    real(wp) :: delta(size(z))
     integer :: k
     if (size(self%terms) == 0) return
-    call term_deformations(self, m, q, v, delta)
+    call term_deformations(self, m, q, v, dz)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
-        call t%increments(j - i + 1, delta(i:j), z(i:j), zd(i:j), zdd(i:j), dz(i:j))
+        call t%increments(j - i + 1, z(i:j), zd(i:j), zdd(i:j), dz(i:j))
       end associate
     end do
   end subroutine term_increments
