@@ -22,6 +22,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import bench_scenes as scenes
 import matplotlib.pyplot as plt
+from bench_accuracy import evaluations
 
 HERE = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -338,6 +339,7 @@ def main():
     jobs = [(f"dense{e}", scenes.slider_crank(e, run, 1), 3 + 0.26 * e, True) for e in sizes]
     dense = dict(zip(sizes, measure(jobs)))
     implicit(table)
+    evaluations(table, WORK, run_process, quick)
     whole_processes(table, quick)
     analyses(table, quick)
     set_ups(table, quick)

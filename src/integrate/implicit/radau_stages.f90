@@ -208,7 +208,8 @@ contains
       if (k == 1 .and. .not. tolerance > 0.0_wp) goal = min(goal, finer*d)
       if (before < huge(1.0_wp)) then
         theta = d/max(before, tiny(1.0_wp))
-        eta = theta/max(1 - theta, tiny(1.0_wp))
+        eta = 1/epsilon(1.0_wp)
+        if (theta < 1.0_wp) eta = theta/(1 - theta)
         ok = theta > slow .and. d <= noise
         if (theta >= 1.0_wp .and. again .and. .not. ok) exit
       end if
