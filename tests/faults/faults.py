@@ -44,6 +44,8 @@ METHODS = {
     "dopri5, tolerance": "method='dopri5' tolerance=1e-7",
     "generalized_alpha, fixed steps": "method='generalized_alpha' step=2e-5",
     "generalized_alpha, tolerance": "method='generalized_alpha' tolerance=1e-5",
+    "radau, fixed steps": "method='radau' step=2e-4",
+    "radau, tolerance": "method='radau' tolerance=1e-5",
     "two runs that estimate errors": "method='dopri5' tolerance=1e-6 check_error=.true.",
 }
 ANALYSES = {
@@ -248,8 +250,8 @@ def main() -> int:
         for k, (name, groups) in enumerate(DECKS.items()):
             place, dice = Place(biela, folder / str(k), groups), random.Random(f"{seed}/{name}")
             families = {"interrupted": (interruptions, 25)}
-            if name in ("rk4", "generalized_alpha, fixed steps"):
-                families["damaged checkpoints"] = (damaged_checkpoints, 500)
+            if name in ("rk4", "generalized_alpha, fixed steps", "radau, tolerance"):
+                families["damaged checkpoints"] = (damaged_checkpoints, 400)
             if name in ("rk4", "all analyses"):
                 families["failing system calls"] = (failing_calls, 3)
                 families["limits"] = (limits, 12)
