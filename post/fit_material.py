@@ -173,8 +173,8 @@ def picture(
             axis.axvspan(band[1], wide[-1], color="#eeeeee", linewidth=0)
         top = max(curve.imag.max(), *(modulus.imag.max() for _, _, modulus in points)) if points else curve.imag.max()
         axes[2].set_ylim(top * 1.0e-3, top * 2.0)
-        axes[0].legend(ncols=3)
-        axes[2].legend(ncols=4)
+        for axis, entries in ((axes[0], 3), (axes[2], 5)):
+            axis.legend(ncols=entries, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         axes[2].set_xlabel("frequency [Hz] (grey: outside the data)")
         figure.suptitle(title)
     return figure

@@ -74,21 +74,24 @@ def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return transform.f, times[inside], spectrum[:, inside]
 
 
-def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
-    """Return the peaks' times and sizes about the end value, and decrement, rate [1/s], frequency [Hz], damping ratio.
+def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+    """Return the rows of the turning points, and decrement, rate [1/s], frequency [Hz], damping ratio, size at time 0.
 
-    The logarithm of the peaks' sizes is fitted by a line; HistoryError where there are fewer than four.
+    Half the way from each turning point to the next is the size of the swing, whatever it swings about, also where that drifts.
+    Its logarithm is fitted by a line; HistoryError where there are fewer than four.
     """
-    swing = values - np.median(values[-max(values.size // 4, 8) :])
-    inner, _ = signal.find_peaks(np.abs(swing), height=1.0e-3 * np.abs(swing).max())
-    if inner.size < 4:
-        raise HistoryError(f"{inner.size} peaks: four or more are needed for a decay")
-    slope, start = np.polyfit(axis[inner], np.log(np.abs(swing[inner])), 1)
-    period = 2.0 * (axis[inner[-1]] - axis[inner[0]]) / (inner.size - 1)
+    least = 1.0e-3 * np.ptp(values)
+    turns = np.sort(np.concatenate([signal.find_peaks(side * values, prominence=least)[0] for side in (1.0, -1.0)]))
+    if turns.size < 5:
+        raise HistoryError(f"{turns.size} turning points, five or more are needed for a decay")
+    middle, half = 0.5 * (axis[turns[1:]] + axis[turns[:-1]]), 0.5 * np.abs(np.diff(values[turns]))
+    slope, start = np.polyfit(middle, np.log(half), 1)
+    period = 2.0 * (axis[turns[-1]] - axis[turns[0]]) / (turns.size - 1)
     decrement = -slope * period
-    found = {"decrement": decrement, "rate": -slope, "frequency": 1.0 / period, "start": float(np.exp(start))}
+    found = {"decrement": decrement, "rate": -slope, "frequency": 1.0 / period}
     found["damping_ratio"] = decrement / np.hypot(decrement, 2.0 * np.pi)
-    return axis[inner], np.abs(swing[inner]), found
+    found["start"] = float(np.exp(start)) / np.cosh(0.25 * decrement)  # the envelope between two turning points
+    return turns, found
 
 
 def nearest_mode(folder: Path, frequency: float) -> str:
@@ -178,13 +181,16 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
         for axis, name in zip(axes[:, 0], names):
-            times, sizes, found = decay(*even_samples(run.time, run[name]))
-            offset = np.median(run[name][-max(run.time.size // 4, 8) :])
+            time, values = even_samples(run.time, run[name])
+            turns, found = decay(time, values)
             axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
-            envelope = found["start"] * np.exp(-found["rate"] * run.time)
-            axis.plot(run.time, offset + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
-            axis.plot(run.time, offset - envelope, linestyle=STYLES[1], color=COLOURS[1])
-            axis.plot(times, offset + sizes, ".", color="black", markersize=3, label="peaks")
+            at = values[turns]
+            inner = time[(time >= time[turns[1]]) & (time <= time[turns[-2]])]
+            about = np.interp(inner, time[turns[1:-1]], 0.25 * (at[:-2] + 2.0 * at[1:-1] + at[2:]))  # what it swings about
+            envelope = found["start"] * np.exp(-found["rate"] * inner)
+            axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
+            axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])
+            axis.plot(time[turns], values[turns], ".", color="black", markersize=3, label="turning points")
             axis.set_ylabel(axis_label(name, run.units[name]))
             axis.legend(loc="upper right")
             words = f"{name}: {found['frequency']:.4g} Hz, logarithmic decrement {found['decrement']:.4g}, "

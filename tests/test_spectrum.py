@@ -56,11 +56,22 @@ def test_a_waterfall_follows_the_frequency(run):
 
 def test_a_decay_has_its_damping_ratio(run, capsys):
     history = read(run)
-    _, _, found = spectrum.decay(history.time, history["ring"])
+    _, found = spectrum.decay(history.time, history["ring"])
     assert found["damping_ratio"] == pytest.approx(0.03, rel=2.0e-2)
     assert found["frequency"] == pytest.approx(8.0, rel=2.0e-3)
     assert spectrum.main([str(run), "--columns", "ring", "--decay"]) == 0
     assert "damping ratio 0.03" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.1, -0.3])
+def test_a_decay_about_a_place_that_moves(drift):
+    time = np.linspace(0.0, 2.0, 4001)
+    omega = 2.0 * np.pi * 9.0
+    values = 0.2 + drift * time + np.exp(-0.02 * omega * time) * np.cos(omega * np.sqrt(1.0 - 0.02**2) * time)
+    turns, found = spectrum.decay(time, values)
+    assert found["damping_ratio"] == pytest.approx(0.02, rel=2.0e-2)
+    assert found["start"] == pytest.approx(1.0, rel=2.0e-2)
+    assert turns.size == 35
 
 
 def test_uneven_rows_are_interpolated():
@@ -77,7 +88,7 @@ def test_uneven_rows_are_interpolated():
         (["--columns", "t*", "--speed", "speed"], "goes with --waterfall"),
         (["--columns", "tone", "chirp", "--waterfall"], "draws one column"),
         (["--columns", "chirp", "--orders", "tone"], "does not increase"),
-        (["--columns", "crank", "--decay"], "peaks"),
+        (["--columns", "crank", "--decay"], "turning points"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(run, capsys, words, told):
