@@ -76,8 +76,9 @@ def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, 
         spare: whether to end when one family has reached the target
     """
     target = CERTAIN * study.tolerance
-    # implicit methods first: their coarsest run has the fewest steps, so that there is one when the time ends
-    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in reversed(study.families)]
+    # where the time ended a run, implicit methods first: their coarsest run has the fewest steps
+    families = study.families[::-1] if study.runner.unfinished else study.families
+    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in families]
     found = [Curve(setting.family, following=setting) for setting in first]
     while climbing := [made for made in found if not made.ended]:
         best = min((c.cost for c in found if c.left <= target), default=float("inf"))
