@@ -8,6 +8,8 @@ from compare import differences
 from conftest import REFERENCE, ROOT
 from histories import read
 from scipy.integrate import Radau
+from test_failures import PULL, failed
+from test_implicit_failures import BENT
 from test_published import four_bars, reduced_four_bars
 
 # Two steps between which every column above the reference's own error falls with order 5.
@@ -172,3 +174,18 @@ def test_change_points_by_tolerance(run_deck):
     exact, _ = reduced_four_bars(2, run.history.time)
     assert np.abs(run.history["b0.x"] - np.sin(exact)).max() < 1e-4
     assert np.abs(run.history["b0.y"] - np.cos(exact)).max() < 1e-4
+
+
+@pytest.mark.parametrize("steps", ["step=1e-3", "tolerance=1e-5"])
+def test_a_drive_beyond_reach(steps, run_deck):
+    """A point of the unit link pulled to x = 1.5 m: the run stops where the link is stretched and says so."""
+    run, told = failed(run_deck, PULL + f"&transient t_end=0.2 method='radau' {steps} output_step=1e-2 /\n")
+    assert 0.035 < run.history.time[-1] < 0.051
+    assert 'body "a"' in told
+    assert "drive" in told
+
+
+def test_a_load_beyond_all_numbers(run_deck):
+    """A load that grows to 1e59 N on a rod: refused steps become smaller until the run ends with its message."""
+    _, told = failed(run_deck, BENT + "&transient t_end=1.0 method='radau' step=1e-3 output_step=1e-2 /\n")
+    assert 'body "rod"' in told

@@ -14,7 +14,7 @@ HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
 from histories import read  # noqa: E402
 
-RADAU = [f"method='radau' tolerance={x}" for x in ("1e-2", "3e-3", "1e-3", "3e-4", "1e-4", "1e-5", "1e-6", "1e-7")]
+RADAU = [f"method='radau' tolerance={x}" for x in ("1e-1", "3e-2", "1e-2", "3e-3", "1e-3", "3e-4", "1e-4", "1e-5", "1e-6", "1e-7")]
 TRUTH = "method='radau' tolerance=1e-9"
 SMOOTH = [  # the crank starts from rest, its rod has three GHM terms
     (r"young=2.0e11", "young=2.0e11 ghm_alpha=0.1,0.1,0.1 ghm_zeta=1.0,1.0,1.0 ghm_omega=1e3,1e4,1e5"),
