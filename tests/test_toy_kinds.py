@@ -30,7 +30,7 @@ BEAD = f"""&scene gravity=0.0,{-G} /
 &sensor name='p' quantity='position' body='bead' /
 &sensor name='v' quantity='velocity' body='bead' /
 """
-METHODS = ("rk4", "generalized_alpha")
+METHODS = ("rk4", "radau", "generalized_alpha")
 RADIUS = 0.5
 
 
