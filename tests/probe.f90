@@ -110,19 +110,19 @@ contains
       read (input_unit, *, iostat=status) t, y(1:2*nq + nz + nzd)
       if (status /= 0) exit
       call run%sys%derivative(t, y, .false., dy)
-      associate (m => run%sys%m)
-        call row_rates(m, rate)
-        call show('acceleration', m%a)
-        call show('zdd', m%zdd)
-        call show('multipliers', m%lambda)
-        call show('phi', m%rows%phi)
+      associate (m => run%sys%m, ev => run%sys%ev)
+        call row_rates(m, ev, rate)
+        call show('acceleration', ev%a)
+        call show('zdd', ev%zdd)
+        call show('multipliers', ev%lambda)
+        call show('phi', ev%rows%phi)
         call show('phidot', rate)
         call gamma(m%s%rows)
         call jacobian()
-        call energies(m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), kinetic, &
+        call energies(m, ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), kinetic, &
                       potential, strain)
         call show('energy', [kinetic, potential])
-        call show('power', [m%dissipated_power, m%input_power])
+        call show('power', [ev%dissipated_power, ev%input_power])
       end associate
       if (word == 'linear') call matrices(y)
       write (*, '(a)') 'end'
@@ -137,9 +137,9 @@ contains
     integer :: nq, r
     nq = run%sys%m%s%nq
     allocate (dy(size(y)))
-    call run%sys%derivative(run%sys%m%t, y, .false., dy)
-    associate (m => run%sys%m)
-      call linearise(m, y(1:nq), y(nq + 1:2*nq), m%a, m%lambda, m%action, lin)
+    call run%sys%derivative(run%sys%ev%t, y, .false., dy)
+    associate (m => run%sys%m, ev => run%sys%ev)
+      call linearise(m, ev, y(1:nq), y(nq + 1:2*nq), ev%a, ev%lambda, ev%action, lin)
     end associate
     call matrix('mass', lin%mass, nq)
     call matrix('damping', lin%damping, nq)
@@ -168,11 +168,11 @@ contains
     integer, intent(in) :: n
     real(wp) :: g(n)
     integer :: k, i
-    associate (m => run%sys%m, r => run%sys%m%rows)
+    associate (m => run%sys%m, ev => run%sys%ev, r => run%sys%ev%rows)
       do k = 1, size(m%s%constraints)
         associate (c => m%s%constraints(k)%item)
           do i = c%first, c%first + c%rows - 1
-            g(i) = -(r%acceleration_bias(i) + dot_product(r%na(:, i), m%p%bias(:, c%ia)) + dot_product(r%nb(:, i), m%p%bias(:, &
+            g(i) = -(r%acceleration_bias(i) + dot_product(r%na(:, i), ev%p%bias(:, c%ia)) + dot_product(r%nb(:, i), ev%p%bias(:, &
                 c%ib)))
           end do
         end associate
@@ -186,7 +186,7 @@ contains
     real(wp), allocatable :: j(:, :)
     integer :: k, i
     allocate (j(run%sys%m%s%nq, run%sys%m%s%rows), source=0.0_wp)
-    associate (m => run%sys%m, r => run%sys%m%rows)
+    associate (m => run%sys%m, ev => run%sys%ev, r => run%sys%ev%rows)
       do k = 1, size(m%s%constraints)
         associate (c => m%s%constraints(k)%item)
           do i = c%first, c%first + c%rows - 1
@@ -206,13 +206,13 @@ contains
     real(wp), intent(inout) :: j(:)
     real(wp) :: w(3)
     integer :: b, i, k
-    associate (m => run%sys%m, marker => run%sys%m%s%markers(p))
+    associate (m => run%sys%m, ev => run%sys%ev, marker => run%sys%m%s%markers(p))
       b = marker%body
       if (b == 0) return
       i = m%s%qo(b)
-      w = [m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2), -m%sin_theta(b)*n(1) + m%cos_theta(b)*n(2), s]
+      w = [ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2), -ev%frame%sin(b)*n(1) + ev%frame%cos(b)*n(2), s]
       j(i + 1:i + 2) = j(i + 1:i + 2) + n
-      j(i + 3) = j(i + 3) + s + m%p%rho(1, p)*w(2) - m%p%rho(2, p)*w(1)
+      j(i + 3) = j(i + 3) + s + ev%p%rho(1, p)*w(2) - ev%p%rho(2, p)*w(1)
       if (allocated(marker%psi)) then
         j(i + 4:i + 3 + m%s%bodies(b)%nf) = j(i + 4:i + 3 + m%s%bodies(b)%nf) + matmul(w, marker%psi)
       else

@@ -98,18 +98,18 @@ contains
   function residual() result(r)
     real(wp) :: r(run%sys%m%s%nq + run%sys%m%s%rows)
     integer :: b, i
-    associate (m => run%sys%m, n => solver%nq)
+    associate (m => run%sys%m, ev => run%sys%ev, n => solver%nq)
       call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true.)
       do b = 1, size(run%sys%t%b)
         i = m%s%qo(b)
         associate (t => run%sys%t%b(b)%eq)
-          r(i + 1) = m%cos_theta(b)*t%frame(1) - m%sin_theta(b)*t%frame(2)
-          r(i + 2) = m%sin_theta(b)*t%frame(1) + m%cos_theta(b)*t%frame(2)
+          r(i + 1) = ev%frame%cos(b)*t%frame(1) - ev%frame%sin(b)*t%frame(2)
+          r(i + 2) = ev%frame%sin(b)*t%frame(1) + ev%frame%cos(b)*t%frame(2)
           r(i + 3) = t%frame(3)
           if (t%n > 0) r(i + 4:i + 3 + t%n) = t%elastic(1:t%n)
         end associate
       end do
-      r(m%s%nq + 1:) = m%rows%phi
+      r(m%s%nq + 1:) = ev%rows%phi
     end associate
   end function residual
 

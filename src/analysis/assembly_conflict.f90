@@ -11,6 +11,7 @@ module assembly_conflict
   use errors, only: failure, fault_list
   use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use scene_model, only: scene
@@ -31,6 +32,7 @@ contains
     type(fault_list) :: faults
     type(scene) :: all, part
     type(mechanism_model) :: m
+    type(evaluation) :: ev
     type(assembly_report) :: report
     character(:), allocatable :: words
     real(wp), allocatable :: q(:)
@@ -43,14 +45,14 @@ contains
     do while (culprit - low > 1)
       middle = (low + culprit)/2
       call take_first(all, middle, 0, part)
-      call close_up(part, m, q, report)
+      call close_up(part, m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
     call contradicting_angle(d, all, culprit, words)
     if (len(words) == 0) then
       call take_first(all, culprit - 1, 0, part)
-      call close_up(part, m, q, report)
+      call close_up(part, m, ev, q, report)
       call take_first(all, culprit, 0, part)
       call look_at_last(part, q, report%rank, gap, surplus)
       words = name_of(d, culprit)//' stays open by '//to_text(gap)//' m where those before it in the deck are closed: '
@@ -86,16 +88,17 @@ contains
   end subroutine take_first
 
   !> Assembles a scene; velocities do not count.
-  subroutine close_up(s, m, q, report)
+  subroutine close_up(s, m, ev, q, report)
     type(scene), intent(in) :: s
     type(mechanism_model), intent(out) :: m
+    type(evaluation), intent(out) :: ev
     real(wp), allocatable, intent(out) :: q(:)   !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
     real(wp) :: v(s%nq)
-    call set_up_mechanism(m, s)
+    call set_up_mechanism(m, ev, s)
     allocate (q(s%nq))
-    call assemble(m, q, v, report, fail)
+    call assemble(m, ev, q, v, report, fail)
   end subroutine close_up
 
   !> How far the last constraint of a scene is open, and whether its rows depend on those of the others.
@@ -106,16 +109,17 @@ contains
     real(wp), intent(out) :: gap                    !! [m]
     logical, intent(out) :: surplus
     type(mechanism_model) :: m
+    type(evaluation) :: ev
     real(wp) :: at_rest(s%nq), none(s%nz)
     logical :: weak(s%rows)
-    call set_up_mechanism(m, s)
+    call set_up_mechanism(m, ev, s)
     at_rest = 0.0_wp
     none = 0.0_wp
-    call evaluate(m, usual_options(s), 0.0_wp, q, at_rest, none, none)
+    call evaluate(m, ev, usual_options(s), 0.0_wp, q, at_rest, none, none)
     associate (c => m%s%constraints(size(m%s%constraints))%item)
-      gap = maxval(abs(m%rows%phi(c%first:c%first + c%rows - 1)))
-      call condense_geometry(m)
-      call m%schur%weak_rows(dependent, weak)
+      gap = maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1)))
+      call condense_geometry(m, ev)
+      call ev%schur%weak_rows(dependent, weak)
       surplus = count(.not. weak) < rank + c%rows
     end associate
   end subroutine look_at_last
@@ -128,6 +132,7 @@ contains
     character(:), allocatable, intent(out) :: words
     type(scene) :: part
     type(mechanism_model) :: m
+    type(evaluation) :: ev
     type(assembly_report) :: report
     class(constraint_model), allocatable :: one
     real(wp), allocatable :: q(:)
@@ -145,10 +150,10 @@ contains
       tried = tried + 1
       if (tried > most_welds) return
       call take_first(all, culprit, k, part)
-      call close_up(part, m, q, report)
+      call close_up(part, m, ev, q, report)
       if (report%open) cycle
       held = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
-      angle = m%p%angle(one%ia) - m%p%angle(one%ib)
+      angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)
       if (abs(angle - held) >= least) cycle
       least = abs(angle - held)
       words = name_of(d, k)//' holds the angle '//to_text(held)//' rad between its bodies, that of the deck, but all '// &

@@ -11,6 +11,7 @@ module linear_state
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
   use linearisation, only: linearise
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use scene_run, only: run_state
@@ -31,8 +32,8 @@ contains
     real(wp), allocatable :: dy(:)
     allocate (dy(size(y)))
     call sys%rates(options, 0.0_wp, y, dy)
-    if (sys%m%s%rows == 0 .or. sys%m%schur%singular) return
-    if (.not. balanced(sys%m)) call correct_accelerations(sys%m)
+    if (sys%m%s%rows == 0 .or. sys%ev%schur%singular) return
+    if (.not. balanced(sys%m, sys%ev)) call correct_accelerations(sys%m, sys%ev)
   end subroutine evaluate_state
 
   !> Refuses a state whose reactions, which become stiffness, are lost in rounding.
@@ -40,7 +41,7 @@ contains
     type(run_state), intent(in) :: run
     character(*), intent(in) :: analysis            !! name
     type(failure), intent(inout) :: fail
-    if (run%sys%m%schur%ill_conditioned) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
+    if (run%sys%ev%schur%ill_conditioned) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
                                                          ', and the reactions cannot be computed')
   end subroutine refuse_uneven
 
@@ -50,14 +51,15 @@ contains
     type(stiffness_system), intent(out) :: ds
     type(linear_mechanism) :: lin
     call evaluate_state(run%sys, run%sys%options, run%y)
-    associate (m => run%sys%m)
-      call linear_system_with(m, run%y, m%a, m%lambda, m%action, ds, lin)
+    associate (m => run%sys%m, ev => run%sys%ev)
+      call linear_system_with(m, ev, run%y, ev%a, ev%lambda, ev%action, ds, lin)
     end associate
   end subroutine linear_system
 
   !> The linearisation about an evaluated state with given accelerations, multipliers and forces, and its dynamic stiffness.
-  subroutine linear_system_with(m, y, a, lambda, action, ds, lin)
+  subroutine linear_system_with(m, ev, y, a, lambda, action, ds, lin)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: y(:)        !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in), contiguous :: a(:)        !! (nq) [m/s2, rad/s2]
     real(wp), intent(in), contiguous :: lambda(:)   !! (rows) [N]
@@ -65,11 +67,11 @@ contains
     type(stiffness_system), intent(out) :: ds
     type(linear_mechanism), intent(out) :: lin
     logical, allocatable :: dependent(:)
-    call linearise(m, y(1:m%s%nq), y(m%s%nq + 1:2*m%s%nq), a, lambda, action, lin)
+    call linearise(m, ev, y(1:m%s%nq), y(m%s%nq + 1:2*m%s%nq), a, lambda, action, lin)
     allocate (dependent(lin%rows))
     if (lin%rows > 0) then
-      call condense_geometry(m)
-      call m%schur%weak_rows(redundant, dependent)
+      call condense_geometry(m, ev)
+      call ev%schur%weak_rows(redundant, dependent)
     end if
     call ds%build(m, lin, dependent)
   end subroutine linear_system_with

@@ -41,7 +41,7 @@ contains
                       'present state is not fit for it (check masses and static state)')
       return
     end if
-    call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%y(1:run%sys%m%s%nq), modes, failed)
+    call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
     call modal_lines(modes, ds, run%d%modal%modes, text)
     call mind_missing(run, modes, text, fail)
@@ -75,10 +75,10 @@ contains
     character(*), parameter :: words = 'warning: the state about which modes are computed is no equilibrium (it would '// &
                                'accelerate from rest): they are those of the frozen instant; &static finds the equilibrium'
     integer :: nq
-    associate (m => run%sys%m)
+    associate (m => run%sys%m, ev => run%sys%ev)
       nq = m%s%nq
       if (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. m%s%rows == nq) return
-      if (.not. maxval(abs(m%a)) > at_rest*max(norm2(m%options%gravity), maxval(abs(m%free)))) return
+      if (.not. maxval(abs(ev%a)) > at_rest*max(norm2(ev%options%gravity), maxval(abs(ev%frame%free)))) return
     end associate
     call add_warnings(text, run%d%path, words//new_line('a'))
   end subroutine warn_of_motion

@@ -9,7 +9,7 @@ module response_analysis
   use line_joint, only: line_model
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
-  use mechanism, only: conditions_of
+  use evaluation_results, only: conditions_of
   use rotation_drive, only: rotation_model
   use scene_run, only: run_state
   use sensors, only: read_sensors, read_linear_sensors
@@ -42,7 +42,7 @@ contains
     associate (r => run%d%response, y => run%y)
       if (r%drive > 0) call check_drive(run, ds, fail)
       if (fail%happened()) return
-      call read_sensors(run%list, run%sys%m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:), now)
+      call read_sensors(run%list, run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:), now)
       call file%open(run%folder//'/frequency_response.txt')
       call write_header(run, file)
       do k = 1, r%points
@@ -126,7 +126,7 @@ contains
     lambda = 0.0_wp
     lambda(ds%active) = x(ds%n + 1:)
     if (size(ds%active) < size(lambda)) call share_reactions(run, lambda)
-    call read_linear_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), s, x(1:nq), lambda, values)
+    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), s, x(1:nq), lambda, values)
   end subroutine respond
 
   !> Redundant joints share their reactions as in the time domain: least multipliers.
@@ -136,8 +136,8 @@ contains
     real(wp) :: part(size(lambda), 2)
     part(:, 1) = lambda%re
     part(:, 2) = lambda%im
-    call run%sys%m%schur%minimum_norm_equivalent(part(:, 1))
-    call run%sys%m%schur%minimum_norm_equivalent(part(:, 2))
+    call run%sys%ev%schur%minimum_norm_equivalent(part(:, 1))
+    call run%sys%ev%schur%minimum_norm_equivalent(part(:, 2))
     lambda = cmplx(part(:, 1), part(:, 2), wp)
   end subroutine share_reactions
 
@@ -149,14 +149,14 @@ contains
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3)
     integer :: k, b
-    associate (m => run%sys%m)
+    associate (m => run%sys%m, ev => run%sys%ev)
       k = m%s%springs + run%d%response%force
       associate (f => m%s%forces(k)%item)
-        b = m%marker_body(f%ia)
+        b = m%markers%body(f%ia)
         if (b == 0) return
-        w = f%unit_wrench(m%p, conditions_of(m, k, m%t))
-        w(1:2) = [m%cos_theta(b)*w(1) + m%sin_theta(b)*w(2), m%cos_theta(b)*w(2) - m%sin_theta(b)*w(1)]
-        call marker_jacobian(m, f%ia, cols, jac)
+        w = f%unit_wrench(ev%p, conditions_of(m, ev, k))
+        w(1:2) = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
+        call marker_jacobian(m, ev, f%ia, cols, jac)
         x(cols) = matmul(w, jac)
       end associate
     end associate

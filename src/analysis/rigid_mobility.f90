@@ -7,6 +7,7 @@ module rigid_mobility
   use build_scene, only: build
   use deck_records, only: deck
   use errors, only: failure, fault_list
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use scene_model, only: scene
@@ -41,6 +42,7 @@ contains
     logical, intent(in) :: drives              !! whether drives act
     type(deck) :: other
     type(mechanism_model) :: m
+    type(evaluation) :: ev
     type(scene) :: s
     type(fault_list) :: faults
     type(assembly_report) :: report
@@ -53,9 +55,9 @@ contains
     n = -1
     call build(other, s, faults)
     if (faults%count > 0) return
-    call set_up_mechanism(m, s)
+    call set_up_mechanism(m, ev, s)
     allocate (q(s%nq), v(s%nq))
-    call assemble(m, q, v, report, fail)
+    call assemble(m, ev, q, v, report, fail)
     if (.not. fail%happened()) n = report%freedoms
   end function freedoms
 end module rigid_mobility

@@ -58,11 +58,11 @@ contains
     type(scene), intent(in) :: s
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: q(:), v(:)       !! (nq) [m, rad] and per second
-    call set_up_mechanism(run%sys%m, s)
+    call set_up_mechanism(run%sys%m, run%sys%ev, s)
     run%sys%n = s%ny
     allocate (run%y(s%ny), source=0.0_wp)
     allocate (q(s%nq), v(s%nq))
-    call assemble(run%sys%m, q, v, run%assembly, fail)
+    call assemble(run%sys%m, run%sys%ev, q, v, run%assembly, fail)
     if (run%assembly%open) call explain_open_joints(run%d, fail)
     if (fail%happened()) return
     run%y(1:s%nq) = q
@@ -106,7 +106,7 @@ contains
         end associate
       end do
       do k = 1, size(s%forces)
-        call s%forces(k)%item%relax(sys%m%p, prestress, y(2*s%nq + 1:))
+        call s%forces(k)%item%relax(sys%ev%p, prestress, y(2*s%nq + 1:))
       end do
     end associate
   end subroutine relax

@@ -7,6 +7,7 @@ module frame_closing
   use kinds, only: wp
   use joint_response, only: solve_frames, turn_back
   use joint_system, only: add_frame_compliance
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -19,19 +20,21 @@ contains
 
   !> Factors the frames' system at the present markers; usable is false where frames cannot close the joints well, or where
   !> there is nothing elastic to spare.
-  subroutine prepare_frames(self, usable)
+  subroutine prepare_frames(self, ev, usable)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     logical, intent(out) :: usable
-    usable = any(self%flexible) .and. .not. self%elastic_held
+    usable = any(self%flexible) .and. .not. ev%elastic_held
     if (.not. usable) return
-    call self%closing%clear()
-    call rigid_wrenches(size(self%side_row), self%end_marker, self%w, size(self%marker_body), self%p%rho, self%rigid_wrench)
-    call add_frame_compliance(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_l, &
-                              self%frame_dinv, self%rigid_wrench, &
-                              self%g, self%s%rows, self%closing%scale, size(self%slot), self%slot, size(self%closing%s), &
-                              self%closing%s)
-    self%closing%weakest = well_held
-    call self%closing%factor_strong(usable)
+    call ev%closing%clear()
+    call rigid_wrenches(size(self%incidence%row), self%incidence%marker, ev%side%w, size(self%markers%body), ev%p%rho, &
+                        ev%side%rigid_wrench)
+    call add_frame_compliance(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, ev%frame%l, &
+                              ev%frame%dinv, ev%side%rigid_wrench, &
+                              ev%side%g, self%s%rows, ev%closing%scale, size(self%incidence%entry), self%incidence%entry, &
+                              size(ev%closing%s), ev%closing%s)
+    ev%closing%weakest = well_held
+    call ev%closing%factor_strong(usable)
   end subroutine prepare_frames
 
   !> Wrenches on markers, moved to the frame's origin.
@@ -50,16 +53,16 @@ contains
   end subroutine rigid_wrenches
 
   !> Moves the frames so that the joints, open by phi, close to first order.
-  subroutine close_frames(self, phi, q)
+  subroutine close_frames(self, ev, phi, q)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
     real(wp), intent(inout), contiguous :: q(:)        !! (nq) [m, rad]
-    call self%closing%solve(phi)
-    call solve_frames(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%rigid_wrench, &
-                      self%frame_l, self%frame_dinv, &
-                      self%s%rows, phi, self%push)
-    call turn_back(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%push, size(self%a), self%a)
-    call add_frames(size(self%cos_theta), self%s%qo, size(q), self%a, q)
+    call ev%closing%solve(phi)
+    call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
+                      ev%side%rigid_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, phi, ev%frame%push)
+    call turn_back(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(ev%a), ev%a)
+    call add_frames(size(ev%frame%cos), self%s%qo, size(q), ev%a, q)
   end subroutine close_frames
 
   !> Adds the corrections of the frames, and of nothing else.

@@ -7,6 +7,7 @@ module position_closing
   use evaluation_settings, only: usual_options
   use joint_response, only: apply_multipliers
   use joint_system, only: constraint_values, condense_constraints
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: set_frames, marker_kinematics
   use text, only: es_text
@@ -21,8 +22,9 @@ module position_closing
 contains
 
   !> Newton steps that move frames only, least sum of (dx2 + dy2)/S2 + dtheta2.
-  subroutine close_positions(self, q, v, report, fail)
+  subroutine close_positions(self, ev, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(inout) :: q(:)   !! (nq) [m, rad]
     real(wp), intent(in) :: v(:)      !! (nq) [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
@@ -31,50 +33,51 @@ contains
     real(wp) :: worst, before, length
     integer :: pass, b, tries
     if (self%s%rows > 0) then
-      call frame_positions(self, q, v, worst)
+      call frame_positions(self, ev, q, v, worst)
       do pass = 1, most_newton
-        if (worst <= closed_gap(self)) exit
+        if (worst <= closed_gap(self, ev)) exit
         do b = 1, size(self%s%bodies)
-          self%frame_l(:, b) = 0.0_wp
-          self%frame_dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
+          ev%frame%l(:, b) = 0.0_wp
+          ev%frame%dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
         end do
-        call condense_constraints(self, .true.)
-        call self%schur%factor()
-        self%lambda = self%rows%phi
-        call self%schur%solve(self%lambda)
-        call apply_multipliers(self, self%lambda, self%a)
+        call condense_constraints(self, ev, .true.)
+        call ev%schur%factor()
+        ev%lambda = ev%rows%phi
+        call ev%schur%solve(ev%lambda)
+        call apply_multipliers(self, ev, ev%lambda, ev%a)
         trial = q
         before = worst
-        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, self%a), tiny(1.0_wp)))
+        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, ev%a), tiny(1.0_wp)))
         do tries = 1, 12
-          q = trial + length*self%a
-          call frame_positions(self, q, v, worst)
+          q = trial + length*ev%a
+          call frame_positions(self, ev, q, v, worst)
           if (worst <= (1 - 0.01_wp*length)*before) exit
           length = length/2
         end do
         if (tries > 12) then
-          if (worst > 1.0e3_wp*closed_gap(self)) exit
+          if (worst > 1.0e3_wp*closed_gap(self, ev)) exit
           if (pass > 5) exit
         end if
       end do
       report%newton = pass - 1
-      report%open = worst > closed_gap(self)
+      report%open = worst > closed_gap(self, ev)
       if (report%open) then
         call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
-                        open_joints(self, self%rows%phi, closed_gap(self), 'm')// &
+                        open_joints(self, ev%rows%phi, closed_gap(self, ev), 'm')// &
                         '; expected positions near which every joint and drive holds at t = 0')
         return
       end if
-      call warn_of_motion(self, q, report)
+      call warn_of_motion(self, ev, q, report)
     end if
-    call frame_positions(self, q, v, worst)
+    call frame_positions(self, ev, q, v, worst)
   end subroutine close_positions
 
   !> |Phi| of a closed mechanism: 1e-12 of the size, but not below the rounding of positions far from the origin [m].
-  pure function closed_gap(self) result(gap)
+  pure function closed_gap(self, ev) result(gap)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp) :: gap
-    gap = max(closed*self%s%size, 32*epsilon(1.0_wp)*maxval(abs(self%p%r)))
+    gap = max(closed*self%s%size, 32*epsilon(1.0_wp)*maxval(abs(ev%p%r)))
   end function closed_gap
 
   !> Largest change of a frame, relative to the size, or in radians.
@@ -91,27 +94,29 @@ contains
   end function largest_motion
 
   !> Markers and constraints at trial positions; the largest |Phi| [m].
-  subroutine frame_positions(self, q, v, worst)
+  subroutine frame_positions(self, ev, q, v, worst)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: worst       !! largest gap of a row [m]
-    call set_frames(self, q)
-    call marker_kinematics(self, q, v)
-    call constraint_values(self, usual_options(self%s), 0.0_wp)
+    call set_frames(self, ev, q)
+    call marker_kinematics(self, ev, q, v)
+    call constraint_values(self, ev, usual_options(self%s), 0.0_wp)
     worst = 0.0_wp
-    if (self%s%rows > 0) worst = maxval(abs(self%rows%phi))
+    if (self%s%rows > 0) worst = maxval(abs(ev%rows%phi))
     if (.not. worst < huge(1.0_wp)) worst = huge(1.0_wp)
   end subroutine frame_positions
 
   !> Warns where a frame moved by more than 5 % of the size.
-  subroutine warn_of_motion(self, q, report)
+  subroutine warn_of_motion(self, ev, q, report)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)   !! (nq) [m, rad]
     type(assembly_report), intent(inout) :: report
     real(wp) :: dx, da, least
     character(:), allocatable :: by
     integer :: b, i
-    least = max(far*self%s%size, closed_gap(self))
+    least = max(far*self%s%size, closed_gap(self, ev))
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       dx = norm2(q(i + 1:i + 2) - self%s%q0(i + 1:i + 2))

@@ -7,6 +7,7 @@ module projection
   use dynamics, only: evaluate, evaluate_regular, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
   use evaluation_settings, only: evaluation_options
   use frame_closing, only: prepare_frames, close_frames
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -22,8 +23,9 @@ module projection
 contains
 
   !> Projects positions, then velocities. ok is false where Phi = 0 cannot be met near the state.
-  subroutine project(self, options, t, q, v, z, zd, ok)
+  subroutine project(self, ev, options, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(inout), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
@@ -31,16 +33,16 @@ contains
     logical, intent(out) :: ok
     ok = .true.
     if (self%s%rows == 0) return
-    call project_positions(self, options, t, q, v, z, zd, ok)
+    call project_positions(self, ev, options, t, q, v, z, zd, ok)
     if (.not. ok) return
-    if (determined(self) .and. .not. any(abs(self%rows%phi_t) > 0.0_wp)) then
+    if (determined(self) .and. .not. any(abs(ev%rows%phi_t) > 0.0_wp)) then
       v = 0.0_wp                             ! joints and drives at rest leave no freedom, in singular positions too
       return
     end if
-    call project_velocities(self, q, v)
-    if (self%schur%singular .and. determined(self)) then
-      call evaluate_regular(self, options, t, q, v, z, zd)
-      if (.not. self%schur%singular) call project_velocities(self, q, v)
+    call project_velocities(self, ev, q, v)
+    if (ev%schur%singular .and. determined(self)) then
+      call evaluate_regular(self, ev, options, t, q, v, z, zd)
+      if (.not. ev%schur%singular) call project_velocities(self, ev, q, v)
     end if
   end subroutine project
 
@@ -51,8 +53,9 @@ contains
   end function determined
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.
-  subroutine project_positions(self, options, t, q, v, z, zd, ok)
+  subroutine project_positions(self, ev, options, t, q, v, z, zd, ok)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t   !! [s]
     real(wp), intent(inout), contiguous :: q(:)   !! (nq) [m, rad]
@@ -61,57 +64,58 @@ contains
     real(wp) :: worst, before, goal, enough
     integer :: pass
     logical :: by_frames
-    goal = position_goal*(self%s%size + largest(size(self%p%r), self%p%r))
+    goal = position_goal*(self%s%size + largest(size(ev%p%r), ev%p%r))
     enough = max(accepted*self%s%size, 16*goal)
     before = huge(1.0_wp)
     do pass = 1, most_passes
-      call set_frames(self, q)
-      call marker_kinematics(self, q, v)
-      call constraint_values(self, options, t)
-      worst = largest(self%s%rows, self%rows%phi)
+      call set_frames(self, ev, q)
+      call marker_kinematics(self, ev, q, v)
+      call constraint_values(self, ev, options, t)
+      worst = largest(self%s%rows, ev%rows%phi)
       if (.not. worst > goal) exit
       if (worst > 0.5_wp*before .and. worst <= enough) exit
       if (pass > 1 .and. worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
-        call evaluate(self, options, t, q, v, z, zd)
-        if (pass > 2 .and. self%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
-          call evaluate_regular(self, options, t, q, v, z, zd)
+        call evaluate(self, ev, options, t, q, v, z, zd)
+        if (pass > 2 .and. ev%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
+          call evaluate_regular(self, ev, options, t, q, v, z, zd)
         end if
         by_frames = .false.
-        if (worst <= enough) call prepare_frames(self, by_frames)
+        if (worst <= enough) call prepare_frames(self, ev, by_frames)
       end if
-      if (pass == 1) call prepare_frames(self, by_frames)
+      if (pass == 1) call prepare_frames(self, ev, by_frames)
       before = worst
-      self%lambda = self%rows%phi
+      ev%lambda = ev%rows%phi
       if (by_frames) then
-        call close_frames(self, self%lambda, q)
+        call close_frames(self, ev, ev%lambda, q)
       else
-        call self%schur%solve(self%lambda)
-        call apply_multipliers(self, self%lambda, self%a)
-        q = q + self%a
+        call ev%schur%solve(ev%lambda)
+        call apply_multipliers(self, ev, ev%lambda, ev%a)
+        q = q + ev%a
       end if
     end do
     ok = worst <= enough
   end subroutine project_positions
 
   !> Corrections of the velocities at fixed positions.
-  subroutine project_velocities(self, q, v)
+  subroutine project_velocities(self, ev, q, v)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
     real(wp), intent(inout), contiguous :: v(:)   !! (nq) [m/s, rad/s]
     real(wp) :: worst, before, goal
     integer :: pass
     before = huge(1.0_wp)
-    goal = rate_goal*(largest(size(self%p%v), self%p%v) + self%s%size*largest(size(self%p%rate), self%p%rate))
+    goal = rate_goal*(largest(size(ev%p%v), ev%p%v) + self%s%size*largest(size(ev%p%rate), ev%p%rate))
     do pass = 1, 6
-      call row_rates(self, self%lambda)
-      worst = largest(self%s%rows, self%lambda)
+      call row_rates(self, ev, ev%lambda)
+      worst = largest(self%s%rows, ev%lambda)
       if (.not. worst > goal .or. worst > 0.5_wp*before) exit
       before = worst
-      call self%schur%solve(self%lambda)
-      call apply_multipliers(self, self%lambda, self%a)
-      v = v + self%a
-      call marker_kinematics(self, q, v)
+      call ev%schur%solve(ev%lambda)
+      call apply_multipliers(self, ev, ev%lambda, ev%a)
+      v = v + ev%a
+      call marker_kinematics(self, ev, q, v)
     end do
   end subroutine project_velocities
 
@@ -134,32 +138,34 @@ contains
   end function largest
 
   !> Largest violations of positions and velocities at a state (angle rows count times the scene's size) [m], [m/s].
-  subroutine violations(self, t, q, v, position, velocity)
+  subroutine violations(self, ev, t, q, v, position, velocity)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t   !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: position, velocity      !! largest of all rows [m], [m/s]
     position = 0.0_wp
     velocity = 0.0_wp
     if (self%s%rows == 0) return
-    call set_frames(self, q)
-    call marker_kinematics(self, q, v)
-    call constraint_values(self, self%options, t)
-    call row_rates(self, self%schur%r)
-    position = largest(self%s%rows, self%rows%phi)
-    velocity = largest(self%s%rows, self%schur%r)
+    call set_frames(self, ev, q)
+    call marker_kinematics(self, ev, q, v)
+    call constraint_values(self, ev, ev%options, t)
+    call row_rates(self, ev, ev%schur%r)
+    position = largest(self%s%rows, ev%rows%phi)
+    velocity = largest(self%s%rows, ev%schur%r)
   end subroutine violations
 
   !> The constraints that are open at the last state looked at, the worst first, in words; how far the worst is [m].
-  subroutine open_constraints(self, names, worst)
+  subroutine open_constraints(self, ev, names, worst)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     character(:), allocatable, intent(out) :: names
     real(wp), intent(out) :: worst   !! largest gap [m]
     real(wp) :: gap(size(self%s%constraints))
     integer :: k, n
     do k = 1, size(gap)
       associate (c => self%s%constraints(k)%item)
-        gap(k) = maxval(abs(self%rows%phi(c%first:c%first + c%rows - 1)))
+        gap(k) = maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1)))
       end associate
     end do
     worst = maxval(gap)

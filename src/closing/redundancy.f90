@@ -8,6 +8,7 @@ module redundancy
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: row_rates
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -19,8 +20,9 @@ module redundancy
 contains
 
   !> Rank of the constraints, the joints of redundant sets, degrees of freedom; row weights for very uneven masses.
-  subroutine count_freedoms(self, q, v, report)
+  subroutine count_freedoms(self, ev, q, v, report)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)
     type(assembly_report), intent(inout) :: report
     logical, allocatable :: weak(:)
@@ -31,21 +33,21 @@ contains
     if (self%s%rows == 0) return
     allocate (none(self%s%nz), source=0.0_wp)
     allocate (weak(self%s%rows), x(self%s%rows))
-    diagonal = self%schur%s(0, self%schur%position)
+    diagonal = ev%schur%s(0, ev%schur%position)
     if (maxval(diagonal) > 1.0e6_wp*minval(diagonal)) then
-      where (diagonal > 0.0_wp) self%schur%scale = 1.0_wp/sqrt(diagonal)
-      call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
+      where (diagonal > 0.0_wp) ev%schur%scale = 1.0_wp/sqrt(diagonal)
+      call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     end if
-    call condense_geometry(self)
-    call self%schur%weak_rows(redundant, weak)
+    call condense_geometry(self, ev)
+    call ev%schur%weak_rows(redundant, weak)
     report%rank = count(.not. weak)
     report%freedoms = self%s%nq - report%rank
     if (.not. any(weak)) return
-    self%redundant = stays_redundant(self, q, v)
-    if (self%redundant) self%schur%shift = 1.0e-9_wp
-    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
+    self%redundant = stays_redundant(self, ev, q, v)
+    if (self%redundant) ev%schur%shift = 1.0e-9_wp
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     do k = 1, mixtures
-      call null_vector(self, weak, k, x)
+      call null_vector(ev, weak, k, x)
       do i = 1, size(self%s%constraints)
         associate (c => self%s%constraints(i)%item)
           if (any(abs(x(c%first:c%first + c%rows - 1)) > 1.0e-5_wp)) report%dependent(i) = .true.
@@ -56,8 +58,9 @@ contains
 
   !> Whether rows depend on others also a little away from the start: along the velocities, or, at rest, along a motion that
   !> the constraints allow. Otherwise the start is only a singular position.
-  logical function stays_redundant(self, q, v) result(yes)
+  logical function stays_redundant(self, ev, q, v) result(yes)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)
     real(wp), allocatable :: motion(:), none(:)
     logical, allocatable :: weak(:)
@@ -68,33 +71,33 @@ contains
     motion = v
     if (.not. maxval(abs(v)) > 0.0_wp) then
       motion = [(sin(1.7_wp*k) + 0.2_wp, k=1, size(q))]
-      call evaluate(self, usual_options(self%s), 0.0_wp, q, motion, none, none)
-      call row_rates(self, self%lambda)
-      call self%schur%solve(self%lambda)
-      call apply_multipliers(self, self%lambda, self%a)
-      motion = motion + self%a
+      call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, motion, none, none)
+      call row_rates(self, ev, ev%lambda)
+      call ev%schur%solve(ev%lambda)
+      call apply_multipliers(self, ev, ev%lambda, ev%a)
+      motion = motion + ev%a
     end if
-    call evaluate(self, usual_options(self%s), 0.0_wp, q, motion, none, none)
-    reach = maxval(abs(self%p%v))
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, motion, none, none)
+    reach = maxval(abs(ev%p%v))
     yes = .true.
     if (.not. reach > 1.0e-9_wp*self%s%size) return
     motion = q + 2.0e-3_wp*self%s%size/reach*motion
-    call evaluate(self, usual_options(self%s), 0.0_wp, motion, v, none, none)
-    call condense_geometry(self)
-    call self%schur%weak_rows(redundant, weak)
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, motion, v, none, none)
+    call condense_geometry(self, ev)
+    call ev%schur%weak_rows(redundant, weak)
     yes = any(weak)
   end function stays_redundant
 
   !> A mixture of the dependent rows' unit vectors, as far as it lies in the null space of S. These parts span the null space, so
   !> that a row which takes part in any redundant set has an entry in the mixture, whatever the number of sets, unless they
   !> cancel there by chance.
-  subroutine null_vector(self, weak, number, x)
-    type(mechanism_model), intent(inout) :: self
+  subroutine null_vector(ev, weak, number, x)
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: weak(:)            !! (rows) dependent
     integer, intent(in) :: number             !! which mixture
     real(wp), intent(out) :: x(:)             !! (rows) [-]
     integer :: k
     x = merge([(1.5_wp + sin(real(k, wp)*(number + 0.3_wp)**2), k=1, size(x))], 0.0_wp, weak)
-    call self%schur%remove_range(x)
+    call ev%schur%remove_range(x)
   end subroutine null_vector
 end module redundancy

@@ -6,6 +6,7 @@ module singular
   use kinds, only: wp
   use dynamics, only: evaluate, evaluate_regular
   use evaluation_settings, only: evaluation_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use projection, only: project
   implicit none (type, external)
@@ -21,22 +22,24 @@ module singular
 contains
 
   !> Accelerations, multipliers and powers at a state, those of the branch of motion where the position is singular.
-  subroutine evaluate_branch(m, options, t, q, v, z, zd)
+  subroutine evaluate_branch(m, ev, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
-    call evaluate(m, options, t, q, v, z, zd)
-    if (m%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, options, t, q, v, z, zd)
+    call evaluate(m, ev, options, t, q, v, z, zd)
+    if (ev%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, ev, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
   !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes; but where drives
   !> leave no freedom and come to rest there (in a dead centre) the joints' equations are solved as they stand, as long as
   !> they are not exactly singular.
-  subroutine smooth_accelerations(m, options, t, q, v, z, zd)
+  subroutine smooth_accelerations(m, ev, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:)          !! (nq) the state [m, rad], [m/s, rad/s]
@@ -45,75 +48,79 @@ contains
     real(wp) :: s, power, rate
     logical :: ok
     integer :: round
-    if (held(m, v)) then
-      m%a = 0.0_wp
+    if (held(m, ev, v)) then
+      ev%a = 0.0_wp
       return
     end if
-    rate = max(maxval(abs(m%p%rate)), maxval(abs(m%p%v))/m%s%size)
+    rate = max(maxval(abs(ev%p%rate)), maxval(abs(ev%p%v))/m%s%size)
     ok = rate > 0.0_wp
     if (ok) then
       s = reach/rate
-      a = m%a
-      lambda = m%lambda
-      power = m%input_power
-      ok = passes(m, options, t, q, v, z, zd, rate, steady/s)
+      a = ev%a
+      lambda = ev%lambda
+      power = ev%input_power
+      ok = passes(m, ev, options, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
-      if (ok) call mean_of_neighbours(m, options, t, s, q, v, z, zd, a, lambda, power, ok)
+      if (ok) call mean_of_neighbours(m, ev, options, t, s, q, v, z, zd, a, lambda, power, ok)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
-      call evaluate_regular(m, options, t, q, v, z, zd)
+      call evaluate_regular(m, ev, options, t, q, v, z, zd)
       return
     end if
-    call evaluate(m, options, t, q, v, z, zd)
+    call evaluate(m, ev, options, t, q, v, z, zd)
     if (.not. ok) return
-    m%a = a
-    m%lambda = lambda
-    m%input_power = power
+    ev%a = a
+    ev%lambda = lambda
+    ev%input_power = power
   end subroutine smooth_accelerations
 
   !> Whether drives at rest leave no freedom: no acceleration either, though a singular position seems to let one through.
-  pure logical function held(m, v) result(yes)
+  pure logical function held(m, ev, v) result(yes)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
-    yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(m%rows%phi_t) > 0.0_wp) .or. &
-                                          any(abs(m%rows%acceleration_bias) > 0.0_wp))
+    yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. &
+                                          any(abs(ev%rows%acceleration_bias) > 0.0_wp))
   end function held
 
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
   !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
-  logical function passes(m, options, t, q, v, z, zd, rate, most) result(yes)
+  logical function passes(m, ev, options, t, q, v, z, zd, rate, most) result(yes)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
     real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
-    yes = steadily(m, rate, most)
+    yes = steadily(m, ev, rate, most)
     if (.not. yes .or. m%s%rows < m%s%nq) return
-    yes = maxval(abs(m%rows%acceleration_bias)) < most*maxval(abs(m%rows%phi_t))   ! the drives go on steadily
+    yes = maxval(abs(ev%rows%acceleration_bias)) < most*maxval(abs(ev%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
-    call evaluate_regular(m, options, t, q, v, z, zd)
-    yes = m%schur%singular .or. steadily(m, rate, most)
+    call evaluate_regular(m, ev, options, t, q, v, z, zd)
+    yes = ev%schur%singular .or. steadily(m, ev, rate, most)
   end function passes
 
   !> Whether no frame's velocity grows faster than allowed, seen from the largest velocities.
-  pure logical function steadily(m, rate, most) result(yes)
+  pure logical function steadily(m, ev, rate, most) result(yes)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
     real(wp), intent(in) :: most                !! [1/s]
     real(wp) :: speed
     integer :: b
-    speed = maxval(abs(m%p%v))                  ! [m/s]
+    speed = maxval(abs(ev%p%v))                  ! [m/s]
     yes = .true.
     do b = 1, size(m%s%bodies)
-      yes = yes .and. all(abs(m%a(m%s%qo(b) + 1:m%s%qo(b) + 3)) <= most*[speed, speed, rate])
+      yes = yes .and. all(abs(ev%a(m%s%qo(b) + 1:m%s%qo(b) + 3)) <= most*[speed, speed, rate])
     end do
   end function steadily
 
   !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
-  subroutine mean_of_neighbours(m, options, t, s, q, v, z, zd, a, lambda, power, ok)
+  subroutine mean_of_neighbours(m, ev, options, t, s, q, v, z, zd, a, lambda, power, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
@@ -132,14 +139,14 @@ contains
       qn = q + h*v + 0.5_wp*h**2*a
       vn = v + h*a
       zn = z + h*zd
-      call evaluate(m, options, t + h, qn, vn, zn, zd)
-      ok = .not. m%schur%singular .and. .not. m%broken
-      if (ok) call project(m, options, t + h, qn, vn, zn, zd, ok)
+      call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
+      ok = .not. ev%schur%singular .and. .not. ev%broken
+      if (ok) call project(m, ev, options, t + h, qn, vn, zn, zd, ok)
       if (.not. ok) return
-      call evaluate(m, options, t + h, qn, vn, zn, zd)
-      mean = mean + weights(k)*m%a
-      lambda = lambda + weights(k)*m%lambda
-      power = power + weights(k)*m%input_power
+      call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
+      mean = mean + weights(k)*ev%a
+      lambda = lambda + weights(k)*ev%lambda
+      power = power + weights(k)*ev%input_power
     end do
     a = mean
   end subroutine mean_of_neighbours

@@ -9,6 +9,7 @@ module velocity_closing
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, factor_frame
   use marker_motion, only: marker_kinematics
   use text, only: es_text
@@ -24,8 +25,9 @@ contains
   !> Velocities: stated ones kept, others follow; then stated ones corrected; elastic rates only where frames do not suffice.
   !> Correcting, the others start anew from where they had to go, which leaves stated ones what only they can give; then the
   !> others follow the corrected ones.
-  subroutine close_velocities(self, q, v, report, fail)
+  subroutine close_velocities(self, ev, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:)
     real(wp), intent(inout) :: v(:)
     type(assembly_report), intent(inout) :: report
@@ -36,42 +38,43 @@ contains
     logical :: uneven, beyond_digits, elastic_held
     allocate (none(self%s%nz), source=0.0_wp)
     start = v
-    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (self%s%rows == 0) return
-    uneven = self%schur%uneven_masses .or. self%schur%ill_conditioned
-    beyond_digits = uneven .and. self%schur%beyond_digits()
-    call row_rates(self, self%lambda)
-    goal = 1.0e-11_wp*max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), maxval(abs(self%rows%phi_t)))
+    uneven = ev%schur%uneven_masses .or. ev%schur%ill_conditioned
+    beyond_digits = uneven .and. ev%schur%beyond_digits()
+    call row_rates(self, ev, ev%lambda)
+    goal = 1.0e-11_wp*max(maxval(abs(ev%p%v)), self%s%size*maxval(abs(ev%p%rate)), maxval(abs(ev%rows%phi_t)))
     do attempt = 1, 4
       v = start
       elastic_held = attempt <= 2
       if (mod(attempt, 2) == 0) then
         do pass = 1, rounds
           where (self%s%stated) v = start
-          call correct_velocities(self, q, v, goal, worst, elastic_held, masked=.false.)
+          call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.false.)
         end do
         if (worst <= goal) v = merge(v, start, self%s%stated)
       end if
-      call correct_velocities(self, q, v, goal, worst, elastic_held, masked=.true.)
+      call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.true.)
       if (worst <= goal .or. beyond_digits) exit      ! where digits end, nothing tells rounding from a contradiction
     end do
-    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (worst > goal .and. uneven) then
       call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven)
       return
     else if (worst > goal) then
-      call row_rates(self, self%lambda)
+      call row_rates(self, ev, ev%lambda)
       call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
-                      open_joints(self, self%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
+                      open_joints(self, ev%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
                       'singular position; expected a drive that begins at rest, or another start')
       return
     end if
-    call warn_of_velocities(self, start, v, report)
+    call warn_of_velocities(self, ev, start, v, report)
   end subroutine close_velocities
 
   !> Velocity corrections until the rows hold.
-  subroutine correct_velocities(self, q, v, goal, worst, elastic_held, masked)
+  subroutine correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:)
     real(wp), intent(inout) :: v(:)
     real(wp), intent(in) :: goal               !! [m/s]
@@ -82,31 +85,32 @@ contains
     logical :: good
     integer :: pass
     allocate (none(self%s%nz), source=0.0_wp)
-    call evaluate(self, usual_options(self%s), 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
-    call weigh_frames(self, elastic_held, masked)
-    call condense_constraints(self, elastic_held)
-    call self%schur%factor_strong(good)
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
+    call weigh_frames(self, ev, elastic_held, masked)
+    call condense_constraints(self, ev, elastic_held)
+    call ev%schur%factor_strong(good)
     if (.not. good) then
-      call condense_geometry(self)
-      call self%schur%factor_uneven()
+      call condense_geometry(self, ev)
+      call ev%schur%factor_uneven()
     end if
     do pass = 1, 6
-      call marker_kinematics(self, q, v)
-      call row_rates(self, self%lambda)
-      worst = maxval(abs(self%lambda))
+      call marker_kinematics(self, ev, q, v)
+      call row_rates(self, ev, ev%lambda)
+      worst = maxval(abs(ev%lambda))
       if (worst <= 0.01_wp*goal) exit
-      call self%schur%solve(self%lambda)
-      call apply_multipliers(self, self%lambda, self%a)
-      v = v + self%a
+      call ev%schur%solve(ev%lambda)
+      call apply_multipliers(self, ev, ev%lambda, ev%a)
+      v = v + ev%a
     end do
-    call marker_kinematics(self, q, v)
-    call row_rates(self, self%lambda)
-    worst = maxval(abs(self%lambda))
+    call marker_kinematics(self, ev, q, v)
+    call row_rates(self, ev, ev%lambda)
+    worst = maxval(abs(ev%lambda))
   end subroutine correct_velocities
 
   !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.
-  subroutine weigh_frames(self, elastic_held, masked)
+  subroutine weigh_frames(self, ev, elastic_held, masked)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: elastic_held
     logical, intent(in) :: masked
     real(wp) :: m(3, 3), p(2), weight
@@ -118,7 +122,7 @@ contains
           p = body%i1
           m = reshape([body%mass, 0.0_wp, -p(2), 0.0_wp, body%mass, p(1), -p(2), p(1), body%i11], [3, 3])
         else
-          m = unfactored(self%frame_l(:, b), self%frame_dinv(:, b))
+          m = unfactored(ev%frame%l(:, b), ev%frame%dinv(:, b))
         end if
       end associate
       if (.not. masked) then
@@ -128,9 +132,9 @@ contains
           m(:, k) = m(:, k)*weight
           where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! the others cost nothing in the end
         end do
-        call factor_masked(m, [.false., .false., .false.], self%frame_l(:, b), self%frame_dinv(:, b))
+        call factor_masked(m, [.false., .false., .false.], ev%frame%l(:, b), ev%frame%dinv(:, b))
       else
-        call factor_masked(m, self%s%stated(i + 1:i + 3), self%frame_l(:, b), self%frame_dinv(:, b))
+        call factor_masked(m, self%s%stated(i + 1:i + 3), ev%frame%l(:, b), ev%frame%dinv(:, b))
       end if
     end do
   end subroutine weigh_frames
@@ -167,14 +171,15 @@ contains
   end function unfactored
 
   !> Warns of stated velocities that had to change.
-  subroutine warn_of_velocities(self, start, v, report)
+  subroutine warn_of_velocities(self, ev, start, v, report)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: start(:), v(:)
     type(assembly_report), intent(inout) :: report
     real(wp) :: along, around, scale
     character(:), allocatable :: by
     integer :: b, i
-    scale = max(maxval(abs(self%p%v)), self%s%size*maxval(abs(self%p%rate)), tiny(1.0_wp))
+    scale = max(maxval(abs(ev%p%v)), self%s%size*maxval(abs(ev%p%rate)), tiny(1.0_wp))
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       along = merge(norm2(v(i + 1:i + 2) - start(i + 1:i + 2)), 0.0_wp, self%s%stated(i + 1))

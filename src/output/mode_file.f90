@@ -4,6 +4,7 @@ module mode_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use results, only: motion_row
   use text_file, only: result_file
@@ -17,9 +18,10 @@ module mode_file
 contains
 
   !> Writes the whole file.
-  subroutine write_modes(path, deck_name, m, q, modes, failed)
+  subroutine write_modes(path, deck_name, m, ev, q, modes, failed)
     character(*), intent(in) :: path, deck_name
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) the state about which the modes are [m, rad]
     type(mode_set), intent(in) :: modes
     logical, intent(out) :: failed
@@ -36,7 +38,7 @@ contains
     call file%line('# positions: '//positions(m, q))
     call file%line('# columns: '//figures//shape_names(m))
     do k = 1, modes%count
-      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, q, modes%x(:, k))])
+      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, ev, q, modes%x(:, k))])
     end do
     call file%close()
     failed = file%failed
@@ -90,14 +92,15 @@ contains
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.
-  pure function shape_row(m, q, x) result(row)
+  pure function shape_row(m, ev, q, x) result(row)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
     complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
     real(wp), allocatable :: row(:)
     complex(wp), allocatable :: d(:)
     integer :: k
-    d = displacements(m, q, x)
+    d = displacements(m, ev, q, x)
     allocate (row(2*size(d)))
     do k = 1, size(d)
       row(2*k - 1) = d(k)%re
@@ -106,8 +109,9 @@ contains
   end function shape_row
 
   !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
-  pure function displacements(m, q, x) result(d)
+  pure function displacements(m, ev, q, x) result(d)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
     complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
     complex(wp), allocatable :: d(:)
@@ -122,8 +126,8 @@ contains
     largest = 0.0_wp
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      d(j + 1) = m%cos_theta(b)*x(i + 1) - m%sin_theta(b)*x(i + 2)
-      d(j + 2) = m%sin_theta(b)*x(i + 1) + m%cos_theta(b)*x(i + 2)
+      d(j + 1) = ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2)
+      d(j + 2) = ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)
       d(j + 3) = x(i + 3)
       do k = 1, 3
         weight = merge(m%s%size, 1.0_wp, k == 3)
@@ -136,8 +140,8 @@ contains
           now = body%displacement(k, q(i + 4:i + 3 + body%nf))
           rho = body%x(:, k) + now(1:2)
           w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
-          d(j + 1) = m%cos_theta(b)*w(1) - m%sin_theta(b)*w(2)
-          d(j + 2) = m%sin_theta(b)*w(1) + m%cos_theta(b)*w(2)
+          d(j + 1) = ev%frame%cos(b)*w(1) - ev%frame%sin(b)*w(2)
+          d(j + 2) = ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
           if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
           if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
           j = j + 2

@@ -4,6 +4,7 @@
 module fast_poles
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use reduced_system, only: reduced_model, reduced_poles
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
@@ -27,8 +28,9 @@ module fast_poles
 contains
 
   !> The poles, after an iteration of `fast` for the stiffness.
-  subroutine find_fast_poles(m, held, fast, poles, ok)
+  subroutine find_fast_poles(m, ev, held, fast, poles, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held                    !! joints and drives held
     type(fast_spectrum), intent(inout) :: fast
     type(pole_list), intent(out) :: poles
@@ -39,14 +41,14 @@ contains
     integer, allocatable :: group(:)
     integer :: p
     allocate (poles%lambda(0))
-    call space(m, held, fast, x)
-    call sets_of_terms(m, fast, x, ds, group)
+    call space(m, ev, held, fast, x)
+    call sets_of_terms(m, ev, fast, x, ds, group)
     do p = size(x, 2), 1, -1
       if (unknowns(fast, ds, group, p) <= most_unknowns) exit
     end do
     ok = p >= min(least, size(x, 2)) .and. p > 0
     if (.not. ok) return
-    call project(m, fast, ds, group, x(:, 1:p), model)
+    call project(m, ev, fast, ds, group, x(:, 1:p), model)
     call solve(ds, model, poles, ok)
   end subroutine find_fast_poles
 
@@ -65,8 +67,9 @@ contains
   end function unknowns
 
   !> The sets of terms that take part in the motions; segments whose terms are the same make one set.
-  subroutine sets_of_terms(m, fast, x, ds, group)
+  subroutine sets_of_terms(m, ev, fast, x, ds, group)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(fast_spectrum), intent(in) :: fast
     real(wp), intent(in) :: x(:, :)                !! (n, motions) [1/sqrt(kg)]
     type(stiffness_system), intent(inout) :: ds
@@ -77,7 +80,7 @@ contains
     takes_part = .false.
     do k = 1, size(x, 2)
       f%x = x(:, k)
-      call fast%quotients(m, f)
+      call fast%quotients(m, ev, f)
       takes_part = takes_part .or. f%segments > no_part*(f%stiffness + sum(f%segments))
     end do
     allocate (group(size(takes_part)), source=0)
@@ -100,8 +103,9 @@ contains
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.
-  subroutine space(m, held, fast, x)
+  subroutine space(m, ev, held, fast, x)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast
     real(wp), allocatable, intent(out) :: x(:, :)  !! (n, motions) [1/sqrt(kg)]
@@ -111,10 +115,10 @@ contains
     allocate (x(m%s%nq, widest), mx(m%s%nq, widest))
     p = 0
     if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
-      call fast%largest(m, held, only_damping, 100, lambda)
+      call fast%largest(m, ev, held, only_damping, 100, lambda)
       call append(min(most_damped, fast%steps))
     end if
-    call fast%largest(m, held, only_stiffness, 100, lambda)
+    call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     call append(min(widest - p, fast%steps))
     x = x(:, 1:p)
   contains
@@ -141,8 +145,9 @@ contains
   end subroutine space
 
   !> All matrices on the basis, from Rayleigh quotients of sums of two motions.
-  subroutine project(m, fast, ds, group, x, model)
+  subroutine project(m, ev, fast, ds, group, x, model)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(fast_spectrum), intent(in) :: fast
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: group(:)                !! (segments)
@@ -163,7 +168,7 @@ contains
         else
           f%x = x(:, i) + x(:, j)
         end if
-        call fast%quotients(m, f)
+        call fast%quotients(m, ev, f)
         call put(model%k(:, :), f%stiffness)
         call put(model%c(:, :), f%damping)
         do r = 1, size(ds%groups)

@@ -9,6 +9,7 @@ module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
   use deck_records, only: deck
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
@@ -45,23 +46,24 @@ module safe_bound
 contains
 
   !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
-  subroutine find_safe_bound(d, m, fast, bound)
+  subroutine find_safe_bound(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast     !! set up
     type(step_bound), intent(out) :: bound
     type(step_bound) :: other
     logical :: damped(size(m%s%forces))
     integer :: k
-    fast%turning = turning_stiffness(m)
-    call bound_directions(m, fast%ends)
-    call bound_of_directions(d, m, fast, bound)
+    fast%turning = turning_stiffness(m, ev)
+    call bound_directions(m, ev, fast%ends)
+    call bound_of_directions(d, m, ev, fast, bound)
     damped = [(m%s%forces(k)%item%law%order() > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
     if (any(damped)) then
       do k = 1, size(damped)
         if (damped(k)) fast%ends(:, k) = 0.0_wp
       end do
-      call bound_of_directions(d, m, fast, other)
+      call bound_of_directions(d, m, ev, fast, other)
       call take_smaller(other, bound)
     end if
     fast%ends = -1.0_wp
@@ -69,36 +71,38 @@ contains
   end subroutine find_safe_bound
 
   !> The bound of the directions that fast%ends and fast%turning allow.
-  subroutine bound_of_directions(d, m, fast, bound)
+  subroutine bound_of_directions(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(step_bound), intent(out) :: bound
     type(enclosure), allocatable :: e
     integer :: i
     if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
       allocate (e)
-      call fast%largest(m, .false., only_damping, 100, e%c0)
-      call fast%largest(m, .false., only_stiffness, 100, e%k0)
+      call fast%largest(m, ev, .false., only_damping, 100, e%c0)
+      call fast%largest(m, ev, .false., only_stiffness, 100, e%k0)
       if (.not. e%k0 > 0.0_wp) e%k0 = e%c0**2
       if (.not. e%c0 > 0.0_wp) e%c0 = sqrt(e%k0)
     end if
     if (.not. allocated(e)) then
-      call find_bound(d, m, .false., fast, bound)
+      call find_bound(d, m, ev, .false., fast, bound)
       return
     end if
     if (.not. e%c0 > 0.0_wp) return
-    call enclose(d, m, fast, e)
+    call enclose(d, m, ev, fast, e)
     do i = 1, e%lines
       call take_smaller(e%line(i)%bound, bound)
     end do
-    call material_poles(d, m, .false., fast, e%k0, bound)
+    call material_poles(d, m, ev, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
   !> Starts with a box and cuts breakpoints that limit the step, in turn for each method.
-  subroutine enclose(d, m, fast, e)
+  subroutine enclose(d, m, ev, fast, e)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e
     integer :: i, round, method
@@ -107,7 +111,7 @@ contains
       e%line(i)%angle = 0.5_wp*pi*(i - 2)
     end do
     do i = 2, 3
-      call find_line(m, fast, e, i)
+      call find_line(m, ev, fast, e, i)
     end do
     do i = 2, 3
       call find_steps(d, m, fast, e, i)
@@ -119,7 +123,7 @@ contains
       e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
       e%lines = e%lines + 1
       e%line(i + 1) = enclosing_line(angle=0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle))
-      call find_line(m, fast, e, i + 1)
+      call find_line(m, ev, fast, e, i + 1)
       call find_steps(d, m, fast, e, i)
       call find_steps(d, m, fast, e, i + 1)
       call find_steps(d, m, fast, e, i + 2)
@@ -140,16 +144,17 @@ contains
   end function breakpoint_that_limits
 
   !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
-  subroutine find_line(m, fast, e, i)
+  subroutine find_line(m, ev, fast, e, i)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e
     integer, intent(in) :: i
     integer :: r
     associate (l => e%line(i))
-      call fast%largest(m, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%reach)
+      call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%reach)
       l%reach = l%reach + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
-      call fast%mode(m, 1, l%mode)
+      call fast%mode(m, ev, 1, l%mode)
       call mode_cause(m, l%mode, l%cause)
       l%at = [l%mode%damping, l%mode%stiffness]
       do r = 1, size(l%mode%segments)

@@ -7,6 +7,7 @@ module spectrum
   use linear_matrices, only: linear_mechanism
   use elastic_blocks, only: elastic_matrices
   use mass_solve, only: solve_mass
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spring_products, only: spring_square, spring_pull
   use triplets, only: triplet_matrix
@@ -131,9 +132,10 @@ contains
 
   !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; joints held or released. m holds an
   !> evaluation at the present configuration.
-  subroutine largest(self, m, held, mix, most, lambda)
+  subroutine largest(self, m, ev, held, mix, most, lambda)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held              !! joints and drives held
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
@@ -144,14 +146,14 @@ contains
     self%steps = 0
     self%w(:, 0) = 0.0_wp
     self%r = self%start
-    call solve_mass(m, held, self%r, self%u)
+    call solve_mass(m, ev, held, self%r, self%u)
     b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
     if (b <= tiny(1.0_wp)) return
     self%v(:, 1) = self%u/b
     self%w(:, 1) = self%r/b
     self%beta(0) = 0.0_wp
     do j = 1, min(most, size(self%alpha))
-      call multiply(self, m, mix, self%v(:, j), self%r)
+      call multiply(self, m, ev, mix, self%v(:, j), self%r)
       self%alpha(j) = dot_product(self%v(:, j), self%r)
       do pass = 1, 2
         do i = 1, j
@@ -159,7 +161,7 @@ contains
           self%r = self%r - x*self%w(:, i)
         end do
       end do
-      call solve_mass(m, held, self%r, self%u)
+      call solve_mass(m, ev, held, self%r, self%u)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
       self%steps = j
       self%beta(j) = b
@@ -180,31 +182,34 @@ contains
   end subroutine largest
 
   !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM segment's material or spring [rad2/s2].
-  subroutine largest_of_segment(self, m, held, segment, lambda)
+  subroutine largest_of_segment(self, m, ev, held, segment, lambda)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held              !! joints and drives held
     integer, intent(in) :: segment
     real(wp), intent(out) :: lambda
     self%only = segment
-    call self%largest(m, held, only_stiffness, most_vectors, lambda)
+    call self%largest(m, ev, held, only_stiffness, most_vectors, lambda)
     self%only = 0
   end subroutine largest_of_segment
 
   !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
-  subroutine mode(self, m, k, f)
+  subroutine mode(self, m, ev, k, f)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                 !! 1: the fastest
     type(fast_mode), intent(out) :: f
     f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
-    call self%quotients(m, f)
+    call self%quotients(m, ev, f)
   end subroutine mode
 
   !> Rayleigh quotients of a motion f%x of unit modal mass.
-  subroutine quotients(self, m, f)
+  subroutine quotients(self, m, ev, f)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(fast_mode), intent(inout) :: f
     real(wp) :: square                       ! of a spring's deformation [m2] or [rad2]
     integer :: j, r
@@ -220,7 +225,7 @@ contains
     end do
     do j = 1, size(m%s%forces)
       if (.not. (self%spring_static(j) > 0.0_wp .or. self%spring_damping(j) > 0.0_wp)) cycle
-      square = spring_square(m, j, self%ends(:, j), f%x)
+      square = spring_square(m, ev, j, self%ends(:, j), f%x)
       f%stiffness = f%stiffness + self%spring_static(j)*square
       f%springs = f%springs + self%spring_damping(j)*square
       do r = 1, size(self%lin%segments)
@@ -232,16 +237,17 @@ contains
 
   !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it: they may
   !> turn away. Forces of springs against turns are an upper bound, too.
-  subroutine multiply(self, m, mix, x, y)
+  subroutine multiply(self, m, ev, mix, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: mix(2)             !! p and q, as in `largest`
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp), intent(out) :: y(:)              !! (n)
     real(wp) :: s
     integer :: i, k
     if (self%only > 0) then
-      call multiply_segment(self, m, x, y)
+      call multiply_segment(self, m, ev, x, y)
       return
     end if
     y = 0.0_wp
@@ -262,21 +268,22 @@ contains
     do k = 1, size(m%s%forces)
       s = mix(1)*self%spring_damping(k) + mix(2)*self%spring_fast(k)
       if (all(self%ends(:, k) >= 0.0_wp)) s = max(s, 0.0_wp)
-      call spring_pull(m, k, s, self%ends(:, k), x, y)
+      call spring_pull(m, ev, k, s, self%ends(:, k), x, y)
     end do
   end subroutine multiply
 
   !> y = K_r x, the static stiffness of the chosen segment's material wherever it is, or of its spring.
-  subroutine multiply_segment(self, m, x, y)
+  subroutine multiply_segment(self, m, ev, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: y(:)
     integer :: k
     y = 0.0_wp
     associate (segments => self%lin%segments, r => self%lin%segments(self%only))
       if (r%element > 0) then
-        call spring_pull(m, r%element, self%spring_static(r%element), self%ends(:, r%element), x, y)
+        call spring_pull(m, ev, r%element, self%spring_static(r%element), self%ends(:, r%element), x, y)
         return
       end if
       do k = 1, size(segments)

@@ -10,6 +10,7 @@
 module spring_directions
   use kinds, only: wp
   use mass_solve, only: solve_body
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -21,8 +22,9 @@ contains
 
   !> The factors 1 + s and 1 + 1/s of every spring's ends; negative where the spring cannot turn and its present direction
   !> stays.
-  subroutine bound_directions(m, ends)
-    type(mechanism_model), intent(inout) :: m    !! evaluated
+  subroutine bound_directions(m, ev, ends)
+    type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev    !! evaluated
     real(wp), intent(out) :: ends(:, :)          !! (2, force elements) [-]
     real(wp) :: ra, rb
     integer :: k
@@ -30,10 +32,10 @@ contains
     do k = 1, size(m%s%forces)
       associate (sp => m%s%forces(k)%item)
         if (.not. sp%along_line()) cycle
-        if (is_guided(m, k)) cycle
+        if (is_guided(m, ev, k)) cycle
         ends(:, k) = 0.0_wp
-        ra = yield(m, sp%ia)
-        rb = yield(m, sp%ib)
+        ra = yield(m, ev, sp%ia)
+        rb = yield(m, ev, sp%ib)
         if (ra > 0.0_wp) ends(1, k) = 1 + rb/ra
         if (rb > 0.0_wp) ends(2, k) = 1 + ra/rb
       end associate
@@ -41,8 +43,9 @@ contains
   end subroutine bound_directions
 
   !> What the present forces of linear springs add at most to the stiffness against turns of every body.
-  pure function turning_stiffness(m) result(stiffness)
-    type(mechanism_model), intent(in) :: m       !! evaluated
+  pure function turning_stiffness(m, ev) result(stiffness)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev       !! evaluated
     real(wp) :: stiffness(size(m%s%bodies))      !! [N m/rad]
     integer :: k, i, b, marker
     stiffness = 0.0_wp
@@ -52,37 +55,39 @@ contains
         marker = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
         b = m%s%markers(marker)%body
         if (b == 0) cycle
-        stiffness(b) = stiffness(b) + abs(m%action(k)%force)*norm2(m%p%rho(:, marker) - m%pin(:, b)/m%s%bodies(b)%mass)
+        stiffness(b) = stiffness(b) + abs(ev%action(k)%force)*norm2(ev%p%rho(:, marker) - ev%frame%pin(:, b)/m%s%bodies(b)%mass)
       end do
     end do
   end function turning_stiffness
 
   !> Whether a spring's direction is fixed in both its bodies: welds, or guides along the spring, join them.
-  pure logical function is_guided(m, k)
+  pure logical function is_guided(m, ev, k)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                     !! spring
     real(wp) :: now, rate, e(3)
     integer :: group(0:size(m%s%bodies)), j, a, b
     logical :: welded
     group = [(j, j=0, size(m%s%bodies))]
-    call m%s%forces(k)%item%deformation(m%p, now, rate, e)
+    call m%s%forces(k)%item%deformation(ev%p, now, rate, e)
     do j = 1, m%s%joints
       associate (c => m%s%constraints(j)%item)
         a = group(m%s%markers(c%ia)%body)
         b = group(m%s%markers(c%ib)%body)
         welded = c%rows == 3
         associate (last => c%first + c%rows - 1)
-          if (norm2(m%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
+          if (norm2(ev%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
         end associate
-        if (welded .or. abs(dot_product(m%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
+        if (welded .or. abs(dot_product(ev%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
       end associate
     end do
     is_guided = group(m%s%markers(m%s%forces(k)%item%ia)%body) == group(m%s%markers(m%s%forces(k)%item%ib)%body)
   end function is_guided
 
   !> How a marker yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
-  real(wp) function yield(m, k) result(rho)
+  real(wp) function yield(m, ev, k) result(rho)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k                     !! marker
     real(wp), allocatable :: f(:), u(:)
     real(wp) :: c(2, 2), w(3)
@@ -96,9 +101,9 @@ contains
         f = 0.0_wp
         w = 0.0_wp
         w(j) = 1.0_wp
-        call p%push(m%p%rho(:, k), w, f(1:3), f(4:))
-        call solve_body(m, b, f, u)
-        w = p%shift(m%p%rho(:, k), u(1:3), u(4:))
+        call p%push(ev%p%rho(:, k), w, f(1:3), f(4:))
+        call solve_body(m, ev, b, f, u)
+        w = p%shift(ev%p%rho(:, k), u(1:3), u(4:))
         c(:, j) = w(1:2)
       end do
     end associate

@@ -11,6 +11,7 @@ module step_advice
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
   use evaluation_settings, only: usual_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use safe_bound, only: find_safe_bound
@@ -35,24 +36,26 @@ module step_advice
 contains
 
   !> Both bounds at the present state, with their explanation.
-  subroutine advise(d, m, q, advice)
+  subroutine advise(d, m, ev, q, advice)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
+    type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions
     type(stability_advice), intent(out) :: advice
-    call both_bounds(d, m, q, advice%safe, advice%current)
+    call both_bounds(d, m, ev, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)
-    call not_covered(m, q, advice)
+    call not_covered(m, ev, q, advice)
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
   !> as far as the model holds, and forces of springs against turns that grow beyond those of the start.
-  subroutine not_covered(m, q, advice)
-    type(mechanism_model), intent(in) :: m
+  subroutine not_covered(m, ev, q, advice)
+    type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(stability_advice), intent(inout) :: advice
     real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
-    type(mechanism_model) :: work
+    type(evaluation) :: work
     type(fast_spectrum) :: fast
     type(fast_mode) :: f
     type(bound_cause) :: cause
@@ -60,27 +63,27 @@ contains
     real(wp) :: straight, curved               ! largest squared frequencies [rad2/s2]
     integer :: b
     if (advice%safe%step(1) >= huge(1.0_wp)) return
-    work = m
+    work = ev
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    if (any(turning_stiffness(work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
+    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    if (any(turning_stiffness(m, work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
-    call fast%set_up(work, q)
-    call bound_directions(work, fast%ends)
-    call fast%largest(work, .false., only_stiffness, 100, straight)
+    call fast%set_up(m, q)
+    call bound_directions(m, work, fast%ends)
+    call fast%largest(m, work, .false., only_stiffness, 100, straight)
     bent = q
     do b = 1, size(m%s%bodies)
       associate (i => m%s%qo(b) + 3, body => m%s%bodies(b))
         if (body%flexible) call bend_to_limit(body, bent(i + 1:i + body%nf))
       end associate
     end do
-    call evaluate(work, usual_options(m%s), 0.0_wp, bent, rest, none, none)
-    call bound_directions(work, fast%ends)
-    call fast%largest(work, .false., only_stiffness, 100, curved)
+    call evaluate(m, work, usual_options(m%s), 0.0_wp, bent, rest, none, none)
+    call bound_directions(m, work, fast%ends)
+    call fast%largest(m, work, .false., only_stiffness, 100, curved)
     if (.not. straight < worth_a_line**2*curved) return
-    call fast%mode(work, 1, f)
-    call mode_cause(work, f, cause)
+    call fast%mode(m, work, 1, f)
+    call mode_cause(m, f, cause)
     call advice%text%figure('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as '// &
                             'the model holds they would allow about ', 'bent_bound', advice%safe%step(1)*sqrt(straight/curved), 4)
     call advice%text%line(' s (rk4), limited by '//cause%what)
@@ -88,21 +91,22 @@ contains
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
   !> damps it.
-  subroutine both_bounds(d, m, q, safe, current)
+  subroutine both_bounds(d, m, ev, q, safe, current)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
+    type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(step_bound), intent(out) :: safe, current
-    type(mechanism_model) :: work
+    type(evaluation) :: work
     type(fast_spectrum) :: fast
     real(wp), allocatable :: rest(:), none(:)
-    work = m
+    work = ev
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call fast%set_up(work, q)
-    call find_safe_bound(d, work, fast, safe)
-    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call find_bound(d, work, .true., fast, current)
+    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call fast%set_up(m, q)
+    call find_safe_bound(d, m, work, fast, safe)
+    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call find_bound(d, m, work, .true., fast, current)
     call take_smaller(current, safe)
   end subroutine both_bounds
 
@@ -221,6 +225,7 @@ contains
     type(step_bound), intent(out) :: bound
     logical, intent(out) :: ok                 !! the deck can be built and assembled
     type(mechanism_model) :: m
+    type(evaluation) :: ev
     type(scene) :: s
     type(fault_list) :: faults
     type(assembly_report) :: report
@@ -230,10 +235,10 @@ contains
     call build(d, s, faults)
     ok = faults%count == 0
     if (.not. ok) return
-    call set_up_mechanism(m, s)
+    call set_up_mechanism(m, ev, s)
     allocate (q(s%nq), v(s%nq))
-    call assemble(m, q, v, report, fail)
+    call assemble(m, ev, q, v, report, fail)
     ok = .not. fail%happened()
-    if (ok) call both_bounds(d, m, q, bound, current)
+    if (ok) call both_bounds(d, m, ev, q, bound, current)
   end subroutine bound_of_deck
 end module step_advice

@@ -7,6 +7,7 @@ module step_bounds
   use deck_records, only: deck
   use fast_poles, only: pole_list, find_fast_poles
   use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_stiffness
   use stability_region, only: largest_step, method_names
@@ -39,9 +40,10 @@ contains
   end subroutine take_smaller
 
   !> Bound at an evaluated state of a mechanism, joints held or released.
-  subroutine find_bound(d, m, held, fast, bound, lambda, force)
+  subroutine find_bound(d, m, ev, held, fast, bound, lambda, force)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast !! set up
     type(step_bound), intent(out) :: bound
@@ -53,7 +55,7 @@ contains
     real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
     logical :: damped
-    call fast%largest(m, held, only_stiffness, 100, fastest)
+    call fast%largest(m, ev, held, only_stiffness, 100, fastest)
     if (present(lambda)) lambda = fastest
     if (present(force)) then
       force = 0.0_wp
@@ -63,24 +65,25 @@ contains
     end if
     damped = any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh) .or. size(fast%lin%segments) > 0
     if (damped) then
-      call find_fast_poles(m, held, fast, poles, damped)
+      call find_fast_poles(m, ev, held, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
-        call look_at_pole(d, m, fast, poles%lambda(k), poles%x(:, k), bound)
+        call look_at_pole(d, m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
     end if
     do k = 1, merge(0, min(modes_looked_at, fast%steps), damped)
       if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
-      call fast%mode(m, k, f)
+      call fast%mode(m, ev, k, f)
       call mode_cause(m, f, cause)
       call look_at(d, m, fast, f, cause, bound)
     end do
-    call material_poles(d, m, held, fast, fastest, bound)
+    call material_poles(d, m, ev, held, fast, fastest, bound)
   end subroutine find_bound
 
   !> One pole of the mechanism with its motion, where it lowers a bound.
-  subroutine look_at_pole(d, m, fast, mu, x, bound)
+  subroutine look_at_pole(d, m, ev, fast, mu, x, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(in) :: fast
     complex(wp), intent(in) :: mu              !! [1/s]
     real(wp), intent(in) :: x(:)               !! (n) its motion, of unit modal mass [1/sqrt(kg)]
@@ -92,7 +95,7 @@ contains
     integer :: k, body
     if (all([(largest_step(k, mu, bound%step(k)) >= bound%step(k), k=1, size(method_names))])) return
     f%x = x
-    call fast%quotients(m, f)
+    call fast%quotients(m, ev, f)
     call mode_cause(m, f, cause)
     call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
@@ -190,9 +193,10 @@ contains
   !> slow modes approach), and where the least mass resists, in the motion that the material or spring alone would make
   !> fastest. Poles of real modes lie between. That motion is slower than the fastest of all, so that only those are looked for
   !> whose poles would set the bound even there.
-  subroutine material_poles(d, m, held, fast, fastest, bound)
+  subroutine material_poles(d, m, ev, held, fast, fastest, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast
     real(wp), intent(in) :: fastest            !! largest squared frequency, instantaneous stiffness [rad2/s2]
@@ -216,7 +220,7 @@ contains
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
       if (all(least(:, k) >= bound%step)) cycle
-      call fast%largest_of_segment(m, held, firsts(k), lambda)
+      call fast%largest_of_segment(m, ev, held, firsts(k), lambda)
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
       call segment_poles(fast%lin%segments(firsts(k)), lambda, roots)

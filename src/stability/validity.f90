@@ -7,6 +7,7 @@ module validity
   use body, only: body_model
   use body_matrices, only: stiffness_triplets
   use elastic_operators, only: mass_product
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use text, only: es_text, fixed_text
   implicit none (type, external)
@@ -57,9 +58,10 @@ contains
   end subroutine begin
 
   !> Looks at an evaluated state.
-  pure subroutine look(self, m, q, v)
+  pure subroutine look(self, m, ev, q, v)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:), v(:)               !! (nq) [m, rad], [m/s, rad/s]
     real(wp) :: u(3)
     integer :: b, k, i, n
@@ -76,7 +78,7 @@ contains
         f(spin) = max(f(spin), abs(v(i)))
         do k = 1, n
           f(rates) = f(rates) + self%weight(i + k)*v(i + k)**2
-          f(accelerations) = f(accelerations) + self%weight(i + k)*m%a(i + k)**2
+          f(accelerations) = f(accelerations) + self%weight(i + k)*ev%a(i + k)**2
         end do
       end associate
     end do
@@ -90,9 +92,10 @@ contains
   end subroutine exchange
 
   !> One sentence for each limit that a body passed.
-  function warnings(self, m, stage) result(text)
+  function warnings(self, m, ev, stage) result(text)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
     real(wp) :: first, carried, bent, shear, moving
@@ -122,7 +125,7 @@ contains
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
         bent = max(f(deflection), f(rotation)*body%length)
         if (f(rates) > least_vibration*sqrt(f(accelerations))*bent*merge(sqrt(body%mass), 1.0_wp, body%modal) &
-            .and. bent > 1.0e-13_wp*body%length .and. m%t*carried >= 2*pi) then
+            .and. bent > 1.0e-13_wp*body%length .and. ev%t*carried >= 2*pi) then
           moving = sqrt(f(accelerations)/f(rates))
           if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')

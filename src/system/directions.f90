@@ -3,6 +3,7 @@ module directions
   use kinds, only: wp
   use errors, only: failure, status_bad_input
   use distance_joint, only: distance_model
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -11,8 +12,9 @@ module directions
 contains
 
   !> Refuses an assembled scene in which the ends of such a line coincide, by name.
-  subroutine require_directions(self, gap, fail)
+  subroutine require_directions(self, ev, gap, fail)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: gap              !! distance up to which markers coincide [m]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text
@@ -26,7 +28,7 @@ contains
     end do
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item)
-        text = f%fault(self%p, gap)
+        text = f%fault(ev%p, gap)
         if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
       end associate
     end do

@@ -9,6 +9,7 @@ module dynamics
   use joint_geometry, only: factor_joints
   use joint_response, only: push_frames, push_elastic, apply_multipliers
   use joint_system, only: constraint_values, row_rates, condense_constraints, joint_accelerations
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_forces, only: applied_forces, load_frames
   use marker_motion, only: set_frames, marker_kinematics, one_marker
@@ -20,36 +21,38 @@ module dynamics
 contains
 
   !> Accelerations, multipliers, dissipative accelerations and powers at a state; the results stay in self.
-  subroutine evaluate(self, options, t, q, v, z, zd)
+  subroutine evaluate(self, ev, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
-    self%evaluations = self%evaluations + 1
-    self%t = t
-    self%options = options
-    call set_frames(self, q)
-    call marker_kinematics(self, q, v)
-    self%dissipated_power = 0.0_wp
-    self%input_power = 0.0_wp
-    call applied_forces(self, options, t, z, zd)
-    call condense_bodies(self, options%gravity, q, v, z, zd)
-    call load_frames(self)
-    call free_accelerations(size(self%cos_theta), self%rhs, self%frame_l, self%frame_dinv, self%free)
-    call constraint_values(self, options, t)
-    call condense_constraints(self, .false.)
-    call factor_joints(self, options%accept_weak_pivots)
-    call multiplier_forces(self, options%baumgarte)
-    call accelerations(self)
-    if (self%schur%uneven_masses) call correct_accelerations(self)
-    call drive_powers(self)
-    if (.not. v(1) < huge(1.0_wp)) self%broken = .true.
+    ev%evaluations = ev%evaluations + 1
+    ev%t = t
+    ev%options = options
+    call set_frames(self, ev, q)
+    call marker_kinematics(self, ev, q, v)
+    ev%dissipated_power = 0.0_wp
+    ev%input_power = 0.0_wp
+    call applied_forces(self, ev, options, t, z, zd)
+    call condense_bodies(self, ev, options%gravity, q, v, z, zd)
+    call load_frames(self, ev)
+    call free_accelerations(size(ev%frame%cos), ev%frame%rhs, ev%frame%l, ev%frame%dinv, ev%frame%free)
+    call constraint_values(self, ev, options, t)
+    call condense_constraints(self, ev, .false.)
+    call factor_joints(self, ev, options%accept_weak_pivots)
+    call multiplier_forces(self, ev, options%baumgarte)
+    call accelerations(self, ev)
+    if (ev%schur%uneven_masses) call correct_accelerations(self, ev)
+    call drive_powers(self, ev)
+    if (.not. v(1) < huge(1.0_wp)) ev%broken = .true.
   end subroutine evaluate
 
   !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
-  subroutine evaluate_regular(self, options, t, q, v, z, zd)
+  subroutine evaluate_regular(self, ev, options, t, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
@@ -57,7 +60,7 @@ contains
     type(evaluation_options) :: as_they_are
     as_they_are = options
     as_they_are%accept_weak_pivots = .true.
-    call evaluate(self, as_they_are, t, q, v, z, zd)
+    call evaluate(self, ev, as_they_are, t, q, v, z, zd)
   end subroutine evaluate_regular
 
   !> Accelerations of the condensed frames without multipliers.
@@ -78,51 +81,55 @@ contains
   end subroutine free_accelerations
 
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
-  subroutine multiplier_forces(self, baumgarte)
+  subroutine multiplier_forces(self, ev, baumgarte)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     if (self%s%rows == 0) return
-    call joint_accelerations(self)
-    if (any(baumgarte > 0.0_wp)) call add_baumgarte(self, baumgarte)
-    call self%schur%solve(self%lambda)
+    call joint_accelerations(self, ev)
+    if (any(baumgarte > 0.0_wp)) call add_baumgarte(self, ev, baumgarte)
+    call ev%schur%solve(ev%lambda)
   end subroutine multiplier_forces
 
   !> Adds what the drives do to the power.
-  pure subroutine drive_powers(self)
+  pure subroutine drive_powers(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer :: k, i
     do k = self%s%joints + 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         i = c%first
-        self%input_power = self%input_power + self%lambda(i)*self%rows%phi_t(i)
+        ev%input_power = ev%input_power + ev%lambda(i)*ev%rows%phi_t(i)
       end associate
     end do
   end subroutine drive_powers
 
   !> 2 alpha Phi' + beta^2 Phi (Baumgarte 1972).
-  subroutine add_baumgarte(self, baumgarte)
+  subroutine add_baumgarte(self, ev, baumgarte)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
-    call row_rates(self, self%schur%r)
-    self%lambda = self%lambda + 2*baumgarte(1)*self%schur%r + baumgarte(2)**2*self%rows%phi
+    call row_rates(self, ev, ev%schur%r)
+    ev%lambda = ev%lambda + 2*baumgarte(1)*ev%schur%r + baumgarte(2)**2*ev%rows%phi
   end subroutine add_baumgarte
 
   !> Accelerations of frames (global) and elastic coordinates from the free ones and the multipliers.
-  subroutine accelerations(self)
+  subroutine accelerations(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer :: b, i, n
-    call push_frames(self, self%lambda)
-    call frame_accelerations(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%free, self%push, &
-                             size(self%a), self%a)
-    do b = 1, size(self%cos_theta)
+    call push_frames(self, ev, ev%lambda)
+    call frame_accelerations(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%free, ev%frame%push, &
+                             size(ev%a), ev%a)
+    do b = 1, size(ev%frame%cos)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
       associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
         n = prototype%nf
-        call elastic_accelerations(n, body%elastic_force(1:n), prototype%pmat, body%angle_coupling(1:n), self%push(:, b), self%a(i &
-            + 4:i + 3 + n))
+        call elastic_accelerations(n, body%elastic_force(1:n), prototype%pmat, body%angle_coupling(1:n), ev%frame%push(:, b), &
+                                   ev%a(i + 4:i + 3 + n))
       end associate
-      call push_elastic(self, b, self%lambda, self%a(i + 4:i + 3 + n))
+      call push_elastic(self, ev, b, ev%lambda, ev%a(i + 4:i + 3 + n))
     end do
   end subroutine accelerations
 

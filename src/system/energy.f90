@@ -3,6 +3,7 @@ module energy
   use kinds, only: wp
   use body_energy, only: kinetic_energy, strain_energy
   use dynamics, only: set_frames, marker_kinematics
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -11,36 +12,37 @@ module energy
 contains
 
   !> Kinetic and potential energy at a state [J], and what of the latter the deformation of each body stores.
-  subroutine energies(self, q, v, z, zd, kinetic, potential, strain)
+  subroutine energies(self, ev, q, v, z, zd, kinetic, potential, strain)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables, (nzd) rates [m, rad] and per second
     real(wp), intent(out) :: kinetic, potential
     real(wp), intent(out) :: strain(:)                !! (nb) [J]
     real(wp) :: p(2)
     integer :: b, i, n, k
-    call set_frames(self, q)
-    call marker_kinematics(self, q, v)
+    call set_frames(self, ev, q)
+    call marker_kinematics(self, ev, q, v)
     kinetic = 0.0_wp
     potential = 0.0_wp
     do b = 1, size(self%s%bodies)
       associate (body => self%s%bodies(b))
         i = self%s%qo(b)
         n = body%nf
-        kinetic = kinetic + kinetic_energy(body, self%cos_theta(b), self%sin_theta(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i &
+        kinetic = kinetic + kinetic_energy(body, ev%frame%cos(b), ev%frame%sin(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i &
             + 4:i + 3 + n))
         p = body%i1
         do k = 1, n
           p(1) = p(1) + body%sbar(k, 1)*q(i + 3 + k)
           p(2) = p(2) + body%sbar(k, 2)*q(i + 3 + k)
         end do
-        p = [self%cos_theta(b)*p(1) - self%sin_theta(b)*p(2), self%sin_theta(b)*p(1) + self%cos_theta(b)*p(2)]
+        p = [ev%frame%cos(b)*p(1) - ev%frame%sin(b)*p(2), ev%frame%sin(b)*p(1) + ev%frame%cos(b)*p(2)]
         strain(b) = strain_energy(body, q(i + 4:i + 3 + n), z, zd)
         potential = potential - dot_product(self%s%gravity, body%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate
     end do
     do k = 1, size(self%s%forces)
-      potential = potential + self%s%forces(k)%item%energy(self%p, z, zd)
+      potential = potential + self%s%forces(k)%item%energy(ev%p, z, zd)
     end do
   end subroutine energies
 end module energy

@@ -2,6 +2,7 @@
 module force_scale
   use kinds, only: wp
   use body, only: body_model
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use nodal_basis, only: element_stress
   implicit none (type, external)
@@ -11,18 +12,19 @@ module force_scale
 contains
 
   !> Loads and springs, weights and inertia forces, joint forces, element forces; moments over the size [N].
-  pure real(wp) function largest_force(m) result(force)
+  pure real(wp) function largest_force(m, ev) result(force)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer :: b, k
     force = 0.0_wp
     do k = 1, size(m%s%markers)
-      force = max(force, norm2(m%wrench(1:2, k)), abs(m%wrench(3, k))/m%s%size)
+      force = max(force, norm2(ev%wrench(1:2, k)), abs(ev%wrench(3, k))/m%s%size)
     end do
     do b = 1, size(m%s%bodies)
-      force = max(force, m%s%bodies(b)%mass*norm2(m%options%gravity), norm2(m%rhs(1:2, b)))
+      force = max(force, m%s%bodies(b)%mass*norm2(ev%options%gravity), norm2(ev%frame%rhs(1:2, b)))
       force = max(force, element_force(m%s%bodies(b)))
     end do
-    if (m%s%rows > 0) force = max(force, maxval(abs(m%lambda)))
+    if (m%s%rows > 0) force = max(force, maxval(abs(ev%lambda)))
   end function largest_force
 
   !> Largest axial force or end moment over length of a body's elements [N].

@@ -4,6 +4,7 @@ module marker_forces
   use kinds, only: wp
   use evaluation_settings, only: evaluation_options
   use force_element, only: conditions
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -12,59 +13,63 @@ module marker_forces
 contains
 
   !> Force elements as wrenches on their markers; adds to the powers.
-  subroutine applied_forces(self, options, t, z, zd)
+  subroutine applied_forces(self, ev, options, t, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) [m, rad] and rates
     type(conditions) :: with
     integer :: k, b
     do k = 1, size(self%s%loaded)
-      self%wrench(:, self%s%loaded(k)) = 0.0_wp
+      ev%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
     with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
     do k = 1, size(self%s%forces)
-      associate (f => self%s%forces(k)%item, x => self%action(k))
-        b = self%marker_body(f%ia)
-        if (b > 0) with%axes = [self%cos_theta(b), self%sin_theta(b)]
-        call f%act(self%p, with, z, zd, self%zdd, x)
-        self%dissipated_power = self%dissipated_power + x%dissipated
-        self%input_power = self%input_power + x%input
-        call add_wrench(self, f%ia, x%a)
-        if (f%ib /= f%ia) call add_wrench(self, f%ib, x%b)
+      associate (f => self%s%forces(k)%item, x => ev%action(k))
+        b = self%markers%body(f%ia)
+        if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
+        call f%act(ev%p, with, z, zd, ev%zdd, x)
+        ev%dissipated_power = ev%dissipated_power + x%dissipated
+        ev%input_power = ev%input_power + x%input
+        call add_wrench(self, ev, f%ia, x%a)
+        if (f%ib /= f%ia) call add_wrench(self, ev, f%ib, x%b)
       end associate
     end do
   end subroutine applied_forces
 
   !> Adds a force (global axes) and a moment to a marker.
-  pure subroutine add_wrench(self, k, w)
+  pure subroutine add_wrench(self, ev, k, w)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k                !! marker
     real(wp), intent(in) :: w(3)            !! [N], [N m]
     integer :: b
-    b = self%marker_body(k)
+    b = self%markers%body(k)
     if (b == 0) return
-    self%wrench(1, k) = self%wrench(1, k) + self%cos_theta(b)*w(1) + self%sin_theta(b)*w(2)
-    self%wrench(2, k) = self%wrench(2, k) - self%sin_theta(b)*w(1) + self%cos_theta(b)*w(2)
-    self%wrench(3, k) = self%wrench(3, k) + w(3)
+    ev%wrench(1, k) = ev%wrench(1, k) + ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2)
+    ev%wrench(2, k) = ev%wrench(2, k) - ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
+    ev%wrench(3, k) = ev%wrench(3, k) + w(3)
   end subroutine add_wrench
 
   !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M.
-  pure subroutine load_frames(self)
+  pure subroutine load_frames(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
-      b = self%marker_body(k)
-      self%rhs(1:2, b) = self%rhs(1:2, b) + self%wrench(1:2, k)
-      self%rhs(3, b) = self%rhs(3, b) + self%wrench(3, k) + self%p%rho(1, k)*self%wrench(2, k) &
-                       - self%p%rho(2, k)*self%wrench(1, k)
+      b = self%markers%body(k)
+      ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) + ev%wrench(1:2, k)
+      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) + ev%wrench(3, k) + ev%p%rho(1, k)*ev%wrench(2, k) &
+                       - ev%p%rho(2, k)*ev%wrench(1, k)
     end do
   end subroutine load_frames
 
   !> Wrenches on markers act on the elastic coordinates there.
-  pure subroutine load_elastic(self, b)
+  pure subroutine load_elastic(self, ev, b)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     integer :: j, k, c, i
     do j = self%s%loaded_first(b), self%s%loaded_first(b + 1) - 1
@@ -72,12 +77,12 @@ contains
       associate (marker => self%s%markers(k), body => self%s%bodies(b))
         if (allocated(marker%psi)) then
           do i = 1, body%nf
-            body%elastic_force(i) = body%elastic_force(i) + dot_product(marker%psi(:, i), self%wrench(:, k))
+            body%elastic_force(i) = body%elastic_force(i) + dot_product(marker%psi(:, i), ev%wrench(:, k))
           end do
         else
           do c = 1, 3
             i = marker%dof(c)
-            if (i > 0) body%elastic_force(i) = body%elastic_force(i) + self%wrench(c, k)
+            if (i > 0) body%elastic_force(i) = body%elastic_force(i) + ev%wrench(c, k)
           end do
         end if
       end associate

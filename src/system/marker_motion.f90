@@ -1,6 +1,7 @@
 !> Motion of the frames and of the markers on bodies, from the coordinates and their rates (theory.md, section 6).
 module marker_motion
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
   implicit none (type, external)
@@ -10,40 +11,42 @@ module marker_motion
 contains
 
   !> Cosines and sines of the frame angles.
-  pure subroutine set_frames(self, q)
+  pure subroutine set_frames(self, ev, q)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp) :: angle
     integer :: b
-    do b = 1, size(self%cos_theta)
+    do b = 1, size(ev%frame%cos)
       angle = q(self%s%qo(b) + 3)
-      self%cos_theta(b) = cos(angle)
-      self%sin_theta(b) = sin(angle)
+      ev%frame%cos(b) = cos(angle)
+      ev%frame%sin(b) = sin(angle)
     end do
   end subroutine set_frames
 
   !> States of all markers.
-  pure subroutine marker_kinematics(self, q, v)
+  pure subroutine marker_kinematics(self, ev, q, v)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n
-    if (size(self%rigid_markers) > 0) call rigid_markers(size(self%rigid_markers), self%rigid_markers, size(self%marker_body), &
-                                                  size(self%cos_theta), self%marker_body, self%s%qo, self%cos_theta, &
-                                                      self%sin_theta, size(q), q, v, &
-                                                  self%p%rho, self%p%r, self%p%v, self%p%bias, self%p%angle, self%p%rate)
-    if (size(self%nodal_markers) > 0) call nodal_markers(size(self%nodal_markers), self%nodal_markers, size(self%marker_body), &
-                                                  size(self%cos_theta), self%marker_body, self%s%qo, self%marker_dof, &
-                                                      self%marker_x, &
-                                                  self%cos_theta, self%sin_theta, size(q), q, v, self%p%rho, self%p%r, self%p%v, &
-                                                  self%p%bias, self%p%angle, self%p%rate)
-    do j = 1, size(self%modal_markers)
-      k = self%modal_markers(j)
-      b = self%marker_body(k)
+    if (size(self%markers%rigid) > 0) call rigid_markers(size(self%markers%rigid), self%markers%rigid, size(self%markers%body), &
+                                                  size(ev%frame%cos), self%markers%body, self%s%qo, ev%frame%cos, &
+                                                      ev%frame%sin, size(q), q, v, &
+                                                  ev%p%rho, ev%p%r, ev%p%v, ev%p%bias, ev%p%angle, ev%p%rate)
+    if (size(self%markers%nodal) > 0) call nodal_markers(size(self%markers%nodal), self%markers%nodal, size(self%markers%body), &
+                                                  size(ev%frame%cos), self%markers%body, self%s%qo, self%markers%dof, &
+                                                      self%markers%x, &
+                                                  ev%frame%cos, ev%frame%sin, size(q), q, v, ev%p%rho, ev%p%r, ev%p%v, &
+                                                  ev%p%bias, ev%p%angle, ev%p%rate)
+    do j = 1, size(self%markers%modal)
+      k = self%markers%modal(j)
+      b = self%markers%body(k)
       i = self%s%qo(b)
       n = self%s%bodies(b)%nf
-      call one_marker(self%s%markers(k), self%cos_theta(b), self%sin_theta(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 &
+      call one_marker(self%s%markers(k), ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 &
           + n), &
-                      v(i + 4:i + 3 + n), self%p, k)
+                      v(i + 4:i + 3 + n), ev%p, k)
     end do
   end subroutine marker_kinematics
 

@@ -1,12 +1,13 @@
-!> Prepares the work space of a mechanism once, before anything moves: compact copies of the models, the ends of constraint
-!> rows with the joint graph (`incidence`), the attached markers of flexible bodies (`attachments`).
+!> Prepares a mechanism and the room for its evaluations once, before anything moves: compact copies of the models, the sides of
+!> constraint rows with the joint graph (`incidence`), the attached markers of flexible bodies (`attachments`).
 module mechanism_setup
   use attachments, only: attach_markers
   use kinds, only: wp
-  use constraint, only: constraint_rows
-  use prototypes, only: find_like_bodies
-  use mechanism, only: mechanism_model, factor_frame
+  use evaluation_results, only: evaluation, set_up_evaluation
   use incidence, only: collect_incidence
+  use mechanism, only: mechanism_model, factor_frame
+  use multipliers, only: multiplier_system
+  use prototypes, only: find_like_bodies
   use scene_model, only: scene
   implicit none (type, external)
   private
@@ -14,29 +15,20 @@ module mechanism_setup
 
 contains
 
-  !> Prepares the work space of a scene.
-  subroutine set_up_mechanism(self, s)
+  !> Prepares the mechanism of a scene and the room for its evaluations.
+  subroutine set_up_mechanism(self, ev, s)
     type(mechanism_model), intent(out) :: self
+    type(evaluation), intent(out) :: ev
     type(scene), intent(in) :: s
-    integer :: nb
+    type(multiplier_system) :: schur
     self%s = s
-    nb = size(s%bodies)
-    call self%p%allocate(size(s%markers))
     call compact_models(self)
     call compact_markers(self)
-    call fixed_markers(self)
-    call allocate_rows(self%rows, s%rows)
-    call collect_incidence(self)
-    allocate (self%attached(nb))
+    call collect_incidence(self, schur)
+    allocate (self%attached(size(s%bodies)))
     call attach_markers(self)
     call find_like_bodies(self)
-    allocate (self%cos_theta(nb), self%sin_theta(nb), self%frame_l(3, nb), self%frame_dinv(3, nb), self%rhs(3, nb), self%free(3, &
-        nb), self%push(3, nb), &
-              self%pin(2, nb), source=0.0_wp)
-    allocate (self%wrench(3, size(s%markers)), self%lambda(s%rows), self%lambda_change(s%rows), self%a(s%nq), &
-              self%change(s%nq), self%zdd(s%nz), source=0.0_wp)
-    allocate (self%action(size(s%forces)))
-    self%factorisations = count(s%bodies%flexible .and. .not. s%bodies%modal)
+    call set_up_evaluation(self, schur, ev)
   end subroutine set_up_mechanism
 
   !> Copies what loops over many rigid bodies and markers need, so that they need not touch the models.
@@ -60,35 +52,18 @@ contains
     type(mechanism_model), intent(inout) :: self
     integer, allocatable :: kind(:)             !! of each marker: 0 ground, 1 rigid, 2 nodal, 3 modal
     integer :: k
-    self%marker_body = self%s%markers%body
-    allocate (kind(size(self%marker_body)), source=0)
-    allocate (self%marker_dof(3, size(kind)), self%marker_x(2, size(kind)))
+    self%markers%body = self%s%markers%body
+    allocate (kind(size(self%markers%body)), source=0)
+    allocate (self%markers%dof(3, size(kind)), self%markers%x(2, size(kind)))
     do k = 1, size(kind)
-      self%marker_dof(:, k) = self%s%markers(k)%dof
-      self%marker_x(:, k) = self%s%markers(k)%x
-      if (self%marker_body(k) == 0) cycle
+      self%markers%dof(:, k) = self%s%markers(k)%dof
+      self%markers%x(:, k) = self%s%markers(k)%x
+      if (self%markers%body(k) == 0) cycle
       kind(k) = 1
-      if (self%flexible(self%marker_body(k))) kind(k) = merge(3, 2, allocated(self%s%markers(k)%psi))
+      if (self%flexible(self%markers%body(k))) kind(k) = merge(3, 2, allocated(self%s%markers(k)%psi))
     end do
-    self%rigid_markers = pack([(k, k=1, size(kind))], kind == 1)
-    self%nodal_markers = pack([(k, k=1, size(kind))], kind == 2)
-    self%modal_markers = pack([(k, k=1, size(kind))], kind == 3)
+    self%markers%rigid = pack([(k, k=1, size(kind))], kind == 1)
+    self%markers%nodal = pack([(k, k=1, size(kind))], kind == 2)
+    self%markers%modal = pack([(k, k=1, size(kind))], kind == 3)
   end subroutine compact_markers
-
-  !> Markers on the ground never move.
-  pure subroutine fixed_markers(self)
-    type(mechanism_model), intent(inout) :: self
-    integer :: k
-    do k = 1, size(self%s%markers)
-      if (self%s%markers(k)%body == 0) self%p%r(:, k) = self%s%markers(k)%x
-      self%p%rho(:, k) = self%s%markers(k)%x
-    end do
-  end subroutine fixed_markers
-
-  !> Arrays of constraint rows.
-  pure subroutine allocate_rows(r, n)
-    type(constraint_rows), intent(inout) :: r
-    integer, intent(in) :: n
-    allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
-  end subroutine allocate_rows
 end module mechanism_setup

@@ -85,7 +85,7 @@ contains
     if (faults%count > 0 .or. fail%happened()) error stop 2, quiet=.true.
     call show('set_up', 1)
     associate (s => run%sys%m%s)
-      write (*, '(a, i0)') 'coordinates ', s%nq, 'dissipative ', s%nz, 'rows ', s%rows, 'band ', run%sys%m%schur%kd
+      write (*, '(a, i0)') 'coordinates ', s%nq, 'dissipative ', s%nz, 'rows ', s%rows, 'band ', run%sys%ev%schur%kd
     end associate
   end subroutine time_start_up
 
@@ -138,7 +138,7 @@ contains
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
-        call evaluate(run%sys%m, run%sys%options, 0.0_wp, q0, v0, z, zd)
+        call evaluate(run%sys%m, run%sys%ev, run%sys%options, 0.0_wp, q0, v0, z, zd)
       end do
       seconds(r) = seconds(r) + clock()
     end do
@@ -158,13 +158,13 @@ contains
       seconds(r) = seconds(r) + clock()
     end do
     call show('solve', steps)
-    call evaluate(run%sys%m, run%sys%options, 0.0_wp, q0, v0, z, zd)
+    call evaluate(run%sys%m, run%sys%ev, run%sys%options, 0.0_wp, q0, v0, z, zd)
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
         q = q0*(1 + 1.0e-10_wp)
         v = v0*(1 + 1.0e-10_wp)
-        call project(run%sys%m, run%sys%options, 0.0_wp, q, v, z, zd, ok)
+        call project(run%sys%m, run%sys%ev, run%sys%options, 0.0_wp, q, v, z, zd, ok)
       end do
       seconds(r) = seconds(r) + clock()
     end do
@@ -183,8 +183,8 @@ contains
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
-        call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:2*nq + nz), files%values)
-        call balance%read(run%sys%m, 0.0_wp, run%y, i == 1)
+        call read_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:2*nq + nz), files%values)
+        call balance%read(run%sys%m, run%sys%ev, 0.0_wp, run%y, i == 1)
         call balance%count()
         call files%write_row(0.0_wp, balance%row)
       end do

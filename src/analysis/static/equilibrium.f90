@@ -53,7 +53,7 @@ contains
     integer :: tries
     logical :: at_floor
     call equations(run, options, ds, r, report)
-    lambda = run%sys%m%lambda
+    lambda = run%sys%ev%lambda
     do
       report%converged = report%residual <= tolerance .and. report%gap <= closed
       if (report%converged .or. report%steps == most_newton .or. caught_signal() > 0) return
@@ -62,7 +62,7 @@ contains
       call ds%factor()
       call ds%solve(r)
       dx = real(r(1:ds%n), wp)
-      lambda = run%sys%m%lambda
+      lambda = run%sys%ev%lambda
       lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
       if (.not. all(abs(dx) < huge(1.0_wp))) return
       start = run%y
@@ -101,8 +101,8 @@ contains
     real(wp) :: d(size(dx))
     integer :: nq, b, i
     nq = size(dx)
-    call set_frames(run%sys%m, run%y(1:nq))
-    d = to_global(run%sys%m, dx)
+    call set_frames(run%sys%m, run%sys%ev, run%y(1:nq))
+    d = to_global(run%sys%m, run%sys%ev, dx)
     run%y(1:nq) = run%y(1:nq) + d
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b)
@@ -122,26 +122,26 @@ contains
     real(wp), allocatable :: reactions(:), steady(:), force(:)
     integer :: nq
     nq = run%sys%m%s%nq
-    call set_frames(run%sys%m, run%y(1:nq))
-    call marker_kinematics(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
+    call set_frames(run%sys%m, run%sys%ev, run%y(1:nq))
+    call marker_kinematics(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     call relax(run%sys, options%prestress, run%y)
     call evaluate_state(run%sys, options, run%y)
     allocate (steady(nq), source=0.0_wp)
-    associate (m => run%sys%m)
+    associate (m => run%sys%m, ev => run%sys%ev)
       if (moves(run)) then
-        call linear_system_with(m, run%y, m%a, m%lambda, m%action, ds, lin)
+        call linear_system_with(m, ev, run%y, ev%a, ev%lambda, ev%action, ds, lin)
         call prescribe(run, options, ds, steady)
       end if
-      reactions = m%lambda
+      reactions = ev%lambda
       if (present(lambda)) reactions = lambda
-      call linear_system_with(m, run%y, steady, reactions, m%action, ds, lin)   ! the equilibrium's accelerations and reactions
+      call linear_system_with(m, ev, run%y, steady, reactions, ev%action, ds, lin)   ! the equilibrium's accelerations and reactions
     end associate
     if (allocated(r)) deallocate (r)
     allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))
     allocate (force(nq), source=0.0_wp)
-    call lin%mass%times(1.0_wp, to_body(run%sys%m, run%sys%m%a - steady), force)
+    call lin%mass%times(1.0_wp, to_body(run%sys%m, run%sys%ev, run%sys%ev%a - steady), force)
     r(1:nq) = force
-    r(nq + 1:) = -run%sys%m%rows%phi(ds%active)
+    r(nq + 1:) = -run%sys%ev%rows%phi(ds%active)
     call measure(run, ds, force, report)
   end subroutine equations
 
@@ -150,8 +150,8 @@ contains
     type(run_state), intent(in) :: run
     integer :: nq
     nq = run%sys%m%s%nq
-    yes = any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. any(abs(run%sys%m%rows%phi_t) > 0.0_wp) &
-          .or. any(abs(run%sys%m%rows%acceleration_bias) > 0.0_wp)
+    yes = any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. any(abs(run%sys%ev%rows%phi_t) > 0.0_wp) &
+          .or. any(abs(run%sys%ev%rows%acceleration_bias) > 0.0_wp)
   end function moves
 
   !> Residual (moments over the size) and gap, relative to the largest force and to the size.
@@ -177,11 +177,11 @@ contains
         x(i + 1:i + body%nf) = abs(run%y(i + 1:i + body%nf))
       end associate
     end do
-    scale = maxval([least_force, largest_force(run%sys%m), abs(weight*force)])
+    scale = maxval([least_force, largest_force(run%sys%m, run%sys%ev), abs(weight*force)])
     x = ds%times(cmplx(abs(ds%k), 0.0_wp, wp), x)
     report%noise = 8*epsilon(1.0_wp)*maxval([0.0_wp, weight*real(x(1:ds%n), wp)])/scale
     report%residual = maxval([0.0_wp, abs(weight*force)])/scale
     report%gap = 0.0_wp
-    if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%m%rows%phi))/size_s
+    if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%ev%rows%phi))/size_s
   end subroutine measure
 end module equilibrium

@@ -31,9 +31,9 @@ contains
     integer :: nq, k, i, b
     nq = size(steady)
     allocate (rate(run%sys%m%s%rows), source=0.0_wp)
-    call row_rates(run%sys%m, rate)
+    call row_rates(run%sys%m, run%sys%ev, rate)
     if (any(abs(rate) > 0.0_wp)) then
-      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run%sys%m, follow(run, ds, -rate))
+      run%y(nq + 1:2*nq) = run%y(nq + 1:2*nq) + to_global(run%sys%m, run%sys%ev, follow(run, ds, -rate))
       call evaluate_state(run%sys, options, run%y)
     end if
     steady = 0.0_wp
@@ -41,16 +41,16 @@ contains
       i = run%sys%m%s%qo(b)
       steady(i + 1:i + 2) = run%y(nq + i + 3)*turn(run%y(nq + i + 1:nq + i + 2))
     end do
-    rate = joint_rates(ds, to_body(run%sys%m, steady), run%sys%m%s%rows)
+    rate = joint_rates(ds, to_body(run%sys%m, run%sys%ev, steady), run%sys%m%s%rows)
     do k = 1, size(run%sys%m%s%constraints)
-      associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m)
+      associate (c => run%sys%m%s%constraints(k)%item, m => run%sys%m, ev => run%sys%ev)
         do i = c%first, c%first + c%rows - 1
-          rate(i) = rate(i) + (m%rows%acceleration_bias(i) + dot_product(m%rows%na(:, i), m%p%bias(:, c%ia)) &
-                               + dot_product(m%rows%nb(:, i), m%p%bias(:, c%ib)))
+          rate(i) = rate(i) + (ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, c%ia)) &
+                               + dot_product(ev%rows%nb(:, i), ev%p%bias(:, c%ib)))
         end do
       end associate
     end do
-    steady = steady + to_global(run%sys%m, follow(run, ds, -rate))
+    steady = steady + to_global(run%sys%m, run%sys%ev, follow(run, ds, -rate))
   end subroutine prescribe
 
   !> J x: what a motion does to the independent rows.

@@ -42,7 +42,7 @@ contains
     character(:), allocatable :: names
     integer :: j, b
     logical :: ok
-    associate (m => run%sys%m)
+    associate (m => run%sys%m, ev => run%sys%ev)
       unloaded = run%sys%options
       unloaded%gravity = 0.0_wp
       unloaded%load_factor = 0.0_wp
@@ -50,11 +50,11 @@ contains
       y(m%s%nq + 1:2*m%s%nq) = 0.0_wp
       call evaluate_state(run%sys, unloaded, y)
       allocate (a(m%s%nq), lambda(m%s%rows), source=0.0_wp)   ! stiffness of materials and springs alone
-      action = m%action
+      action = ev%action
       do j = 1, size(action)
         if (.not. m%s%forces(j)%item%every_way()) action(j) = element_action()
       end do
-      call linear_system_with(m, y, a, lambda, action, ds, lin)
+      call linear_system_with(m, ev, y, a, lambda, action, ds, lin)
     end associate
     call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)
@@ -135,7 +135,7 @@ contains
         exit
       end if
       call write_row(run, part, file, report)
-      call watch%look(run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq))
+      call watch%look(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     end do
     call file%close()
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
@@ -149,7 +149,7 @@ contains
     call text%figure(' (rounding: ', 'rounding', report%noise)
     call text%line(')')
     call text%close()
-    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, 'in the static analysis '))
+    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
 
@@ -211,7 +211,7 @@ contains
     nq = run%sys%m%s%nq
     allocate (values(run%list%columns))
     call evaluate_state(run%sys, options, run%y)
-    call read_sensors(run%list, run%sys%m, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
+    call read_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
     call file%row([options%load_factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
   end subroutine write_row
 end module static_analysis

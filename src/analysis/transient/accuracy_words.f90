@@ -109,7 +109,7 @@ contains
       x = [(0.0_wp, k=1, size(e))]
       where (range > 0.0_wp) x = e/range
       call add_line(text, '  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
-        'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%m%evaluations)//' evaluations):')
+        'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
       call add_line(text, '    column, largest error, of its range')
       call text%open('estimated_errors', '{')
       do k = 1, size(e)

@@ -71,7 +71,7 @@ contains
     end if
     self%active = .true.
     self%sys = sys
-    self%sys%m%evaluations = 0
+    self%sys%ev%evaluations = 0
     call make_stepper(finer, sys%m%s, fastest, self%method)
     self%y = y
     allocate (self%values(columns), self%error(columns), self%low(columns), self%high(columns), source=0.0_wp)
@@ -87,7 +87,7 @@ contains
     self%values = values
     self%low = values
     self%high = values
-    call self%balance%read(self%sys%m, 0.0_wp, self%y, .true.)
+    call self%balance%read(self%sys%m, self%sys%ev, 0.0_wp, self%y, .true.)
     self%balance%in_reach = in_reach
     self%done = 0
   end subroutine start
@@ -110,10 +110,10 @@ contains
     call self%method%advance(self%sys, from, to, most, self%y, outcome)
     if (outcome == lost) self%lost_at = self%method%tried
     if (outcome /= reached) return
-    associate (m => self%sys%m)
-      call read_sensors(list, m, self%y(1:m%s%nq), self%y(m%s%nq + 1:2*m%s%nq), self%y(2*m%s%nq + 1:2*m%s%nq + m%s%nz), &
+    associate (m => self%sys%m, ev => self%sys%ev)
+      call read_sensors(list, m, ev, self%y(1:m%s%nq), self%y(m%s%nq + 1:2*m%s%nq), self%y(2*m%s%nq + 1:2*m%s%nq + m%s%nz), &
                         self%values)
-      call self%balance%read(m, to, self%y, .false.)
+      call self%balance%read(m, ev, to, self%y, .false.)
     end associate
     if (self%balance%lost()) self%lost_at = to
     call self%balance%count()
@@ -201,7 +201,7 @@ contains
     call a%exchange(self%high)
     call self%balance%exchange(a)
     call self%method%exchange(a)
-    call a%exchange(self%sys%m%evaluations)
-    call a%exchange(self%sys%m%schur%was_ill_conditioned)
+    call a%exchange(self%sys%ev%evaluations)
+    call a%exchange(self%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
 end module error_check

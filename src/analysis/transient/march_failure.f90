@@ -4,6 +4,7 @@ module march_failure
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
   use assembly_reports, only: too_uneven
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use projection, only: open_constraints
   use step_control, only: error_norm
@@ -24,8 +25,9 @@ module march_failure
 contains
 
   !> A march that its method gave up.
-  subroutine explain_loss(m, norm, march, adaptive, last, fail)
+  subroutine explain_loss(m, ev, norm, march, adaptive, last, fail)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(error_norm), intent(in) :: norm
     class(stepper), intent(in) :: march
     logical, intent(in) :: adaptive
@@ -40,18 +42,18 @@ contains
       call explain_shape(m, b, march%tried, last, adaptive, fail)
       return
     end if
-    select case (merge(trouble_masses, march%trouble, m%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
+    select case (merge(trouble_masses, march%trouble, ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
     case (trouble_masses)
-      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m)
+      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m, ev)
     case (trouble_manifold)
-      call open_constraints(m, names, gap)
+      call open_constraints(m, ev, names, gap)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
              ' m at t = '//number(march%tried)//' s)'//beyond_reach// &
              advice('or the step is too large: check the drive, or try a smaller step', &
                     'check the drive and the geometry', adaptive)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             culprit(m, norm, march%trial)//strongest(m)//'; the motion may be singular there: check loads, drives '// &
+             culprit(m, norm, march%trial)//strongest(m, ev)//'; the motion may be singular there: check loads, drives '// &
              'and near-singular positions, or try a larger tolerance'
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
@@ -69,8 +71,9 @@ contains
   end subroutine explain_loss
 
   !> A march whose energies say that the solution is lost, though its numbers are finite.
-  subroutine explain_balance(m, norm, y, t, last, residual, energy, adaptive, fail)
+  subroutine explain_balance(m, ev, norm, y, t, last, residual, energy, adaptive, fail)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(error_norm), intent(in) :: norm
     real(wp), intent(in) :: y(:)               !! (n) state at t [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
@@ -78,9 +81,9 @@ contains
     logical, intent(in) :: adaptive
     type(failure), intent(inout) :: fail
     call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
-                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)//strongest(m)// &
-                    advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', adaptive)// &
-                    '. '//kept(last))
+                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)//strongest(m, &
+                           ev)// advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', &
+                           adaptive)// '. '//kept(last))
   end subroutine explain_balance
 
   !> A body that deflects beyond all sense, though the equations are integrated well.
@@ -98,13 +101,14 @@ contains
   end subroutine explain_shape
 
   !> Joints that have drifted apart in a run that does not close them.
-  subroutine explain_drift(m, t, last, fail)
+  subroutine explain_drift(m, ev, t, last, fail)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: names
     real(wp) :: gap
-    call open_constraints(m, names, gap)
+    call open_constraints(m, ev, names, gap)
     call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '//names//' (by '//number(gap)// &
                     ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
                     'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
@@ -123,8 +127,9 @@ contains
   end function culprit
 
   !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
-  function strongest(m) result(text)
+  function strongest(m, ev) result(text)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     character(:), allocatable :: text
     real(wp) :: force(size(m%s%constraints))   !! [N]
     real(wp) :: largest
@@ -133,7 +138,7 @@ contains
     if (size(force) == 0) return
     do k = 1, size(force)
       associate (c => m%s%constraints(k)%item)
-        force(k) = maxval(abs(m%lambda(c%first:c%first + c%rows - 1)))
+        force(k) = maxval(abs(ev%lambda(c%first:c%first + c%rows - 1)))
       end associate
     end do
     largest = maxval(force)

@@ -5,6 +5,7 @@ module mechanism_ode
   use border_rows, only: hold_weak_rows, light_shift, strong_shift
   use dynamics, only: evaluate
   use evaluation_settings, only: evaluation_options, at_side
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
@@ -30,7 +31,8 @@ module mechanism_ode
 
   !> The system.
   type, extends(stage_ode), public :: mechanism_system
-    type(mechanism_model) :: m
+    type(mechanism_model) :: m                !! constant once assembled
+    type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
     integer :: stabilisation = stabilise_projection
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
@@ -92,27 +94,28 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
-    self%m%broken = .false.
-    call state_rates(self%m, options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
+    self%ev%broken = .false.
+    call state_rates(self%m, self%ev, options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
   end subroutine mechanism_rates
 
   !> The same, with the parts of the state apart.
-  subroutine state_rates(m, options, nq, nz, nzd, t, y, dy)
+  subroutine state_rates(m, ev, options, nq, nz, nzd, t, y, dy)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     real(wp), intent(out) :: dy(2*nq + nz + nzd + 2) !! [the same per second]
-    call evaluate_branch(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call evaluate_branch(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     dy(1:nq) = y(nq + 1:2*nq)
-    dy(nq + 1:2*nq) = m%a
-    if (m%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
+    dy(nq + 1:2*nq) = ev%a
+    if (ev%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
     dy(2*nq + 1:2*nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
-    dy(2*nq + nzd + 1:2*nq + nz) = m%zdd(nzd + 1:)
-    dy(2*nq + nz + 1:2*nq + nz + nzd) = m%zdd(1:nzd)
-    dy(2*nq + nz + nzd + 1) = m%dissipated_power
-    dy(2*nq + nz + nzd + 2) = m%input_power
+    dy(2*nq + nzd + 1:2*nq + nz) = ev%zdd(nzd + 1:)
+    dy(2*nq + nz + 1:2*nq + nz + nzd) = ev%zdd(1:nzd)
+    dy(2*nq + nz + nzd + 1) = ev%dissipated_power
+    dy(2*nq + nz + nzd + 2) = ev%input_power
   end subroutine state_rates
 
   !> Projects an accepted state, from the side of the last evaluation; refuses states that are not finite.
@@ -121,19 +124,20 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    ok = is_bounded(y) .and. .not. self%m%broken
+    ok = is_bounded(y) .and. .not. self%ev%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
-    call project_state(self%m, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
+    call project_state(self%m, self%ev, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
   end subroutine mechanism_accept
 
   !> The same, with the parts of the state apart.
-  subroutine project_state(m, nq, nz, nzd, t, y, ok)
+  subroutine project_state(m, ev, nq, nz, nzd, t, y, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    call project(m, m%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+    call project(m, ev, ev%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
     if (ok) ok = is_bounded(y(1:2*nq))
   end subroutine project_state
 
@@ -175,7 +179,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: left_limit
-    call residual(self%t, self%m, at_side(self%options, left_limit), t, q, v, a, lambda)
+    call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
   end subroutine mechanism_residual
 
   !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
@@ -188,8 +192,8 @@ contains
     logical, intent(in) :: exact, hold
     logical, intent(out) :: ok
     logical :: bad
-    associate (in_step => self%m%options%left_limit)
-      call renew(self%t, self%m, t, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
+    associate (in_step => self%ev%options%left_limit)
+      call renew(self%t, self%m, self%ev, t, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
       if (hold .and. .not. in_step) call hold_weak_rows(self%t%rows)
     end associate
     ok = .not. bad
@@ -201,7 +205,7 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
     call solve_elastic(self%t)
-    call correction(self%t, self%m, self%m%rows%phi, dq)
+    call correction(self%t, self%m, self%ev, self%ev%rows%phi, dq)
     dlambda = self%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
 
@@ -211,7 +215,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad], rates
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    call term_increments(self%t, self%m, q, v, z, zd, zdd, dz)
+    call term_increments(self%t, self%m, self%ev, q, v, z, zd, zdd, dz)
   end subroutine mechanism_increments
 
   !> Powers at the end of a step.
@@ -222,7 +226,7 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call find_powers(self%t, self%m, t, q, v, lambda, z, zd, power)
+    call find_powers(self%t, self%m, self%ev, t, q, v, lambda, z, zd, power)
   end subroutine mechanism_powers
 
   !> Products with the mass.
@@ -231,7 +235,7 @@ contains
     real(wp), intent(in), contiguous :: q(:)      !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: x(:, :)   !! (nq + nz, 4) [any]
     real(wp) :: product                           !! [J] for rates
-    product = mass_product(self%t, self%m, q, x)
+    product = mass_product(self%t, self%m, self%ev, q, x)
   end function mechanism_mass
 
   !> Accelerations, multipliers and powers of the equations.
@@ -249,20 +253,20 @@ contains
     options = at_side(self%options, end_of_step)
     self%closed_rates = v
     if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
-      call closing_rates(self%t, self%m, options, t, q, v, self%closed)
+      call closing_rates(self%t, self%m, self%ev, options, t, q, v, self%closed)
       self%closed_rates = v + self%closed
     end if
-    call evaluate(self%m, options, t, q, self%closed_rates, z, zd)
+    call evaluate(self%m, self%ev, options, t, q, self%closed_rates, z, zd)
     if (end_of_step .and. self%nearly_dependent()) then   ! accelerations amplify what is left of the offset: project it away
       self%closed = q
-      call project(self%m, options, t, self%closed, self%closed_rates, z, zd, ok)
-      call evaluate_branch(self%m, options, t, self%closed, self%closed_rates, z, zd)
+      call project(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd, ok)
+      call evaluate_branch(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd)
     end if
-    a(1:self%nq) = self%m%a
-    a(self%nq + 1:) = self%m%zdd
-    call relaxation_rates(self%t, self%m, q, self%closed_rates, zd, a(self%nq + 1:))
-    lambda = self%m%lambda
-    powers = [self%m%dissipated_power, self%m%input_power]
+    a(1:self%nq) = self%ev%a
+    a(self%nq + 1:) = self%ev%zdd
+    call relaxation_rates(self%t, self%m, self%ev, q, self%closed_rates, zd, a(self%nq + 1:))
+    lambda = self%ev%lambda
+    powers = [self%ev%dissipated_power, self%ev%input_power]
   end subroutine mechanism_accelerations
 
   !> A state put onto the constraints, with its evaluation.
@@ -271,24 +275,25 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
-    self%m%broken = .false.
-    call report_state(self%m, self%options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
-    ok = ok .and. .not. self%m%broken
+    self%ev%broken = .false.
+    call report_state(self%m, self%ev, self%options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
+    ok = ok .and. .not. self%ev%broken
   end subroutine mechanism_report
 
   !> The same, with the parts of the state apart.
-  subroutine report_state(m, options, nq, nz, nzd, t, y, ok)
+  subroutine report_state(m, ev, options, nq, nz, nzd, t, y, ok)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = .true.
-    call evaluate(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call evaluate(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
     if (m%s%rows == 0) return
-    call project(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
-    call evaluate_branch(m, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    call project(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+    call evaluate_branch(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
   end subroutine report_state
 
   !> Accelerations that a step resolves.
@@ -300,7 +305,7 @@ contains
     logical, intent(out) :: ok
     logical :: bad
     integer :: k
-    call smooth_accelerations(self%t, self%m, self%options, t, q, v, lambda, a(1:self%nq), bad)
+    call smooth_accelerations(self%t, self%m, self%ev, self%options, t, q, v, lambda, a(1:self%nq), bad)
     ok = .not. bad
     if (bad) return
     do k = 1, size(self%t%terms)
@@ -317,7 +322,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)      !! (nq) [m, rad], rates, accelerations
     real(wp), intent(out), contiguous :: rate(:)              !! (rows) [m/s]
     real(wp), intent(out), contiguous :: acceleration(:)      !! (rows) [m/s2]
-    call row_gaps(self%m, t, q, v, a, rate, acceleration)
+    call row_gaps(self%m, self%ev, t, q, v, a, rate, acceleration)
   end subroutine mechanism_gaps
 
   !> Phi_q x.
@@ -325,7 +330,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), x(:)    !! (nq) [m, rad], [any]
     real(wp), intent(out), contiguous :: slope(:)     !! (rows) [any]
-    call row_slopes(self%m, q, x, slope)
+    call row_slopes(self%m, self%ev, q, x, slope)
   end subroutine mechanism_slopes
 
   !> Closes gaps in the directions that the constraints hold.
@@ -334,7 +339,7 @@ contains
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
-    call along_rows(self%t, self%m, q, gap, dq)
+    call along_rows(self%t, self%m, self%ev, q, gap, dq)
   end subroutine mechanism_along
 
   !> What the step resolves of two vectors.
@@ -367,7 +372,7 @@ contains
     class(mechanism_system), intent(in) :: self
     real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
     real(wp) :: x                              !! [-]
-    x = scene_reach(self%m, q)
+    x = scene_reach(self%m, self%ev, q)
   end function mechanism_reach
 
   !> Whether a body deflects beyond all shape, or has turned beyond the digits of its angle.
@@ -389,9 +394,9 @@ contains
     class(mechanism_system), intent(in) :: self
     logical :: yes
     integer :: k
-    yes = self%m%schur%singular
-    do k = 1, self%m%schur%n                       ! the factor holds 1/pivot
-      yes = yes .or. self%m%schur%f(0, k)*self%m%schur%s(0, k)*weak_row > 1.0_wp
+    yes = self%ev%schur%singular
+    do k = 1, self%ev%schur%n                       ! the factor holds 1/pivot
+      yes = yes .or. self%ev%schur%f(0, k)*self%ev%schur%s(0, k)*weak_row > 1.0_wp
     end do
   end function mechanism_dependent
 
@@ -413,7 +418,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%stages)
-    call set_up_stages(self%stages, self%t, self%m)
+    call set_up_stages(self%stages, self%t, self%m, self%ev)
   end subroutine start_stages
 
   !> Residuals of a stage.
@@ -426,7 +431,7 @@ contains
     logical, intent(in) :: left
     real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
-    call stage_residual(self%t, self%m, at_side(self%options, left), t, q, v, a, z, lambda, r, gap)
+    call stage_residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, z, lambda, r, gap)
   end subroutine mechanism_stage
 
   !> Mass, damping and stiffness there.
@@ -435,7 +440,7 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-    call renew_terms(self%stages, self%t, self%m, t, v, a, lambda)
+    call renew_terms(self%stages, self%t, self%m, self%ev, t, v, a, lambda)
   end subroutine mechanism_renew_stages
 
   !> Both factors.
@@ -454,7 +459,7 @@ contains
     complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
     complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    call solve_stage(self%stages%factor(k), self%m, r, gap, dq, dlambda)
+    call solve_stage(self%stages%factor(k), self%m, self%ev, r, gap, dq, dlambda)
   end subroutine mechanism_stage_correction
 
   !> Deformations that internal variables follow.
@@ -462,7 +467,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
-    call term_deformations(self%t, self%m, q, v, delta)
+    call term_deformations(self%t, self%m, self%ev, q, v, delta)
   end subroutine mechanism_deformations
 
   !> Their laws.
@@ -484,7 +489,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    call close_rows(self%stages, self%m, at_side(self%options, .true.), t, q, v, a)
+    call close_rows(self%stages, self%m, self%ev, at_side(self%options, .true.), t, q, v, a)
   end subroutine mechanism_close
 
   !> Powers at a stage.
@@ -495,6 +500,6 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call stage_power(self%t, self%m, at_side(self%options, .true.), t, q, v, lambda, z, zd, power)
+    call stage_power(self%t, self%m, self%ev, at_side(self%options, .true.), t, q, v, lambda, z, zd, power)
   end subroutine mechanism_stage_powers
 end module mechanism_ode

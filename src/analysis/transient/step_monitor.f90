@@ -6,6 +6,7 @@ module step_monitor
   use deck_records, only: deck
   use dynamics, only: evaluate
   use evaluation_settings, only: usual_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, only_stiffness
   use spring_directions, only: bound_directions
@@ -50,31 +51,32 @@ contains
   end function method_number
 
   !> Prepares the estimates along a run: the start vector joins the fastest modes of the start.
-  subroutine monitor_begin(self, d, m, q, method)
+  subroutine monitor_begin(self, d, m, ev, q, method)
     class(stability_monitor), intent(inout) :: self
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
+    type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) positions at the start
     character(*), intent(in) :: method
-    type(mechanism_model) :: work
+    type(evaluation) :: work
     type(step_bound) :: bound, poles
     real(wp), allocatable :: rest(:), none(:), force(:)
     complex(wp) :: mu
     self%method = method_number(method)
     if (self%method == 0) return
-    work = m
+    work = ev
     allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
-    call evaluate(work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call self%fast%set_up(work, q)
-    call find_bound(d, work, .false., self%fast, bound, self%start_lambda, force)
+    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call self%fast%set_up(m, q)
+    call find_bound(d, m, work, .false., self%fast, bound, self%start_lambda, force)
     self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
     if (.not. self%start_lambda > 0.0_wp) return
-    call bound_directions(work, self%fast%ends)
-    call self%fast%largest(work, .false., only_stiffness, 100, self%covered)
+    call bound_directions(m, work, self%fast%ends)
+    call self%fast%largest(m, work, .false., only_stiffness, 100, self%covered)
     self%fast%ends = -1.0_wp
     mu = bound%mu(self%method)
     self%mode_step = bound%step(self%method)
-    call material_poles(d, work, .false., self%fast, self%start_lambda, poles)
+    call material_poles(d, m, work, .false., self%fast, self%start_lambda, poles)
     self%pole_step = poles%step(self%method)
     if (bound%cause(self%method)%segment > 0) then
       self%mode_step = huge(1.0_wp)
@@ -102,14 +104,15 @@ contains
     if (steps >= self%every) n = self%every - int(mod(steps, int(self%every, ip)))
   end function until_next
 
-  !> Estimates the current bound at the state of the last evaluation of m.
-  subroutine monitor_look(self, m, t)
+  !> Estimates the current bound at the state of an evaluation.
+  subroutine monitor_look(self, m, ev, t)
     class(stability_monitor), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                  !! [s]
     real(wp) :: lambda, h
     if (.not. self%active) return
-    call self%fast%largest(m, .true., only_stiffness, self%steps, lambda)
+    call self%fast%largest(m, ev, .true., only_stiffness, self%steps, lambda)
     self%estimates = self%estimates + 1
     h = self%mode_step
     if (lambda > 0.0_wp) h = self%mode_step*sqrt(self%start_lambda/lambda)

@@ -13,6 +13,7 @@ module transient
   use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
   use force_scale, only: largest_force
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
   use process, only: caught_signal
@@ -84,7 +85,7 @@ contains
     associate (r => run%d%transient, s => run%sys%m%s)
       call choose_stabilisation(run)
       run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
-      call run%monitor%begin(run%d, run%sys%m, run%y(1:s%nq), r%method)
+      call run%monitor%begin(run%d, run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
         call fail%raise(status_failed, 'method '''//trim(r%method)//''' is not available')
@@ -96,7 +97,7 @@ contains
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
-      if (run%sys%m%broken .or. run%sys%m%schur%ill_conditioned) then
+      if (run%sys%ev%broken .or. run%sys%ev%schur%ill_conditioned) then
         call fail%raise(status_failed, 'the transient cannot start: '//too_uneven)
         return
       end if
@@ -176,7 +177,7 @@ contains
       end do
       if (outcome == lost) then
         if (march%method%trouble == trouble_shape) call march%norm%watch(march%method%trial)
-        call explain_loss(run%sys%m, march%norm, march%method, r%adaptive, march%last, fail)
+        call explain_loss(run%sys%m, run%sys%ev, march%norm, march%method, r%adaptive, march%last, fail)
         return
       end if
       call write_state(run, march, to, march%done + 1, fail)
@@ -201,7 +202,7 @@ contains
       if (monitor%active) most = min(most, next)
       call method%advance(run%sys, from, to, most, run%y, outcome)
       if (outcome == lost .or. .not. monitor%active) return
-      if (method%steps - before == next) call monitor%look(run%sys%m, run%sys%m%t)
+      if (method%steps - before == next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t)
     end associate
   end subroutine one_portion
 
@@ -214,15 +215,15 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip) :: every
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
-      call read_sensors(run%list, run%sys%m, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), files%values)
-      call march%balance%read(run%sys%m, t, y, k == 0)
-      if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, r%output_step)
+      call read_sensors(run%list, run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), files%values)
+      call march%balance%read(run%sys%m, run%sys%ev, t, y, k == 0)
+      if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count()
       if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance%in_reach)
       call march%check%compare(files%values)
-      call run%watch%look(run%sys%m, y(1:nq), y(nq + 1:2*nq))
+      call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row)
       march%last = t
       if (r%motion_step > 0.0_wp) then
@@ -235,10 +236,11 @@ contains
 
   !> The energy that the largest force of the start could give the whole mass until the next row: from rest there is no other
   !> scale by which a first row, badly integrated but bounded, is told from a lost one.
-  pure real(wp) function energy_in_reach(m, time) result(energy)
-    type(mechanism_model), intent(in) :: m     !! evaluated
+  pure real(wp) function energy_in_reach(m, ev, time) result(energy)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev     !! evaluated
     real(wp), intent(in) :: time               !! [s]
-    energy = 0.5_wp*(largest_force(m)*time)**2/sum(m%s%bodies%mass)
+    energy = 0.5_wp*(largest_force(m, ev)*time)**2/sum(m%s%bodies%mass)
   end function energy_in_reach
 
   !> Whether the row just read may stand: energies, shapes and joints say whether the solution is lost.
@@ -249,11 +251,11 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), parameter :: drift = 1.0e-2_wp   !! of the scene's size: joints that far open are none [-]
     integer :: b
-    associate (balance => march%balance, m => run%sys%m, adaptive => run%d%transient%adaptive)
+    associate (balance => march%balance, m => run%sys%m, ev => run%sys%ev, adaptive => run%d%transient%adaptive)
       if (balance%lost()) then
-        call explain_balance(m, march%norm, run%y, t, march%last, balance%row(5), balance%held, adaptive, fail)
+        call explain_balance(m, ev, march%norm, run%y, t, march%last, balance%row(5), balance%held, adaptive, fail)
       else if (balance%row(6) > drift*m%s%size) then
-        call explain_drift(m, t, march%last, fail)
+        call explain_drift(m, ev, t, march%last, fail)
       else
         call march%norm%watch(run%y)
         b = out_of_shape(march%norm, size(m%s%bodies))
@@ -314,10 +316,10 @@ contains
     call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)
-    call a%exchange(run%sys%m%evaluations)
-    call a%exchange(run%sys%m%solves)
-    call a%exchange(run%sys%m%factorisations)
-    call a%exchange(run%sys%m%schur%was_ill_conditioned)
+    call a%exchange(run%sys%ev%evaluations)
+    call a%exchange(run%sys%ev%solves)
+    call a%exchange(run%sys%ev%factorisations)
+    call a%exchange(run%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
 
   !> Results that cannot be written.

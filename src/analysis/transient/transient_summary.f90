@@ -22,7 +22,7 @@ contains
     integer, intent(in) :: status              !! of the run (`errors`)
     type(summary_record), intent(inout) :: text
     if (.not. allocated(march%method)) return
-    associate (r => run%d%transient, method => march%method, m => run%sys%m)
+    associate (r => run%d%transient, method => march%method, m => run%sys%m, ev => run%sys%ev)
       call add_line(text, '')
       call add_line(text, 'transient')
       call text%open('transient', '{')
@@ -42,8 +42,8 @@ contains
       call text%figure('  steps: ', 'steps', method%steps)
       call text%figure(', rejected: ', 'rejected', method%rejected)
       call text%line('')
-      call text%figure('  evaluations: ', 'evaluations', m%evaluations)
-      call text%figure(', banded solves: ', 'banded_solves', m%solves)
+      call text%figure('  evaluations: ', 'evaluations', ev%evaluations)
+      call text%figure(', banded solves: ', 'banded_solves', ev%solves)
       call text%line('')
       call method%account(text)
       if (run%monitor%smallest < huge(1.0_wp)) then
@@ -102,7 +102,7 @@ contains
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
-    warnings = run%watch%warnings(run%sys%m, '')
+    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')
     if (len(warnings) == 0) then
       call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
     else

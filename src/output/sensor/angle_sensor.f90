@@ -1,6 +1,7 @@
 !> Angle of a section or frame, its rate or its acceleration.
 module angle_sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
@@ -29,9 +30,10 @@ contains
   end subroutine columns
 
   !> Frame and elastic rotation.
-  subroutine read_angle(self, m, p, q, v, z, x)
+  subroutine read_angle(self, m, ev, p, q, v, z, x)
     class(angle_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
@@ -40,15 +42,16 @@ contains
     if (self%order == 0) x(1) = p%angle(self%number)
     if (self%order == 1) x(1) = p%rate(self%number)
     if (self%order < 2) return
-    u = self%elastic_part(m, m%a)
+    u = self%elastic_part(m, ev%a)
     x(1) = u(3)
-    if (self%marker%body > 0) x(1) = x(1) + m%a(m%s%qo(self%marker%body) + 3)
+    if (self%marker%body > 0) x(1) = x(1) + ev%a(m%s%qo(self%marker%body) + 3)
   end subroutine read_angle
 
   !> In a plane, turns are the same in all axes.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(angle_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]

@@ -1,6 +1,7 @@
 !> An elastic coordinate of a body with its rate and acceleration.
 module coordinate_sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
@@ -36,22 +37,24 @@ contains
   end subroutine columns
 
   !> From the state.
-  subroutine read_coordinate(self, m, p, q, v, z, x)
+  subroutine read_coordinate(self, m, ev, p, q, v, z, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [m, rad] and per second
     associate (i => m%s%qo(self%marker%body) + 3 + self%index)
-      x(1:3) = [q(i), v(i), m%a(i)]
+      x(1:3) = [q(i), v(i), ev%a(i)]
     end associate
   end subroutine read_coordinate
 
   !> From the unknowns.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(coordinate_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]

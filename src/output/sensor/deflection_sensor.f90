@@ -1,6 +1,7 @@
 !> Elastic displacement and rotation of a node, in the axes of its body.
 module deflection_sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, elastic_motion, suffix_length
@@ -26,9 +27,10 @@ contains
   end subroutine columns
 
   !> From the elastic coordinates.
-  subroutine read_deflection(self, m, p, q, v, z, x)
+  subroutine read_deflection(self, m, ev, p, q, v, z, x)
     class(deflection_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
@@ -37,9 +39,10 @@ contains
   end subroutine read_deflection
 
   !> Linear in them.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(deflection_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]

@@ -2,6 +2,7 @@
 !> linear response contain the turn of its axes.
 module point_sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states, turn
   use sensor, only: sensor_model, suffix_length, vector_to_global
@@ -30,9 +31,10 @@ contains
   end subroutine columns
 
   !> Of the moving point.
-  subroutine read_point(self, m, p, q, v, z, x)
+  subroutine read_point(self, m, ev, p, q, v, z, x)
     class(point_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
@@ -45,17 +47,18 @@ contains
     if (self%order < 2 .or. self%marker%body == 0) return
     associate (b => self%marker%body)
       i = m%s%qo(b)
-      u = self%elastic_part(m, m%a)
-      u(1:2) = u(1:2) + m%a(i + 3)*turn(p%rho(:, self%number))
-      x(1:2) = m%a(i + 1:i + 2) + p%bias(:, self%number) + [m%cos_theta(b)*u(1) - m%sin_theta(b)*u(2), m%sin_theta(b)*u(1) &
-                                                            + m%cos_theta(b)*u(2)]
+      u = self%elastic_part(m, ev%a)
+      u(1:2) = u(1:2) + ev%a(i + 3)*turn(p%rho(:, self%number))
+      x(1:2) = ev%a(i + 1:i + 2) + p%bias(:, self%number) + [ev%frame%cos(b)*u(1) - ev%frame%sin(b)*u(2), ev%frame%sin(b)*u(1) &
+                                                            + ev%frame%cos(b)*u(2)]
     end associate
   end subroutine read_point
 
   !> w, its rate w' + theta' H w, or w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(point_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]
@@ -67,7 +70,7 @@ contains
     change = 0.0_wp
     associate (b => self%marker%body, turned => [-w(2), w(1)])
       if (b > 0) rate = v(m%s%qo(b) + 3)
-      if (b > 0) change = m%a(m%s%qo(b) + 3)
+      if (b > 0) change = ev%a(m%s%qo(b) + 3)
       select case (self%order)
       case (0)
         y(1:2) = w(1:2)
@@ -76,7 +79,7 @@ contains
       case default
         y(1:2) = s**2*w(1:2) + (2*rate*s + change)*turned - rate**2*w(1:2)
       end select
-      y(1:2) = vector_to_global(m, b, y(1:2))
+      y(1:2) = vector_to_global(ev, b, y(1:2))
     end associate
   end subroutine respond
 end module point_sensor

@@ -2,6 +2,7 @@
 module reaction_sensor
   use kinds, only: wp
   use constraint, only: marker_stiffness
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, scene_motion, suffix_length
@@ -28,9 +29,10 @@ contains
   end subroutine columns
 
   !> From the multipliers.
-  subroutine read_reaction(self, m, p, q, v, z, x)
+  subroutine read_reaction(self, m, ev, p, q, v, z, x)
     class(reaction_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
@@ -39,16 +41,17 @@ contains
     x(1:3) = 0.0_wp
     associate (c => m%s%constraints(self%constraint)%item)
       do i = c%first, c%first + c%rows - 1
-        x(1:2) = x(1:2) - m%rows%na(:, i)*m%lambda(i)
-        x(3) = x(3) - m%rows%sa(i)*m%lambda(i)
+        x(1:2) = x(1:2) - ev%rows%na(:, i)*ev%lambda(i)
+        x(3) = x(3) - ev%rows%sa(i)*ev%lambda(i)
       end do
     end associate
   end subroutine read_reaction
 
   !> With the change of its direction.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(reaction_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]
@@ -58,10 +61,10 @@ contains
     type(marker_stiffness) :: t
     integer :: i
     associate (c => m%s%constraints(self%constraint)%item)
-      call c%geometric(m%p, m%lambda, t)
-      y(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, c%ia, x)) - matmul(t%k(1:3, 4:6), scene_motion(m, c%ib, x))
+      call c%geometric(ev%p, ev%lambda, t)
+      y(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, ev, c%ia, x)) - matmul(t%k(1:3, 4:6), scene_motion(m, ev, c%ib, x))
       do i = c%first, c%first + c%rows - 1
-        y(1:3) = y(1:3) - [m%rows%na(:, i), m%rows%sa(i)]*lambda(i)
+        y(1:3) = y(1:3) - [ev%rows%na(:, i), ev%rows%sa(i)]*lambda(i)
       end do
     end associate
   end subroutine respond

@@ -4,6 +4,7 @@ module section_sensor
   use kinds, only: wp
   use beam_element, only: deformation_matrix
   use body, only: body_model
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, suffix_length
@@ -31,9 +32,10 @@ contains
   end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
-  subroutine read_section(self, m, p, q, v, z, x)
+  subroutine read_section(self, m, ev, p, q, v, z, x)
     class(section_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
@@ -63,9 +65,10 @@ contains
   end subroutine read_section
 
   !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(section_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]

@@ -2,6 +2,7 @@
 !> (complex amplitudes for a harmonic motion x exp(s t) with multipliers lambda exp(s t), about the present state).
 module sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
   implicit none (type, external)
@@ -30,26 +31,28 @@ module sensor
   abstract interface
     !> What follows the sensor's name in the name of each column: component and unit.
     subroutine columns_of(self, m, list)
-      import :: sensor_model, mechanism_model, suffix_length
+      import :: sensor_model, mechanism_model, evaluation, suffix_length
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
       character(suffix_length), allocatable, intent(out) :: list(:)
     end subroutine columns_of
     !> Values of the columns; m holds the accelerations and multipliers of the state.
-    subroutine values_at(self, m, p, q, v, z, x)
-      import :: sensor_model, mechanism_model, marker_states, wp
+    subroutine values_at(self, m, ev, p, q, v, z, x)
+      import :: sensor_model, mechanism_model, evaluation, marker_states, wp
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
+      type(evaluation), intent(in) :: ev
       type(marker_states), intent(in) :: p    !! of all sensors' markers
       real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad] and per second
       real(wp), intent(in) :: z(:)            !! (nz) dissipative coordinates [m, rad]
       real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
     end subroutine values_at
     !> Amplitudes of the columns, vectors in global axes; m holds the evaluation of the present state.
-    subroutine amplitudes_of(self, m, w, q, v, s, x, lambda, y)
-      import :: sensor_model, mechanism_model, wp
+    subroutine amplitudes_of(self, m, ev, w, q, v, s, x, lambda, y)
+      import :: sensor_model, mechanism_model, evaluation, wp
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
+      type(evaluation), intent(in) :: ev
       complex(wp), intent(in) :: w(3)         !! displacement of its marker, body axes, and turn of the section [m, rad]
       real(wp), intent(in) :: q(:), v(:)      !! (nq) present state [m, rad] and per second
       complex(wp), intent(in) :: s            !! [1/s]
@@ -107,22 +110,23 @@ contains
   end function marker_motion
 
   !> Displacement of a marker of the scene in global axes, and of its section's angle.
-  pure function scene_motion(m, k, x) result(y)
+  pure function scene_motion(m, ev, k, x) result(y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                  !! marker
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp) :: y(3)                       !! [m, rad]
-    y = marker_motion(m, m%s%markers(k), m%p%rho(:, k), x)
-    y(1:2) = vector_to_global(m, m%s%markers(k)%body, y(1:2))
+    y = marker_motion(m, m%s%markers(k), ev%p%rho(:, k), x)
+    y(1:2) = vector_to_global(ev, m%s%markers(k)%body, y(1:2))
   end function scene_motion
 
   !> A vector of a body's axes in global ones.
-  pure function vector_to_global(m, b, w) result(y)
-    type(mechanism_model), intent(in) :: m
+  pure function vector_to_global(ev, b, w) result(y)
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b                  !! body, 0: the ground
     complex(wp), intent(in) :: w(2)           !! [any]
     complex(wp) :: y(2)                       !! [any]
     y = w
-    if (b > 0) y = [m%cos_theta(b)*w(1) - m%sin_theta(b)*w(2), m%sin_theta(b)*w(1) + m%cos_theta(b)*w(2)]
+    if (b > 0) y = [ev%frame%cos(b)*w(1) - ev%frame%sin(b)*w(2), ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)]
   end function vector_to_global
 end module sensor

@@ -8,6 +8,7 @@ module sensors
   use deck_records, only: deck, sensor_record
   use deflection_sensor, only: deflection_sensor_model
   use dynamics, only: one_marker
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use point_sensor, only: point_sensor_model
@@ -82,9 +83,10 @@ contains
   end subroutine make_sensor
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
-  subroutine read_sensors(list, m, q, v, z, values)
+  subroutine read_sensors(list, m, ev, q, v, z, values)
     type(sensor_list), intent(inout) :: list
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:)          !! (nz) [m, rad]
     real(wp), intent(out), contiguous :: values(:)    !! (columns) [their units]
@@ -95,20 +97,21 @@ contains
         if (b > 0) then
           i = m%s%qo(b)
           n = m%s%bodies(b)%nf
-          call one_marker(s%marker, m%cos_theta(b), m%sin_theta(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
+          call one_marker(s%marker, ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
                           q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), list%p, k)
         else
           list%p%r(:, k) = s%marker%x
         end if
-        call s%read(m, list%p, q, v, z, values(list%first(k):))
+        call s%read(m, ev, list%p, q, v, z, values(list%first(k):))
       end associate
     end do
   end subroutine read_sensors
 
   !> Amplitudes of all columns for a harmonic motion. m holds the evaluation of the present state; list has read it.
-  subroutine read_linear_sensors(list, m, q, v, s, x, lambda, values)
+  subroutine read_linear_sensors(list, m, ev, q, v, s, x, lambda, values)
     type(sensor_list), intent(in) :: list
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:), v(:)            !! (nq) present state [m, rad] and per second
     complex(wp), intent(in) :: s                  !! [1/s]
     complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation [m, rad]
@@ -117,7 +120,7 @@ contains
     integer :: k
     do k = 1, size(list%sensors)
       associate (item => list%sensors(k)%item)
-        call item%respond(m, marker_motion(m, item%marker, list%p%rho(:, k), x), q, v, s, x, lambda, values(list%first(k):))
+        call item%respond(m, ev, marker_motion(m, item%marker, list%p%rho(:, k), x), q, v, s, x, lambda, values(list%first(k):))
       end associate
     end do
   end subroutine read_linear_sensors

@@ -1,6 +1,7 @@
 !> Force and deformation of a spring.
 module spring_sensor
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
   use sensor, only: sensor_model, scene_motion, suffix_length
@@ -28,25 +29,27 @@ contains
   end subroutine columns
 
   !> As evaluated.
-  subroutine read_spring(self, m, p, q, v, z, x)
+  subroutine read_spring(self, m, ev, p, q, v, z, x)
     class(spring_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
     real(wp) :: rate, e(3)
-    x(1) = m%action(self%element)%force
+    x(1) = ev%action(self%element)%force
     associate (f => m%s%forces(self%element)%item)
-      call f%deformation(m%p, x(2), rate, e)
-      x(2) = x(2) - f%unprestressed(m%options%prestress)
+      call f%deformation(ev%p, x(2), rate, e)
+      x(2) = x(2) - f%unprestressed(ev%options%prestress)
     end associate
   end subroutine read_spring
 
   !> With its stiffness at s.
-  subroutine respond(self, m, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
     class(spring_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: w(3)           !! [m, rad]
     real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
     complex(wp), intent(in) :: s              !! [1/s]
@@ -55,8 +58,8 @@ contains
     complex(wp), intent(inout) :: y(:)        !! [N], [m] or [N m], [rad]
     real(wp) :: d, rate, e(3)
     associate (f => m%s%forces(self%element)%item)
-      call f%deformation(m%p, d, rate, e)
-      y(2) = sum(e*(scene_motion(m, f%ia, x) - scene_motion(m, f%ib, x)))
+      call f%deformation(ev%p, d, rate, e)
+      y(2) = sum(e*(scene_motion(m, ev, f%ia, x) - scene_motion(m, ev, f%ib, x)))
       y(1) = (f%stiffness*(1 + f%law%ratio(s)) + s*f%damping)*y(2)
     end associate
   end subroutine respond

@@ -2,6 +2,7 @@
 !> of the last `set_frames`.
 module frame_axes
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -10,25 +11,27 @@ module frame_axes
 contains
 
   !> Frames' components from body axes into global ones.
-  pure function to_global(m, x) result(y)
+  pure function to_global(m, ev, x) result(y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
     integer :: b, i
     y = x
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      y(i + 1:i + 2) = [m%cos_theta(b)*x(i + 1) - m%sin_theta(b)*x(i + 2), m%sin_theta(b)*x(i + 1) + m%cos_theta(b)*x(i + 2)]
+      y(i + 1:i + 2) = [ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2), ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)]
     end do
   end function to_global
 
   !> And back.
-  pure function to_body(m, x) result(y)
+  pure function to_body(m, ev, x) result(y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
     y = x
-    call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(y), y)
+    call turn_to_body(size(ev%frame%cos), m%s%qo, ev%frame%cos, ev%frame%sin, size(y), y)
   end function to_body
 
   !> The same in place.

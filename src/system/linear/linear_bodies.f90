@@ -6,6 +6,7 @@ module linear_bodies
   use body_terms, only: body_equations, body_tangent, set_up_terms
   use elastic_blocks, only: modal_block, nodal_block
   use linear_matrices, only: linear_mechanism
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -18,8 +19,9 @@ module linear_bodies
 contains
 
   !> Inertia and elasticity of one body, about the state of the last evaluation.
-  subroutine linear_body(m, b, q, v, a, lin)
+  subroutine linear_body(m, ev, b, q, v, a, lin)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
     real(wp), intent(in), contiguous :: q(:), v(:), a(:) !! (nq) positions, velocities, accelerations [m, rad] and per second
     type(linear_mechanism), intent(inout) :: lin
@@ -29,8 +31,8 @@ contains
     real(wp) :: acc(2)
     integer :: k, i, n
     i = m%s%qo(b)
-    acc = a(i + 1:i + 2) - m%options%gravity
-    acc = [m%cos_theta(b)*acc(1) + m%sin_theta(b)*acc(2), m%cos_theta(b)*acc(2) - m%sin_theta(b)*acc(1)]
+    acc = a(i + 1:i + 2) - ev%options%gravity
+    acc = [ev%frame%cos(b)*acc(1) + ev%frame%sin(b)*acc(2), ev%frame%cos(b)*acc(2) - ev%frame%sin(b)*acc(1)]
     associate (body => m%s%bodies(b))
       n = 3 + body%nf
       x = [(i + k, k=1, n)]
@@ -40,7 +42,7 @@ contains
       call tangent(0.0_wp, 0.0_wp, 1.0_wp, lin%stiffness)
       allocate (origin(n, 2))
       origin(1:2, :) = body%mass*one
-      origin(3, :) = [-m%pin(2, b), m%pin(1, b)]
+      origin(3, :) = [-ev%frame%pin(2, b), ev%frame%pin(1, b)]
       if (body%flexible) origin(4:, :) = body%sbar
       call lin%damping%add_block(x, x(1:2), 2*v(i + 3)*matmul(origin, h))
       call lin%stiffness%add_block(x, x(1:2), matmul(origin, a(i + 3)*h - v(i + 3)**2*one))

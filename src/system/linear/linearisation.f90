@@ -14,7 +14,8 @@ module linearisation
   use force_element, only: conditions, element_action
   use linear_bodies, only: linear_body
   use linear_matrices, only: linear_mechanism, count_segments
-  use mechanism, only: mechanism_model, conditions_of
+  use evaluation_results, only: evaluation, conditions_of
+  use mechanism, only: mechanism_model
   use marker, only: turn
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -23,9 +24,10 @@ module linearisation
 
 contains
 
-  !> Linearises about the state of the last `evaluate` of m, with these accelerations, multipliers and forces.
-  subroutine linearise(m, q, v, a, lambda, action, lin)
+  !> Linearises about the state of an evaluation, with these accelerations, multipliers and forces.
+  subroutine linearise(m, ev, q, v, a, lambda, action, lin)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) the evaluated state [m, rad] and per second, accelerations
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
     type(element_action), intent(in) :: action(:)    !! (force elements)
@@ -36,17 +38,18 @@ contains
     lin%rows = m%s%rows
     call count_segments(m, lin)
     allocate (wrench(3, size(m%s%markers)), source=0.0_wp)
-    call marker_terms(m, v, lambda, action, lin, wrench)
-    call constraint_rows_matrix(m, lin)
+    call marker_terms(m, ev, v, lambda, action, lin, wrench)
+    call constraint_rows_matrix(m, ev, lin)
     do b = 1, size(m%s%bodies)
-      call linear_body(m, b, q, v, a, lin)
+      call linear_body(m, ev, b, q, v, a, lin)
     end do
-    call turning_terms(m, wrench, lin)
+    call turning_terms(m, ev, wrench, lin)
   end subroutine linearise
 
   !> Displacement of a marker in its body's axes (and its section's angle) from the body's unknowns: 3 x n matrix.
-  subroutine marker_jacobian(m, k, cols, jac)
+  subroutine marker_jacobian(m, ev, k, cols, jac)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                           !! marker of the scene
     integer, allocatable, intent(out) :: cols(:)       !! unknowns it depends on; none on the ground
     real(wp), allocatable, intent(out) :: jac(:, :)    !! (3, size(cols)) [-] or [m]
@@ -65,7 +68,7 @@ contains
       cols(1:3) = [i + 1, i + 2, i + 3]
       jac(1, 1) = 1.0_wp
       jac(2, 2) = 1.0_wp
-      jac(1:2, 3) = turn(m%p%rho(:, k))
+      jac(1:2, 3) = turn(ev%p%rho(:, k))
       jac(3, 3) = 1.0_wp
       if (allocated(marker%psi)) then
         cols(4:) = [(i + 3 + c, c=1, n - 3)]
@@ -83,8 +86,9 @@ contains
   end subroutine marker_jacobian
 
   !> Rows of Phi_q.
-  subroutine constraint_rows_matrix(m, lin)
+  subroutine constraint_rows_matrix(m, ev, lin)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(linear_mechanism), intent(inout) :: lin
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
@@ -94,11 +98,11 @@ contains
       associate (c => m%s%constraints(k)%item)
         do side = 1, 2
           marker = merge(c%ia, c%ib, side == 1)
-          call marker_jacobian(m, marker, cols, jac)
+          call marker_jacobian(m, ev, marker, cols, jac)
           if (size(cols) == 0) cycle
           do i = c%first, c%first + c%rows - 1
-            n = merge(m%rows%na(:, i), m%rows%nb(:, i), side == 1)
-            w = [to_body(m, marker, n), merge(m%rows%sa(i), m%rows%sb(i), side == 1)]
+            n = merge(ev%rows%na(:, i), ev%rows%nb(:, i), side == 1)
+            w = [to_body(m, ev, marker, n), merge(ev%rows%sa(i), ev%rows%sb(i), side == 1)]
             do j = 1, size(cols)
               call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
             end do
@@ -109,20 +113,22 @@ contains
   end subroutine constraint_rows_matrix
 
   !> A global vector in the axes of a marker's body.
-  pure function to_body(m, marker, x) result(y)
+  pure function to_body(m, ev, marker, x) result(y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
     real(wp), intent(in) :: x(2)
     real(wp) :: y(2)
     integer :: b
     b = m%s%markers(marker)%body
     y = x
-    if (b > 0) y = [m%cos_theta(b)*x(1) + m%sin_theta(b)*x(2), m%cos_theta(b)*x(2) - m%sin_theta(b)*x(1)]
+    if (b > 0) y = [ev%frame%cos(b)*x(1) + ev%frame%sin(b)*x(2), ev%frame%cos(b)*x(2) - ev%frame%sin(b)*x(1)]
   end function to_body
 
   !> Joints and force elements: marker-level stiffness and damping, and the residual wrench on every marker.
-  subroutine marker_terms(m, v, lambda, action, lin, wrench)
+  subroutine marker_terms(m, ev, v, lambda, action, lin, wrench)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: lambda(:)          !! (rows) [N]
     type(element_action), intent(in) :: action(:)   !! (force elements)
@@ -135,31 +141,33 @@ contains
         t%ia = c%ia
         t%ib = c%ib
         t%c = 0.0_wp
-        call c%geometric(m%p, lambda, t)
-        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call c%geometric(ev%p, lambda, t)
+        call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
         do i = c%first, c%first + c%rows - 1
-          call push(m, c%ia, m%rows%na(:, i)*lambda(i), m%rows%sa(i)*lambda(i), wrench)
-          call push(m, c%ib, m%rows%nb(:, i)*lambda(i), m%rows%sb(i)*lambda(i), wrench)
+          call push(m, ev, c%ia, ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i), wrench)
+          call push(m, ev, c%ib, ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i), wrench)
         end do
       end associate
     end do
-    call element_terms(m, v, action, lin, wrench)
+    call element_terms(m, ev, v, action, lin, wrench)
   end subroutine marker_terms
 
   !> Adds a force (global) and a moment to a marker's residual wrench.
-  pure subroutine push(m, marker, force, moment, wrench)
+  pure subroutine push(m, ev, marker, force, moment, wrench)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
     real(wp), intent(in) :: force(2), moment
     real(wp), intent(inout) :: wrench(:, :)
-    wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, marker, force)
+    wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, ev, marker, force)
     wrench(3, marker) = wrench(3, marker) + moment
   end subroutine push
 
   !> Force elements: their tangents, with the runs of their GHM terms, and their wrenches. Forces that keep their direction in the
   !> axes of a body turn with it.
-  subroutine element_terms(m, v, action, lin, wrench)
+  subroutine element_terms(m, ev, v, action, lin, wrench)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
@@ -172,30 +180,31 @@ contains
     segment = findloc(lin%segments%element > 0, .true., 1) - 1
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item, x => action(k))
-        with = conditions_of(m, k, m%t)
+        with = conditions_of(m, ev, k)
         t%ia = f%ia
         t%ib = f%ib
-        call f%tangent(m%p, with, [1.0_wp, 1.0_wp], x%force, t)
-        call add_pair(m, t, v, lin%stiffness, lin%damping, lin%stiffness)
-        call push(m, f%ia, -x%a(1:2), -x%a(3), wrench)
-        if (f%ib /= f%ia) call push(m, f%ib, -x%b(1:2), -x%b(3), wrench)
+        call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], x%force, t)
+        call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call push(m, ev, f%ia, -x%a(1:2), -x%a(3), wrench)
+        if (f%ib /= f%ia) call push(m, ev, f%ib, -x%b(1:2), -x%b(3), wrench)
         if (f%in_frame) then
-          call marker_jacobian(m, f%ia, cols, jac)
+          call marker_jacobian(m, ev, f%ia, cols, jac)
           do j = 1, size(cols)
-            call lin%stiffness%add(cols(j), cols(3), -dot_product(jac(1:2, j), turn(to_body(m, f%ia, x%a(1:2)))))
+            call lin%stiffness%add(cols(j), cols(3), -dot_product(jac(1:2, j), turn(to_body(m, ev, f%ia, x%a(1:2)))))
           end do
         end if
         if (f%law%order() == 0) cycle
         segment = segment + 1
-        call f%tangent(m%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
-        call add_pair(m, t, v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
+        call f%tangent(ev%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
+        call add_pair(m, ev, t, v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
       end associate
     end do
   end subroutine element_terms
 
   !> J^T k J of a pair of markers, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
-  subroutine add_pair(m, t, v, stiffness, damping, rate_stiffness)
+  subroutine add_pair(m, ev, t, v, stiffness, damping, rate_stiffness)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_stiffness), intent(in) :: t
     real(wp), intent(in) :: v(:)
     type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
@@ -205,26 +214,27 @@ contains
     integer :: side, other, pi, pj
     do side = 0, 1
       pi = merge(t%ia, t%ib, side == 0)
-      call marker_jacobian(m, pi, ci, ji)
+      call marker_jacobian(m, ev, pi, ci, ji)
       if (size(ci) == 0) cycle
       do other = 0, 1
         pj = merge(t%ia, t%ib, other == 0)
-        call marker_jacobian(m, pj, cj, jj)
+        call marker_jacobian(m, ev, pj, cj, jj)
         if (size(cj) == 0) cycle
-        k = in_body_axes(m, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-        c = in_body_axes(m, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        k = in_body_axes(m, ev, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        c = in_body_axes(m, ev, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
         if (any(abs(k) > 0.0_wp)) call stiffness%add_block(ci, cj, matmul(transpose(ji), matmul(k, jj)))
         if (.not. any(abs(c) > 0.0_wp)) cycle
         call damping%add_block(ci, cj, matmul(transpose(ji), matmul(c, jj)))
-        rj = rate_jacobian(m, pj, v, jj)
+        rj = rate_jacobian(m, ev, pj, v, jj)
         call rate_stiffness%add_block(ci, cj, matmul(transpose(ji), matmul(c, rj)))
       end do
     end do
   end subroutine add_pair
 
   !> How a marker's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
-  function rate_jacobian(m, marker, v, jac) result(r)
+  function rate_jacobian(m, ev, marker, v, jac) result(r)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
     real(wp), intent(in) :: v(:), jac(:, :)
     real(wp) :: r(3, size(jac, 2)), thetad, u(2)
@@ -236,29 +246,31 @@ contains
       r(1:2, j) = thetad*turn(jac(1:2, j))
       r(3, j) = 0.0_wp
     end do
-    u = to_body(m, marker, m%p%v(:, marker) - v(i + 1:i + 2)) - thetad*turn(m%p%rho(:, marker))
+    u = to_body(m, ev, marker, ev%p%v(:, marker) - v(i + 1:i + 2)) - thetad*turn(ev%p%rho(:, marker))
     r(1:2, 3) = r(1:2, 3) + turn(u)
   end function rate_jacobian
 
   !> A 3 x 3 marker block from global axes into those of the two markers' bodies.
-  pure function in_body_axes(m, pi, pj, k) result(x)
+  pure function in_body_axes(m, ev, pi, pj, k) result(x)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: pi, pj
     real(wp), intent(in) :: k(3, 3)
     real(wp) :: x(3, 3)
     integer :: j
     do j = 1, 3
-      x(1:2, j) = to_body(m, pi, k(1:2, j))
+      x(1:2, j) = to_body(m, ev, pi, k(1:2, j))
       x(3, j) = k(3, j)
     end do
     do j = 1, 3
-      x(j, 1:2) = to_body(m, pj, x(j, 1:2))
+      x(j, 1:2) = to_body(m, ev, pj, x(j, 1:2))
     end do
   end function in_body_axes
 
   !> Residual wrenches on markers turn with the body that carries them: theta-theta, theta-f and f-theta terms.
-  subroutine turning_terms(m, wrench, lin)
+  subroutine turning_terms(m, ev, wrench, lin)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: wrench(:, :)
     type(linear_mechanism), intent(inout) :: lin
     integer, allocatable :: cols(:)
@@ -267,8 +279,8 @@ contains
     integer :: k, j
     do k = 1, size(m%s%markers)
       if (m%s%markers(k)%body == 0) cycle
-      call marker_jacobian(m, k, cols, jac)
-      call lin%stiffness%add(cols(3), cols(3), -dot_product(m%p%rho(:, k), wrench(1:2, k)))
+      call marker_jacobian(m, ev, k, cols, jac)
+      call lin%stiffness%add(cols(3), cols(3), -dot_product(ev%p%rho(:, k), wrench(1:2, k)))
       hf = -turn(wrench(1:2, k))            ! H^T F
       do j = 4, size(cols)
         x = dot_product(hf, jac(1:2, j))

@@ -2,6 +2,7 @@
 !> spring that pulls. Unknowns as the coordinates, the frames' in body axes.
 module spring_products
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -11,23 +12,25 @@ contains
 
   !> Square of a spring's change of deformation; with factors for its ends (`spring_directions`) the bound of it that holds for
   !> all directions.
-  pure real(wp) function spring_square(m, k, ends, x) result(square)
+  pure real(wp) function spring_square(m, ev, k, ends, x) result(square)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
     real(wp) :: a(3), b(3)
-    call shifts(m, k, x, a, b)
+    call shifts(m, ev, k, x, a, b)
     if (all(ends >= 0.0_wp)) then
       square = ends(1)*sum(a(1:2)**2) + ends(2)*sum(b(1:2)**2)
     else
-      square = sum(stretch(m, k, a - b)**2)
+      square = sum(stretch(m, ev, k, a - b)**2)
     end if
   end function spring_square
 
   !> Adds the forces of a spring of the given stiffness, or of the bound of it that holds for all directions.
-  pure subroutine spring_pull(m, k, stiffness, ends, x, y)
+  pure subroutine spring_pull(m, ev, k, stiffness, ends, x, y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: stiffness          !! or damping [N/m, N m/rad; N s/m, N m s/rad]
     real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
@@ -35,31 +38,33 @@ contains
     real(wp), intent(inout) :: y(:)            !! (n) forces [N], [N m]
     real(wp) :: a(3), b(3)
     if (.not. abs(stiffness) > 0.0_wp) return
-    call shifts(m, k, x, a, b)
+    call shifts(m, ev, k, x, a, b)
     if (all(ends >= 0.0_wp)) then
       a = [ends(1)*a(1:2), 0.0_wp]
       b = [-ends(2)*b(1:2), 0.0_wp]
     else
-      a = stretch(m, k, a - b)
+      a = stretch(m, ev, k, a - b)
       b = a
     end if
-    if (any(abs(a) > 0.0_wp)) call marker_push(m, m%s%forces(k)%item%ia, stiffness*a, y)
-    if (any(abs(b) > 0.0_wp)) call marker_push(m, m%s%forces(k)%item%ib, -stiffness*b, y)
+    if (any(abs(a) > 0.0_wp)) call marker_push(m, ev, m%s%forces(k)%item%ia, stiffness*a, y)
+    if (any(abs(b) > 0.0_wp)) call marker_push(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
   !> Displacements and turns of a spring's ends, global axes.
-  pure subroutine shifts(m, k, x, a, b)
+  pure subroutine shifts(m, ev, k, x, a, b)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
-    a = marker_shift(m, m%s%forces(k)%item%ia, x)
-    b = marker_shift(m, m%s%forces(k)%item%ib, x)
+    a = marker_shift(m, ev, m%s%forces(k)%item%ia, x)
+    b = marker_shift(m, ev, m%s%forces(k)%item%ib, x)
   end subroutine shifts
 
   !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
-  pure function stretch(m, k, d) result(s)
+  pure function stretch(m, ev, k, d) result(s)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
     real(wp) :: s(3), e(3), now, rate
@@ -67,15 +72,16 @@ contains
       if (f%every_way()) then
         s = [d(1:2), 0.0_wp]
       else
-        call f%deformation(m%p, now, rate, e)
+        call f%deformation(ev%p, now, rate, e)
         s = dot_product(e, d)*e
       end if
     end associate
   end function stretch
 
   !> Displacement of a marker, global, and turn of its section, from the unknowns.
-  pure function marker_shift(m, k, x) result(d)
+  pure function marker_shift(m, ev, k, x) result(d)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! marker
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp) :: d(3), u(3)                     !! [m], [m], [rad]
@@ -84,13 +90,14 @@ contains
     b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    u = m%s%markers(k)%shift(m%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
-    d = [m%cos_theta(b)*u(1) - m%sin_theta(b)*u(2), m%sin_theta(b)*u(1) + m%cos_theta(b)*u(2), u(3)]
+    u = m%s%markers(k)%shift(ev%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
+    d = [ev%frame%cos(b)*u(1) - ev%frame%sin(b)*u(2), ev%frame%sin(b)*u(1) + ev%frame%cos(b)*u(2), u(3)]
   end function marker_shift
 
   !> Adds a wrench (global force, moment) on a marker as generalised forces.
-  pure subroutine marker_push(m, k, f, y)
+  pure subroutine marker_push(m, ev, k, f, y)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! marker
     real(wp), intent(in) :: f(3)               !! [N], [N m]
     real(wp), intent(inout) :: y(:)            !! (n) [N], [N m]
@@ -99,7 +106,7 @@ contains
     b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    w = [m%cos_theta(b)*f(1) + m%sin_theta(b)*f(2), m%cos_theta(b)*f(2) - m%sin_theta(b)*f(1), f(3)]
-    call m%s%markers(k)%push(m%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
+    w = [ev%frame%cos(b)*f(1) + ev%frame%sin(b)*f(2), ev%frame%cos(b)*f(2) - ev%frame%sin(b)*f(1), f(3)]
+    call m%s%markers(k)%push(ev%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
   end subroutine marker_push
 end module spring_products

@@ -45,17 +45,17 @@ contains
     integer, intent(inout) :: local(:)           !! work space: zero on the markers of this body
     integer :: k, n, e
     n = 0
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      k = self%end_marker(e)
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      k = self%incidence%marker(e)
       if (local(k) == 0) then
         n = n + 1
         local(k) = n
       end if
-      self%side_attachment(e) = local(k)
+      self%incidence%attachment(e) = local(k)
     end do
     allocate (self%attached(b)%marker(n))
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      self%attached(b)%marker(self%side_attachment(e)) = self%end_marker(e)
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      self%attached(b)%marker(self%incidence%attachment(e)) = self%incidence%marker(e)
     end do
   end subroutine list_markers
 
@@ -89,7 +89,7 @@ contains
     type(flexible_attachments), intent(inout) :: at
     integer :: i, c, nc
     nc = max(0, maxval(at%column))
-    allocate (at%columns(body%nf, nc), at%load(nc), source=0.0_wp)
+    allocate (at%columns(body%nf, nc), source=0.0_wp)
     do i = 1, size(markers)
       do c = 1, 3
         if (at%column(c, i) == 0) cycle
@@ -105,14 +105,14 @@ contains
     end do
   end subroutine fill_columns
 
-  !> Compliances between the markers, E_k m_ff^-1 S-bar^T, and room for what an evaluation fills in.
+  !> Compliances between the markers, and E_k m_ff^-1 S-bar^T.
   pure subroutine fill_compliances(markers, body, at)
     type(marker_model), intent(in) :: markers(:) !! (na) attached markers of the body
     type(body_model), intent(in) :: body
     type(flexible_attachments), intent(inout) :: at
     integer :: n, i, j, c
     n = size(markers)
-    allocate (at%compliance(3, 3, n, n), at%ep(3, 2, n), at%ex(3, n), at%ey(3, n), source=0.0_wp)
+    allocate (at%compliance(3, 3, n, n), at%ep(3, 2, n), source=0.0_wp)
     do i = 1, n
       at%ep(:, 1, i) = markers(i)%elastic(body%pmat(:, 1))
       at%ep(:, 2, i) = markers(i)%elastic(body%pmat(:, 2))

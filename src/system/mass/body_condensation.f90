@@ -3,6 +3,7 @@
 module body_condensation
   use kinds, only: wp
   use banded, only: band_solve_two
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, factor_frame
   use flexible_forces, only: elastic_forces
   use marker_forces, only: load_elastic
@@ -12,19 +13,20 @@ module body_condensation
 
 contains
 
-  !> Condensed mass, forces and products of every body: rhs, low, dinv, pin of the mechanism.
-  subroutine condense_bodies(self, gravity, q, v, z, zd)
+  !> Condensed mass, forces and products of every body: rhs, l, dinv, pin of the frames.
+  subroutine condense_bodies(self, ev, gravity, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: gravity(2)                !! [m/s2]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
     integer :: b
-    do b = 1, size(self%cos_theta)
+    do b = 1, size(ev%frame%cos)
       if (self%flexible(b)) then
-        call flexible_body(self, b, gravity, q, v, z, zd)
+        call flexible_body(self, ev, b, gravity, q, v, z, zd)
       else
-        call rigid_body(self%rigid(:, b), self%cos_theta(b), self%sin_theta(b), gravity, v(self%s%qo(b) + 3), self%pin(:, b), &
-                        self%rhs(:, b), self%frame_l(:, b), self%frame_dinv(:, b))
+        call rigid_body(self%rigid(:, b), ev%frame%cos(b), ev%frame%sin(b), gravity, v(self%s%qo(b) + 3), ev%frame%pin(:, b), &
+                        ev%frame%rhs(:, b), ev%frame%l(:, b), ev%frame%dinv(:, b))
       end if
     end do
   end subroutine condense_bodies
@@ -47,8 +49,9 @@ contains
   end subroutine rigid_body
 
   !> Elastic forces, the two banded solves and the condensed mass and forces of a flexible body.
-  subroutine flexible_body(self, b, gravity, q, v, z, zd)
+  subroutine flexible_body(self, ev, b, gravity, q, v, z, zd)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(in) :: gravity(2)                !! [m/s2]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
@@ -60,29 +63,29 @@ contains
     thetad = v(i)
     associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
       n = prototype%nf
-      g(1) = self%cos_theta(b)*gravity(1) + self%sin_theta(b)*gravity(2)
-      g(2) = -self%sin_theta(b)*gravity(1) + self%cos_theta(b)*gravity(2)
+      g(1) = ev%frame%cos(b)*gravity(1) + ev%frame%sin(b)*gravity(2)
+      g(2) = -ev%frame%sin(b)*gravity(1) + ev%frame%cos(b)*gravity(2)
       call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), prototype%sbar, prototype%i1f, prototype%c0, g, thetad, body%qx, &
                           body%vx, body%elastic_force, &
                           body%angle_coupling, p, sv, i1q, i1v)
       p = p + body%i1
-      call elastic_forces(body, prototype%edof, prototype%factors, z, zd, thetad, self%zdd, qmq, qmv, power)
-      self%dissipated_power = self%dissipated_power + power
-      self%pin(:, b) = p
-      self%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
-      self%rhs(2, b) = body%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
-      self%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)
+      call elastic_forces(body, prototype%edof, prototype%factors, z, zd, thetad, ev%zdd, qmq, qmv, power)
+      ev%dissipated_power = ev%dissipated_power + power
+      ev%frame%pin(:, b) = p
+      ev%frame%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
+      ev%frame%rhs(2, b) = body%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
+      ev%frame%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)
       tt = body%i11 + 2*i1q + qmq
     end associate
-    call load_elastic(self, b)
-    call solve_elastic(self, b, sx, sy, angle_coupling, ty)
+    call load_elastic(self, ev, b)
+    call solve_elastic(self, ev, b, sx, sy, angle_coupling, ty)
     associate (body => self%s%bodies(b))
-      self%rhs(1:2, b) = self%rhs(1:2, b) - sx
-      self%rhs(3, b) = self%rhs(3, b) - angle_coupling
+      ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) - sx
+      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) - angle_coupling
       call factor_frame(body%mass - body%sps(1, 1), -body%sps(1, 2), body%mass - body%sps(2, 2), -p(2) - sy(1), p(1) - sy(2), &
-                        tt - ty, self%frame_l(:, b), self%frame_dinv(:, b))
+                        tt - ty, ev%frame%l(:, b), ev%frame%dinv(:, b))
     end associate
-    if (.not. all(self%frame_dinv(:, b) > 0.0_wp)) self%broken = .true.
+    if (.not. all(ev%frame%dinv(:, b) > 0.0_wp)) ev%broken = .true.
   end subroutine flexible_body
 
   !> Copies the coordinates and their rates; Q_f without elastic and velocity-product terms; products with q_f and q_f'.
@@ -117,13 +120,15 @@ contains
   end subroutine frame_products
 
   !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products.
-  subroutine solve_elastic(self, b, sx, sy, angle_coupling, ty)
+  subroutine solve_elastic(self, ev, b, sx, sy, angle_coupling, ty)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(out) :: sx(2), sy(2)   !! S-bar X, S-bar Y
     real(wp), intent(out) :: angle_coupling, ty !! m_theta_f X, m_theta_f Y
     integer :: n, k, j, i
-    associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)), at => self%attached(b))
+    associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)), &
+               at => self%attached(b), found => ev%attached(b))
       n = prototype%nf
       ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
       call products(n, prototype%pmat, body%elastic_force(1:n), body%angle_coupling(1:n), sx, sy)
@@ -133,7 +138,7 @@ contains
       else
         body%qx(1:n) = body%angle_coupling(1:n)
         call band_solve_two(prototype%mff, body%elastic_force(1:n), body%angle_coupling(1:n))
-        self%solves = self%solves + 2
+        ev%solves = ev%solves + 2
         angle_coupling = 0.0_wp
         ty = 0.0_wp
         do k = 1, n
@@ -145,13 +150,13 @@ contains
         if (body%modal) then
           if (allocated(self%s%markers(at%marker(j))%psi)) call products3(n, self%s%markers(at%marker(j))%psi, &
               body%elastic_force(1:n), &
-                                                                       body%angle_coupling(1:n), at%ex(:, j), at%ey(:, j))
+                                                                       body%angle_coupling(1:n), found%ex(:, j), found%ey(:, j))
         else
           do k = 1, 3
-            i = self%marker_dof(k, at%marker(j))
+            i = self%markers%dof(k, at%marker(j))
             if (i == 0) cycle
-            at%ex(k, j) = body%elastic_force(i)
-            at%ey(k, j) = body%angle_coupling(i)
+            found%ex(k, j) = body%elastic_force(i)
+            found%ey(k, j) = body%angle_coupling(i)
           end do
         end if
       end do

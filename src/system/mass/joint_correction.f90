@@ -7,6 +7,7 @@ module joint_correction
   use kinds, only: wp
   use joint_response, only: apply_multipliers
   use joint_system, only: row_rates
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -20,78 +21,83 @@ contains
 
   !> Corrects lambda and a of the last evaluation until the residual of the joints no longer falls. Where it stays large the
   !> masses are too uneven for the factor.
-  subroutine correct_accelerations(self)
+  subroutine correct_accelerations(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp) :: worst, before
     integer :: pass
     before = huge(1.0_wp)
     do pass = 1, most_passes
-      call joint_residual(self, self%lambda_change)
-      worst = maxval(abs(self%lambda_change))
+      call joint_residual(self, ev, ev%lambda_change)
+      worst = maxval(abs(ev%lambda_change))
       if (.not. worst < falling*before) exit
       before = worst
-      call self%schur%solve(self%lambda_change)
-      call apply_multipliers(self, self%lambda_change, self%change)
-      self%a = self%a + self%change
-      self%lambda = self%lambda + self%lambda_change
+      call ev%schur%solve(ev%lambda_change)
+      call apply_multipliers(self, ev, ev%lambda_change, ev%change)
+      ev%a = ev%a + ev%change
+      ev%lambda = ev%lambda + ev%lambda_change
     end do
-    if (worst > kept*largest_acceleration(self) .and. .not. self%schur%singular) call self%schur%note_ill_conditioned()
+    if (worst > kept*largest_acceleration(self, ev) .and. .not. ev%schur%singular) call ev%schur%note_ill_conditioned()
   end subroutine correct_accelerations
 
   !> Whether the accelerations meet the joints' equations to rounding already.
-  logical function balanced(self) result(yes)
+  logical function balanced(self, ev) result(yes)
     type(mechanism_model), intent(inout) :: self
-    call joint_residual(self, self%lambda_change)
-    yes = .not. maxval(abs(self%lambda_change)) > 8*epsilon(1.0_wp)*largest_acceleration(self)
+    type(evaluation), intent(inout) :: ev
+    call joint_residual(self, ev, ev%lambda_change)
+    yes = .not. maxval(abs(ev%lambda_change)) > 8*epsilon(1.0_wp)*largest_acceleration(self, ev)
   end function balanced
 
   !> Size of the accelerations that meet in the joints.
-  pure real(wp) function largest_acceleration(self) result(a)
+  pure real(wp) function largest_acceleration(self, ev) result(a)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     integer :: b, e
-    a = max(maxval(abs(self%p%bias)), maxval(abs(self%rows%acceleration_bias)), norm2(self%options%gravity), maxval(abs(self%free)))
-    do b = 1, size(self%cos_theta)
-      do e = self%side_first(b), self%side_first(b + 1) - 1
-        a = max(a, maxval(abs(marker_acceleration(self, b, self%end_marker(e)))))
+    a = max(maxval(abs(ev%p%bias)), maxval(abs(ev%rows%acceleration_bias)), norm2(ev%options%gravity), maxval(abs(ev%frame%free)))
+    do b = 1, size(ev%frame%cos)
+      do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+        a = max(a, maxval(abs(marker_acceleration(self, ev, b, self%incidence%marker(e)))))
       end do
     end do
   end function largest_acceleration
 
   !> Second derivatives of all rows at the present accelerations, with Baumgarte's terms where they are asked for.
-  subroutine joint_residual(self, r)
+  subroutine joint_residual(self, ev, r)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(out), contiguous :: r(:)        !! (rows) [m/s2]
     integer :: i, b, e
     r = 0.0_wp
-    associate (baumgarte => self%options%baumgarte)
+    associate (baumgarte => ev%options%baumgarte)
       if (any(baumgarte > 0.0_wp)) then
-        call row_rates(self, r)
-        r = 2*baumgarte(1)*r + baumgarte(2)**2*self%rows%phi
+        call row_rates(self, ev, r)
+        r = 2*baumgarte(1)*r + baumgarte(2)**2*ev%rows%phi
       end if
     end associate
     do i = 1, self%s%rows
-      r(i) = r(i) + self%rows%acceleration_bias(i) + dot_product(self%rows%na(:, i), self%p%bias(:, self%row_marker(1, i))) &
-             + dot_product(self%rows%nb(:, i), self%p%bias(:, self%row_marker(2, i)))
+      r(i) = r(i) + ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, self%incidence%row_marker(1, i))) &
+             + dot_product(ev%rows%nb(:, i), ev%p%bias(:, self%incidence%row_marker(2, i)))
     end do
-    do b = 1, size(self%cos_theta)
-      do e = self%side_first(b), self%side_first(b + 1) - 1
-        i = self%side_row(e)
-        r(i) = r(i) + dot_product(self%w(:, e), marker_acceleration(self, b, self%end_marker(e)))
+    do b = 1, size(ev%frame%cos)
+      do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+        i = self%incidence%row(e)
+        r(i) = r(i) + dot_product(ev%side%w(:, e), marker_acceleration(self, ev, b, self%incidence%marker(e)))
       end do
     end do
   end subroutine joint_residual
 
 
   !> Acceleration of a marker without its velocity-dependent part, and of its section's angle, body axes.
-  pure function marker_acceleration(self, b, k) result(x)
+  pure function marker_acceleration(self, ev, b, k) result(x)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b, k                      !! body, marker
     real(wp) :: x(3), frame(3)
     integer :: i
     i = self%s%qo(b)
-    frame = [self%cos_theta(b)*self%a(i + 1) + self%sin_theta(b)*self%a(i + 2), self%cos_theta(b)*self%a(i &
-        + 2) - self%sin_theta(b)*self%a(i + 1), &
-             self%a(i + 3)]
-    x = self%s%markers(k)%shift(self%p%rho(:, k), frame, self%a(i + 4:i + 3 + self%s%bodies(b)%nf))
+    frame = [ev%frame%cos(b)*ev%a(i + 1) + ev%frame%sin(b)*ev%a(i + 2), ev%frame%cos(b)*ev%a(i &
+        + 2) - ev%frame%sin(b)*ev%a(i + 1), &
+             ev%a(i + 3)]
+    x = self%s%markers(k)%shift(ev%p%rho(:, k), frame, ev%a(i + 4:i + 3 + self%s%bodies(b)%nf))
   end function marker_acceleration
 end module joint_correction

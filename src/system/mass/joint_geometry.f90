@@ -5,6 +5,7 @@
 !> links (multipliers). It is summed only where the multipliers' matrix has a weak pivot.
 module joint_geometry
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, flexible_attachments
   implicit none (type, external)
   private
@@ -13,61 +14,65 @@ module joint_geometry
 contains
 
   !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry says what that means.
-  subroutine factor_joints(self, accept_weak_pivots)
+  subroutine factor_joints(self, ev, accept_weak_pivots)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: accept_weak_pivots     !! the matrix as it is, as long as its pivots can be told from 0
     logical :: good
-    call self%schur%factor_strong(good)
+    call ev%schur%factor_strong(good)
     if (good) return
-    call condense_geometry(self)
-    call self%schur%factor_weak(accept_weak_pivots)
+    call condense_geometry(self, ev)
+    call ev%schur%factor_weak(accept_weak_pivots)
   end subroutine factor_joints
 
   !> Sums G from the unit wrenches of the last evaluation, body by body.
-  subroutine condense_geometry(self)
+  subroutine condense_geometry(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp) :: middle(2), reach
     integer :: b
-    self%schur%g = 0.0_wp
-    do b = 1, size(self%cos_theta)
-      if (self%side_first(b + 1) == self%side_first(b)) cycle
-      call extent(self, b, middle, reach)
-      call add_frame(self, b, middle, reach)
-      if (self%flexible(b) .and. .not. self%elastic_held) call add_elastic(self, b, self%attached(b), reach)
+    ev%schur%g = 0.0_wp
+    do b = 1, size(ev%frame%cos)
+      if (self%incidence%first(b + 1) == self%incidence%first(b)) cycle
+      call extent(self, ev, b, middle, reach)
+      call add_frame(self, ev, b, middle, reach)
+      if (self%flexible(b) .and. .not. ev%elastic_held) call add_elastic(self, ev, b, self%attached(b), reach)
     end do
   end subroutine condense_geometry
 
   !> The middle of a body's joints and how far they lie from it.
-  pure subroutine extent(self, b, middle, reach)
+  pure subroutine extent(self, ev, b, middle, reach)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
     real(wp), intent(out) :: middle(2)            !! body axes [m]
     real(wp), intent(out) :: reach                !! [m]
     integer :: e
     middle = 0.0_wp
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      middle = middle + self%p%rho(:, self%end_marker(e))
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      middle = middle + ev%p%rho(:, self%incidence%marker(e))
     end do
-    middle = middle/(self%side_first(b + 1) - self%side_first(b))
+    middle = middle/(self%incidence%first(b + 1) - self%incidence%first(b))
     reach = 0.0_wp
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      reach = max(reach, norm2(self%p%rho(:, self%end_marker(e)) - middle))
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      reach = max(reach, norm2(ev%p%rho(:, self%incidence%marker(e)) - middle))
     end do
     if (.not. reach > 1.0e-9_wp*norm2(middle)) reach = max(norm2(middle), self%s%size)    ! one place alone
   end subroutine extent
 
   !> What the frame's motion adds: wrenches about the middle of the joints.
-  pure subroutine add_frame(self, b, middle, reach)
+  pure subroutine add_frame(self, ev, b, middle, reach)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(in) :: middle(2), reach      !! [m]
     real(wp) :: we(3), wf(3)
     integer :: e, f
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      we = about(self%w(:, e), self%p%rho(:, self%end_marker(e)) - middle, reach)
-      do f = self%side_first(b), e
-        wf = about(self%w(:, f), self%p%rho(:, self%end_marker(f)) - middle, reach)
-        call add_pair(self, e, f, dot_product(we, wf))
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      we = about(ev%side%w(:, e), ev%p%rho(:, self%incidence%marker(e)) - middle, reach)
+      do f = self%incidence%first(b), e
+        wf = about(ev%side%w(:, f), ev%p%rho(:, self%incidence%marker(f)) - middle, reach)
+        call add_pair(self, ev, e, f, dot_product(we, wf))
       end do
     end do
   end subroutine add_frame
@@ -82,8 +87,9 @@ contains
   end function about
 
   !> What the elastic coordinates of the markers add.
-  pure subroutine add_elastic(self, b, at, reach)
+  pure subroutine add_elastic(self, ev, b, at, reach)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     type(flexible_attachments), intent(in) :: at
     real(wp), intent(in) :: reach                 !! [m]
@@ -92,35 +98,36 @@ contains
     logical :: modal, same
     unit = [1.0_wp, 1.0_wp, 1.0_wp/reach**2]
     modal = self%s%bodies(b)%modal
-    do e = self%side_first(b), self%side_first(b + 1) - 1
-      i = self%side_attachment(e)
-      do f = self%side_first(b), e
-        j = self%side_attachment(f)
+    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
+      i = self%incidence%attachment(e)
+      do f = self%incidence%first(b), e
+        j = self%incidence%attachment(f)
         x = 0.0_wp
         do c = 1, 3
           same = self%s%markers(at%marker(i))%dof(c) == self%s%markers(at%marker(j))%dof(c) .and. at%column(c, i) > 0
           if (modal) then
-            x = x + self%s%bodies(b)%mass*self%w(c, f)*dot_product(self%w(:, e), at%compliance(:, c, i, j))
+            x = x + self%s%bodies(b)%mass*ev%side%w(c, f)*dot_product(ev%side%w(:, e), at%compliance(:, c, i, j))
           else if (same) then
-            x = x + unit(c)*self%w(c, e)*self%w(c, f)
+            x = x + unit(c)*ev%side%w(c, e)*ev%side%w(c, f)
           end if
         end do
-        call add_pair(self, e, f, x)
+        call add_pair(self, ev, e, f, x)
       end do
     end do
   end subroutine add_elastic
 
   !> Adds to the entry of two sides' rows, scaled as S is.
-  pure subroutine add_pair(self, e, f, x)
+  pure subroutine add_pair(self, ev, e, f, x)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: e, f
     real(wp), intent(in) :: x                     !! [-]
     real(wp) :: y
     integer :: i, j
-    associate (s => self%schur)
-      i = s%position(self%side_row(e))
-      j = s%position(self%side_row(f))
-      y = x*s%scale(self%side_row(e))*s%scale(self%side_row(f))
+    associate (s => ev%schur)
+      i = s%position(self%incidence%row(e))
+      j = s%position(self%incidence%row(f))
+      y = x*s%scale(self%incidence%row(e))*s%scale(self%incidence%row(f))
       if (i == j .and. f < e) y = 2*y             ! both markers of one row on the same body
       s%g(abs(i - j), min(i, j)) = s%g(abs(i - j), min(i, j)) + y
     end associate

@@ -2,6 +2,7 @@
 !> evaluation (theory.md, section 7). Loops run over plain arrays; rigid bodies never touch their models.
 module joint_response
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -10,12 +11,12 @@ module joint_response
 contains
 
   !> push = Mc^-1 J^T w lambda of every body's frame, body axes.
-  pure subroutine push_frames(self, lambda)
+  pure subroutine push_frames(self, ev, lambda)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
-    call solve_frames(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_wrench, &
-                      self%frame_l, self%frame_dinv, &
-                        self%s%rows, lambda, self%push)
+    call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
+                      ev%side%frame_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, lambda, ev%frame%push)
   end subroutine push_frames
 
   !> x = Mc^-1 J^T w lambda of every body's frame, the wrenches J^T w in jw.
@@ -47,18 +48,19 @@ contains
   end subroutine solve_frames
 
   !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
-  subroutine push_elastic(self, b, lambda, a)
+  subroutine push_elastic(self, ev, b, lambda, a)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
     real(wp), intent(inout), contiguous :: a(:)       !! (nf) [m/s2, rad/s2], or corrections [m, rad]
     integer :: first, last
-    first = self%side_first(b)
-    last = self%side_first(b + 1) - 1
-    associate (at => self%attached(self%attached_prototype(b)))          ! constants, and work
-      call column_loads(last - first + 1, self%side_row(first:last), self%side_attachment(first:last), self%w(:, first:last), &
-                        self%s%rows, lambda, size(at%marker), at%column, size(at%load), at%load)
-      call subtract_columns(size(a), size(at%load), at%load, at%columns, a)
+    first = self%incidence%first(b)
+    last = self%incidence%first(b + 1) - 1
+    associate (at => self%attached(self%attached_prototype(b)), load => ev%attached(self%attached_prototype(b))%load)
+      call column_loads(last - first + 1, self%incidence%row(first:last), self%incidence%attachment(first:last), &
+                        ev%side%w(:, first:last), self%s%rows, lambda, size(at%marker), at%column, size(load), load)
+      call subtract_columns(size(a), size(load), load, at%columns, a)
     end associate
   end subroutine push_elastic
 
@@ -92,25 +94,26 @@ contains
   end subroutine subtract_columns
 
   !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
-  subroutine apply_multipliers(self, mu, dq)
+  subroutine apply_multipliers(self, ev, mu, dq)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: mu(:)         !! (rows) multipliers [N], or times s2 for positions
     real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes [m/s2, rad/s2], or [m, rad]
     integer :: b, i, n
-    call push_frames(self, mu)
-    call turn_back(size(self%cos_theta), self%s%qo, self%cos_theta, self%sin_theta, self%push, size(dq), dq)
-    do b = 1, size(self%cos_theta)
+    call push_frames(self, ev, mu)
+    call turn_back(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(dq), dq)
+    do b = 1, size(ev%frame%cos)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
       n = self%s%bodies(self%prototype(b))%nf
-      if (self%elastic_held) then
+      if (ev%elastic_held) then
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if
       associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
-        call follow_frame(n, prototype%pmat, body%angle_coupling(1:n), self%push(:, b), dq(i + 4:i + 3 + n))
+        call follow_frame(n, prototype%pmat, body%angle_coupling(1:n), ev%frame%push(:, b), dq(i + 4:i + 3 + n))
       end associate
-      call push_elastic(self, b, mu, dq(i + 4:i + 3 + n))
+      call push_elastic(self, ev, b, mu, dq(i + 4:i + 3 + n))
     end do
   end subroutine apply_multipliers
 

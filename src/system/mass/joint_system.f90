@@ -4,6 +4,7 @@
 module joint_system
   use kinds, only: wp
   use evaluation_settings, only: evaluation_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -12,24 +13,26 @@ module joint_system
 contains
 
   !> Phi, its gradients and the other parts of every constraint, from the markers' states.
-  subroutine constraint_values(self, options, t)
+  subroutine constraint_values(self, ev, options, t)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    self%rows%left_limit = options%left_limit .or. t >= options%t_end   ! what would follow after the end of a run is not felt
+    ev%rows%left_limit = options%left_limit .or. t >= options%t_end   ! what would follow after the end of a run is not felt
     do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%evaluate(t, self%p, self%rows)
+      call self%s%constraints(k)%item%evaluate(t, ev%p, ev%rows)
     end do
   end subroutine constraint_values
 
   !> Rates of all rows, Phi_q v + Phi_t [m/s].
-  pure subroutine row_rates(self, rate)
+  pure subroutine row_rates(self, ev, rate)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp), intent(out), contiguous :: rate(:)      !! (rows) [m/s]
-    call add_marker_terms(self%s%rows, size(self%p%rate), self%row_marker, self%rows%na, self%rows%nb, self%p%v, &
-                          self%rows%phi_t, rate)
-    call add_angle_terms(self%s%rows, size(self%p%rate), self%row_marker, self%rows%sa, self%rows%sb, self%p%rate, rate)
+    call add_marker_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%v, &
+                          ev%rows%phi_t, rate)
+    call add_angle_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%sa, ev%rows%sb, ev%p%rate, rate)
   end subroutine row_rates
 
   !> y = x + n_a.u_a + n_b.u_b of every row, u a vector at each marker.
@@ -58,37 +61,36 @@ contains
   end subroutine add_angle_terms
 
   !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
-  subroutine condense_constraints(self, elastic_held)
+  subroutine condense_constraints(self, ev, elastic_held)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: elastic_held     !! elastic coordinates do not move
     integer :: b, first, last, n, pairs
-    self%elastic_held = elastic_held
-    call self%schur%clear()
-    call unit_wrenches(size(self%side_row), self%side_row, self%end_marker, self%side_body, self%side_is_a, &
-                       size(self%cos_theta), self%cos_theta, &
-                       self%sin_theta, self%s%rows, self%rows%na, self%rows%nb, self%rows%sa, self%rows%sb, &
-                           size(self%marker_body), &
-                       self%p%rho, self%w, self%frame_wrench)
+    ev%elastic_held = elastic_held
+    call ev%schur%clear()
+    call unit_wrenches(size(self%incidence%row), self%incidence%row, self%incidence%marker, self%incidence%body, &
+                       self%incidence%is_a, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, &
+                       ev%rows%nb, ev%rows%sa, ev%rows%sb, size(self%markers%body), ev%p%rho, ev%side%w, ev%side%frame_wrench)
     pairs = 0
-    do b = 1, size(self%cos_theta)
-      first = self%side_first(b)
-      last = self%side_first(b + 1) - 1
+    do b = 1, size(ev%frame%cos)
+      first = self%incidence%first(b)
+      last = self%incidence%first(b + 1) - 1
       n = last - first + 1
       pairs = pairs + n*(n + 1)/2
       if (n == 0 .or. .not. self%flexible(b) .or. elastic_held) cycle
-      associate (at => self%attached(b), prototype => self%attached(self%attached_prototype(b)))
-        call condense_elastic(n, self%side_attachment(first:last), size(at%marker), prototype%ep, at%ey, self%w(:, first:last), &
-                              self%frame_wrench(:, first:last))
-        call add_elastic_compliance(n, self%side_attachment(first:last), self%side_row(first:last), size(at%marker), &
+      associate (at => self%attached(b), ey => ev%attached(b)%ey, prototype => self%attached(self%attached_prototype(b)))
+        call condense_elastic(n, self%incidence%attachment(first:last), size(at%marker), prototype%ep, ey, &
+                              ev%side%w(:, first:last), ev%side%frame_wrench(:, first:last))
+        call add_elastic_compliance(n, self%incidence%attachment(first:last), self%incidence%row(first:last), size(at%marker), &
                                     prototype%compliance, &
-                                    self%w(:, first:last), self%s%rows, self%schur%scale, &
-                                    self%slot(pairs - n*(n + 1)/2 + 1:pairs), size(self%schur%s), self%schur%s)
+                                    ev%side%w(:, first:last), self%s%rows, ev%schur%scale, &
+                                    self%incidence%entry(pairs - n*(n + 1)/2 + 1:pairs), size(ev%schur%s), ev%schur%s)
       end associate
     end do
-    call add_frame_compliance(size(self%cos_theta), self%side_first, size(self%side_row), self%side_row, self%frame_l, &
-                              self%frame_dinv, self%frame_wrench, &
-                              self%g, self%s%rows, self%schur%scale, size(self%slot), self%slot, size(self%schur%s), &
-                              self%schur%s)
+    call add_frame_compliance(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, ev%frame%l, &
+                              ev%frame%dinv, ev%side%frame_wrench, &
+                              ev%side%g, self%s%rows, ev%schur%scale, size(self%incidence%entry), self%incidence%entry, &
+                              size(ev%schur%s), ev%schur%s)
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
@@ -202,20 +204,20 @@ contains
   end subroutine add_frame_compliance
 
   !> lambda = Phi_q a_free + (second derivative at zero acceleration): what the multipliers must cancel [m/s2].
-  pure subroutine joint_accelerations(self)
+  pure subroutine joint_accelerations(self, ev)
     type(mechanism_model), intent(inout) :: self
+    type(evaluation), intent(inout) :: ev
     integer :: b, first, last
-    call add_marker_terms(self%s%rows, size(self%marker_body), self%row_marker, self%rows%na, self%rows%nb, self%p%bias, &
-                          self%rows%acceleration_bias, self%lambda)
-    call add_frame_terms(size(self%cos_theta), size(self%side_row), self%side_row, self%side_body, self%frame_wrench, self%free, &
-                         self%s%rows, &
-                         self%lambda)
-    do b = 1, size(self%cos_theta)
+    call add_marker_terms(self%s%rows, size(self%markers%body), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%bias, &
+                          ev%rows%acceleration_bias, ev%lambda)
+    call add_frame_terms(size(ev%frame%cos), size(self%incidence%row), self%incidence%row, self%incidence%body, &
+                         ev%side%frame_wrench, ev%frame%free, self%s%rows, ev%lambda)
+    do b = 1, size(ev%frame%cos)
       if (.not. self%flexible(b)) cycle
-      first = self%side_first(b)
-      last = self%side_first(b + 1) - 1
-      call add_elastic_terms(last - first + 1, self%side_row(first:last), self%side_attachment(first:last), self%w(:, first:last), &
-                             size(self%attached(b)%marker), self%attached(b)%ex, self%s%rows, self%lambda)
+      first = self%incidence%first(b)
+      last = self%incidence%first(b + 1) - 1
+      call add_elastic_terms(last - first + 1, self%incidence%row(first:last), self%incidence%attachment(first:last), &
+                             ev%side%w(:, first:last), size(self%attached(b)%marker), ev%attached(b)%ex, self%s%rows, ev%lambda)
     end do
   end subroutine joint_accelerations
 

@@ -5,6 +5,7 @@ module mass_solve
   use banded, only: band_solve
   use frame_axes, only: turn_to_body
   use joint_response, only: apply_multipliers
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -13,44 +14,47 @@ module mass_solve
 contains
 
   !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
-  subroutine solve_mass(m, held, r, u)
+  subroutine solve_mass(m, ev, held, r, u)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held                !! joints and drives held
     real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
     integer :: b, e
-    call solve_bodies(m, r, u)
+    call solve_bodies(m, ev, r, u)
     if (.not. held .or. m%s%rows == 0) return
-    associate (mu => m%lambda_change, x => m%change)
+    associate (mu => ev%lambda_change, x => ev%change)
       mu = 0.0_wp
       do b = 1, size(m%s%bodies)
-        do e = m%side_first(b), m%side_first(b + 1) - 1
-          mu(m%side_row(e)) = mu(m%side_row(e)) + row_shift(m, b, e, u)
+        do e = m%incidence%first(b), m%incidence%first(b + 1) - 1
+          mu(m%incidence%row(e)) = mu(m%incidence%row(e)) + row_shift(m, ev, b, e, u)
         end do
       end do
-      call m%schur%solve(mu)
-      call apply_multipliers(m, mu, x)
-      call turn_to_body(size(m%cos_theta), m%s%qo, m%cos_theta, m%sin_theta, size(x), x)
+      call ev%schur%solve(mu)
+      call apply_multipliers(m, ev, mu, x)
+      call turn_to_body(size(ev%frame%cos), m%s%qo, ev%frame%cos, ev%frame%sin, size(x), x)
       u = u + x
     end associate
   end subroutine solve_mass
 
   !> u = M^-1 r, joints released.
-  subroutine solve_bodies(m, r, u)
+  subroutine solve_bodies(m, ev, r, u)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
     integer :: b, i, n
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
       n = 3 + m%s%bodies(b)%nf
-      call solve_body(m, b, r(i + 1:i + n), u(i + 1:i + n))
+      call solve_body(m, ev, b, r(i + 1:i + n), u(i + 1:i + n))
     end do
   end subroutine solve_bodies
 
   !> The same for one body alone: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
-  subroutine solve_body(m, b, r, u)
+  subroutine solve_body(m, ev, b, r, u)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b                   !! body
     real(wp), intent(in) :: r(:)               !! (3+nf) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (3+nf) accelerations [m/s2], [rad/s2]
@@ -67,11 +71,11 @@ contains
         end do
         if (.not. body%modal) call band_solve(body%mff, u(4:))
       end if
-      x(2) = x(2) - m%frame_l(1, b)*x(1)
-      x(3) = x(3) - m%frame_l(2, b)*x(1) - m%frame_l(3, b)*x(2)
-      x = x*m%frame_dinv(:, b)
-      x(2) = x(2) - m%frame_l(3, b)*x(3)
-      x(1) = x(1) - m%frame_l(1, b)*x(2) - m%frame_l(2, b)*x(3)
+      x(2) = x(2) - ev%frame%l(1, b)*x(1)
+      x(3) = x(3) - ev%frame%l(2, b)*x(1) - ev%frame%l(3, b)*x(2)
+      x = x*ev%frame%dinv(:, b)
+      x(2) = x(2) - ev%frame%l(3, b)*x(3)
+      x(1) = x(1) - ev%frame%l(1, b)*x(2) - ev%frame%l(2, b)*x(3)
       u(1:3) = x
       do k = 1, n
         u(3 + k) = u(3 + k) - body%pmat(k, 1)*x(1) - body%pmat(k, 2)*x(2) - body%angle_coupling(k)*x(3)
@@ -80,14 +84,15 @@ contains
   end subroutine solve_body
 
   !> w . (marker displacement in body axes) of one side.
-  pure function row_shift(m, b, e, u) result(s)
+  pure function row_shift(m, ev, b, e, u) result(s)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b, e                !! body, side of a row on it
     real(wp), intent(in) :: u(:)               !! (n) accelerations [m/s2], [rad/s2]
     real(wp) :: s
     integer :: i, k
     i = m%s%qo(b)
-    k = m%end_marker(e)
-    s = dot_product(m%w(:, e), m%s%markers(k)%shift(m%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
+    k = m%incidence%marker(e)
+    s = dot_product(ev%side%w(:, e), m%s%markers(k)%shift(ev%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
   end function row_shift
 end module mass_solve

@@ -4,6 +4,7 @@ module newton_condensation
   use kinds, only: wp
   use body, only: body_model
   use border_rows, only: solve_rows
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix, newton_body
   use marker, only: marker_model
@@ -59,24 +60,26 @@ contains
   end subroutine condense_frame
 
   !> Sides of all rows on the condensed frames, and the rows' compliance.
-  subroutine condense_rows(self, m, v)
+  subroutine condense_rows(self, m, ev, v)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)             !! (nq) rates [m/s, rad/s]
     integer :: b, e
     self%rows%s = 0.0_wp
     do b = 1, size(self%b)
       do e = self%rows%first(b), self%rows%first(b + 1) - 1
-        call one_end(self, m, v, b, e)
+        call one_end(self, m, ev, v, b, e)
       end do
       call add_compliance(self, b)
     end do
   end subroutine condense_rows
 
   !> One side: row and column on marker and condensed frame.
-  subroutine one_end(self, m, v, b, e)
+  subroutine one_end(self, m, ev, v, b, e)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)             !! (nq) [m/s, rad/s]
     integer, intent(in) :: b, e
     real(wp) :: w(3), j(3), n(2), rel(2), x(2)
@@ -88,11 +91,11 @@ contains
       n = 0.0_wp
       select case (r%kind(e))
       case (-1)
-        n = m%rows%na(:, i)
-        w(3) = m%rows%sa(i)
+        n = ev%rows%na(:, i)
+        w(3) = ev%rows%sa(i)
       case (-2)
-        n = m%rows%nb(:, i)
-        w(3) = m%rows%sb(i)
+        n = ev%rows%nb(:, i)
+        w(3) = ev%rows%sb(i)
       case (1, 4)
         n(1) = 1.0_wp
       case (2, 5)
@@ -100,14 +103,14 @@ contains
       case default
         w(3) = 1.0_wp
       end select
-      w(1) = m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2)
-      w(2) = m%cos_theta(b)*n(2) - m%sin_theta(b)*n(1)
-      j = [w(1), w(2), w(3) + m%p%rho(1, k)*w(2) - m%p%rho(2, k)*w(1)]
+      w(1) = ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2)
+      w(2) = ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1)
+      j = [w(1), w(2), w(3) + ev%p%rho(1, k)*w(2) - ev%p%rho(2, k)*w(1)]
       r%marker_column(:, e) = w
       r%frame_column(:, e) = j
       if (r%kind(e) > 3) then                ! what turning adds to a marker's rate
-        rel = m%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
-        rel = [m%cos_theta(b)*rel(1) + m%sin_theta(b)*rel(2), m%cos_theta(b)*rel(2) - m%sin_theta(b)*rel(1)]
+        rel = ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
+        rel = [ev%frame%cos(b)*rel(1) + ev%frame%sin(b)*rel(2), ev%frame%cos(b)*rel(2) - ev%frame%sin(b)*rel(1)]
         j = [0.0_wp, 0.0_wp, w(2)*rel(1) - w(1)*rel(2)]
         w(1:2) = v(m%s%qo(b) + 3)*[w(2), -w(1)]
         r%marker_column(:, e) = 0.0_wp
@@ -165,9 +168,10 @@ contains
   end subroutine add_compliance
 
   !> The correction dq (global axes) and that of the multipliers (rows%y), from solved elastic residuals.
-  subroutine correction(self, m, gap, dq)
+  subroutine correction(self, m, ev, gap, dq)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: gap(:)           !! (rows) what the rows are open by [m]
     real(wp), intent(out) :: dq(:)           !! (nq) [m, rad]
     integer :: b
@@ -177,7 +181,7 @@ contains
     end do
     call solve_rows(self%rows, gap)
     do b = 1, size(self%b)
-      call body_correction(self, m, b, dq)
+      call body_correction(self, m, ev, b, dq)
     end do
   end subroutine correction
 
@@ -216,9 +220,10 @@ contains
   end subroutine free_frame
 
   !> A body's part of dq.
-  subroutine body_correction(self, m, b, dq)
+  subroutine body_correction(self, m, ev, b, dq)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
     real(wp), intent(inout) :: dq(:)         !! (nq) [m, rad]
     real(wp) :: x(3)
@@ -235,8 +240,8 @@ contains
         end do
       end do
       i = m%s%qo(b)
-      dq(i + 1) = m%cos_theta(b)*x(1) - m%sin_theta(b)*x(2)
-      dq(i + 2) = m%sin_theta(b)*x(1) + m%cos_theta(b)*x(2)
+      dq(i + 1) = ev%frame%cos(b)*x(1) - ev%frame%sin(b)*x(2)
+      dq(i + 2) = ev%frame%sin(b)*x(1) + ev%frame%cos(b)*x(2)
       dq(i + 3) = x(3)
       if (t%eq%n == 0) return
       x(1:2) = self%c1*x(1:2)

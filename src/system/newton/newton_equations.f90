@@ -8,7 +8,8 @@ module newton_equations
   use constraint, only: marker_stiffness
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
-  use mechanism, only: mechanism_model, conditions_of
+  use evaluation_results, only: evaluation, conditions_of
+  use mechanism, only: mechanism_model
   use newton_condensation, only: condense_frame, condense_rows, fill_columns
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -108,77 +109,82 @@ contains
   end subroutine pass_offsets
 
   !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
-  subroutine residual(self, m, options, t, q, v, a, lambda)
+  subroutine residual(self, m, ev, options, t, q, v, a, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) positions [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     integer :: b, i, n, k
     self%solved = .false.
-    m%options = options
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call element_state(self, m)
-    call applied_forces(m, options, t, self%element_z, self%element_zd)
-    call constraint_values(m, options, t)
-    call gather_wrenches(self, m, lambda)
+    ev%t = t
+    ev%options = options
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call element_state(self, m, ev)
+    call applied_forces(m, ev, options, t, self%element_z, self%element_zd)
+    call constraint_values(m, ev, options, t)
+    call gather_wrenches(self, m, ev, lambda)
     do b = 1, size(self%b)
       i = m%s%qo(b)
       n = i + 3 + self%b(b)%eq%n
-      call body_residual(self%b(b)%eq, m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, b, a))
+      call body_residual(self%b(b)%eq, m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
     end do
     do k = 1, size(m%s%markers)
-      b = m%marker_body(k)
+      b = m%markers%body(k)
       if (b == 0) cycle
       associate (eq => self%b(b)%eq)
         if (eq%n > 0) then
-          call m%s%markers(k)%push(m%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
+          call m%s%markers(k)%push(ev%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
         else
           eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
-          eq%frame(3) = eq%frame(3) + self%wrench(3, k) + m%p%rho(1, k)*self%wrench(2, k) - m%p%rho(2, k)*self%wrench(1, k)
+          eq%frame(3) = eq%frame(3) + self%wrench(3, k) + ev%p%rho(1, k)*self%wrench(2, k) - ev%p%rho(2, k)*self%wrench(1, k)
         end if
       end associate
     end do
   end subroutine residual
 
   !> A^T (R'' - g) of a body, with the weight of the last residual [m/s2].
-  pure function frame_acceleration(m, b, a) result(x)
+  pure function frame_acceleration(m, ev, b, a) result(x)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
     real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
     real(wp) :: x(2), g(2)                   !! [m/s2]
-    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - m%options%gravity
-    x(1) = m%cos_theta(b)*g(1) + m%sin_theta(b)*g(2)
-    x(2) = m%cos_theta(b)*g(2) - m%sin_theta(b)*g(1)
+    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - ev%options%gravity
+    x(1) = ev%frame%cos(b)*g(1) + ev%frame%sin(b)*g(2)
+    x(2) = ev%frame%cos(b)*g(2) - ev%frame%sin(b)*g(1)
   end function frame_acceleration
 
   !> Dissipative coordinates of the force elements at the trial state: their forces are asked for before the step ends.
-  subroutine element_state(self, m)
+  subroutine element_state(self, m, ev)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp) :: d, dd, e(3)
     integer :: k
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         if (t%element == 0) cycle
-        call m%s%forces(t%element)%item%deformation(m%p, d, dd, e)
+        call m%s%forces(t%element)%item%deformation(ev%p, d, dd, e)
         self%element_z(t%first) = t%g*d + self%offset(t%first)
       end associate
     end do
   end subroutine element_state
 
   !> Residual force (body axes) and moment on every marker: multipliers' minus applied ones.
-  subroutine gather_wrenches(self, m, lambda)
+  subroutine gather_wrenches(self, m, ev, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     integer :: i
-    self%wrench = -m%wrench
+    self%wrench = -ev%wrench
     do i = 1, m%s%rows
-      call add(m%row_marker(1, i), m%rows%na(:, i), m%rows%sa(i), lambda(i))
-      call add(m%row_marker(2, i), m%rows%nb(:, i), m%rows%sb(i), lambda(i))
+      call add(m%incidence%row_marker(1, i), ev%rows%na(:, i), ev%rows%sa(i), lambda(i))
+      call add(m%incidence%row_marker(2, i), ev%rows%nb(:, i), ev%rows%sb(i), lambda(i))
     end do
   contains
     !> Adds a unit wrench times a multiplier.
@@ -188,18 +194,19 @@ contains
       real(wp), intent(in) :: s                !! [m]
       real(wp), intent(in) :: x                !! [N]
       integer :: b
-      b = m%marker_body(marker)
+      b = m%markers%body(marker)
       if (b == 0) return
-      self%wrench(1, marker) = self%wrench(1, marker) + x*(m%cos_theta(b)*n(1) + m%sin_theta(b)*n(2))
-      self%wrench(2, marker) = self%wrench(2, marker) + x*(m%cos_theta(b)*n(2) - m%sin_theta(b)*n(1))
+      self%wrench(1, marker) = self%wrench(1, marker) + x*(ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2))
+      self%wrench(2, marker) = self%wrench(2, marker) + x*(ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1))
       self%wrench(3, marker) = self%wrench(3, marker) + x*s
     end subroutine add
   end subroutine gather_wrenches
 
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored.
-  subroutine renew(self, m, t, q, v, a, lambda, whole, shift, bad)
+  subroutine renew(self, m, ev, t, q, v, a, lambda, whole, shift, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
@@ -214,10 +221,10 @@ contains
       i = m%s%qo(b)
       n = i + 3 + self%b(b)%eq%n
       call body_tangent(self%b(b)%eq, m%s%bodies(b), self%c1, self%c2, 1.0_wp, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
-                        frame_acceleration(m, b, a))
+                        frame_acceleration(m, ev, b, a))
     end do
-    call turn_wrenches(self, m)
-    call fill_laws(self, m, t, lambda)
+    call turn_wrenches(self, m, ev)
+    call fill_laws(self, m, ev, t, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%eq%n > 0) then
@@ -234,23 +241,24 @@ contains
         if (bad) return
       end associate
     end do
-    call condense_rows(self, m, v)
+    call condense_rows(self, m, ev, v)
     call factor_rows(self%rows, shift)
     bad = self%rows%bad
   end subroutine renew
 
   !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
   !> axes are constant there, so that their part of the columns goes again.
-  subroutine turn_wrenches(self, m)
+  subroutine turn_wrenches(self, m, ev)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp) :: f(2)
     integer :: k, b
     do k = 1, size(m%s%markers)
-      b = m%marker_body(k)
+      b = m%markers%body(k)
       if (b == 0) cycle
       associate (eq => self%b(b)%eq, w => self%wrench(:, k))
-        eq%block(3, 3) = eq%block(3, 3) - m%p%rho(1, k)*w(1) - m%p%rho(2, k)*w(2)
+        eq%block(3, 3) = eq%block(3, 3) - ev%p%rho(1, k)*w(1) - ev%p%rho(2, k)*w(2)
         if (eq%n == 0) cycle
         call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
         call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
@@ -258,21 +266,22 @@ contains
     end do
     do k = 1, size(m%s%forces)
       if (.not. m%s%forces(k)%item%in_frame) cycle
-      b = m%marker_body(m%s%forces(k)%item%ia)
-      associate (eq => self%b(b)%eq, marker => m%s%forces(k)%item%ia, w => m%action(k)%a)
-        f = [m%cos_theta(b)*w(1) + m%sin_theta(b)*w(2), m%cos_theta(b)*w(2) - m%sin_theta(b)*w(1)]
+      b = m%markers%body(m%s%forces(k)%item%ia)
+      associate (eq => self%b(b)%eq, marker => m%s%forces(k)%item%ia, w => ev%action(k)%a)
+        f = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
         eq%block(1, 3) = eq%block(1, 3) + f(2)
         eq%block(2, 3) = eq%block(2, 3) - f(1)
-        eq%block(3, 3) = eq%block(3, 3) - dot_product(m%p%rho(:, marker), f)
+        eq%block(3, 3) = eq%block(3, 3) - dot_product(ev%p%rho(:, marker), f)
         if (eq%n > 0) call m%s%markers(marker)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
       end associate
     end do
   end subroutine turn_wrenches
 
   !> Marker-level tangents of curved joints and of force elements.
-  subroutine fill_laws(self, m, t, lambda)
+  subroutine fill_laws(self, m, ev, t, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     type(marker_stiffness) :: p
@@ -280,11 +289,11 @@ contains
     do k = 1, size(self%rows%laws)
       associate (law => self%rows%laws(k))
         if (law%kind == from_joint) then
-          call m%s%constraints(law%item)%item%geometric(m%p, lambda, p)
+          call m%s%constraints(law%item)%item%geometric(ev%p, lambda, p)
           law%k = p%k
         else
-          call m%s%forces(law%item)%item%tangent(m%p, conditions_of(m, law%item, t), [self%element_factor(law%item), 1.0_wp], &
-                                                 m%action(law%item)%force, p)
+          call m%s%forces(law%item)%item%tangent(ev%p, conditions_of(m, ev, law%item), [self%element_factor(law%item), 1.0_wp], &
+                                                 ev%action(law%item)%force, p)
           law%k = p%k + self%c2*p%c
           law%g = p%c
         end if

@@ -7,6 +7,7 @@ module newton_results
   use dynamics, only: set_frames, marker_kinematics, applied_forces
   use elastic_operators, only: add_product, elastic_mass => mass_product
   use condensed_terms, only: term_product
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -17,15 +18,16 @@ module newton_results
 contains
 
   !> What the dissipative coordinates move by from their predictions, at the final positions.
-  subroutine term_increments(self, m, q, v, z, zd, zdd, dz)
+  subroutine term_increments(self, m, ev, q, v, z, zd, zdd, dz)
     type(newton_matrix), intent(in) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
     integer :: k
     if (size(self%terms) == 0) return
-    call term_deformations(self, m, q, v, dz)
+    call term_deformations(self, m, ev, q, v, dz)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         call t%increments(j - i + 1, z(i:j), zd(i:j), zdd(i:j), dz(i:j))
@@ -34,22 +36,23 @@ contains
   end subroutine term_increments
 
   !> The deformations that the dissipative coordinates follow.
-  subroutine term_deformations(self, m, q, v, delta)
+  subroutine term_deformations(self, m, ev, q, v, delta)
     type(newton_matrix), intent(in) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)             !! (nz) [m, rad]
     real(wp) :: dd, e(3)
     integer :: k, b
     if (size(self%terms) == 0) return
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
     call deform(m, q)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
         if (b == 0) then
-          call m%s%forces(t%element)%item%deformation(m%p, delta(i), dd, e)
+          call m%s%forces(t%element)%item%deformation(ev%p, delta(i), dd, e)
         else
           associate (body => m%s%bodies(b), segment => m%s%bodies(b)%segments(t%segment))
             delta(i:j) = reshape(body%d(:, segment%first:segment%last), [j - i + 1])
@@ -76,16 +79,17 @@ contains
 
   !> Rates of the internal variables of first order at the state of the last evaluation, and the rates' own derivatives,
   !> (delta' - z')/tau. Deformations are at most quadratic in q: delta' = (delta(q + v) - delta(q - v))/2, exactly.
-  subroutine relaxation_rates(self, m, q, v, zd, a)
+  subroutine relaxation_rates(self, m, ev, q, v, zd, a)
     type(newton_matrix), intent(in) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
     real(wp), intent(inout), contiguous :: a(:)               !! (nz) [m/s2, rad/s2], of second order: untouched
     real(wp) :: d, dd, e(3)
     integer :: k, side
     if (m%s%nz == m%s%nzd) return
-    zd(m%s%nzd + 1:) = m%zdd(m%s%nzd + 1:)
+    zd(m%s%nzd + 1:) = ev%zdd(m%s%nzd + 1:)
     a(m%s%nzd + 1:) = -zd(m%s%nzd + 1:)
     do side = -1, 1, 2
       call deform(m, q + side*v)
@@ -93,7 +97,7 @@ contains
         associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
           if (i <= m%s%nzd) cycle
           if (t%body == 0) then
-            call m%s%forces(t%element)%item%deformation(m%p, d, dd, e)
+            call m%s%forces(t%element)%item%deformation(ev%p, d, dd, e)
             a(i) = a(i) + 0.5_wp*dd
           else
             associate (body => m%s%bodies(t%body), segment => m%s%bodies(t%body)%segments(t%segment))
@@ -111,23 +115,24 @@ contains
   end subroutine relaxation_rates
 
   !> Power dissipated in bodies and springs, and put in by loads and drives.
-  subroutine find_powers(self, m, t, q, v, lambda, z, zd, power)
+  subroutine find_powers(self, m, ev, t, q, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in) :: lambda(:)                         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)           !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)                         !! dissipated, put in [W]
     integer :: k, b, i, n
-    m%dissipated_power = 0.0_wp
-    m%input_power = 0.0_wp
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call applied_forces(m, m%options, t, z, zd)
+    ev%dissipated_power = 0.0_wp
+    ev%input_power = 0.0_wp
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call applied_forces(m, ev, ev%options, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
-        if (s%body > 0) m%dissipated_power = m%dissipated_power + s%alpha*s%viscosity &
+        if (s%body > 0) ev%dissipated_power = ev%dissipated_power + s%alpha*s%viscosity &
                                              *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
       end associate
     end do
@@ -138,21 +143,22 @@ contains
       associate (eq => self%b(b)%eq, op => m%s%bodies(b)%op)
         eq%elastic = 0.0_wp
         call add_product(op%even, op%c, v(i + 1:i + n), eq%elastic(1:))
-        m%dissipated_power = m%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
+        ev%dissipated_power = ev%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
       end associate
     end do
     do k = m%s%joints + 1, size(m%s%constraints)
       i = m%s%constraints(k)%item%first
-      m%input_power = m%input_power + lambda(i)*m%rows%phi_t(i)
+      ev%input_power = ev%input_power + lambda(i)*ev%rows%phi_t(i)
     end do
-    power = [m%dissipated_power, m%input_power]
+    power = [ev%dissipated_power, ev%input_power]
   end subroutine find_powers
 
   !> x1^T M x2 + x3^T M x4 of coordinates (frames' origins in global axes) and internal variables, whose mass is alpha inertia D,
   !> and x1^T C x4 of those of first order with C = alpha viscosity D, at the positions q of the last find_powers [J for rates].
-  real(wp) function mass_product(self, m, q, x) result(total)
+  real(wp) function mass_product(self, m, ev, q, x) result(total)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: x(:, :)               !! (nq + nz, 4) [any]
     integer :: b, i, n, k, j
@@ -160,7 +166,7 @@ contains
     do b = 1, size(self%b)
       i = m%s%qo(b)
       n = self%b(b)%eq%n
-      total = total + body_product(self%b(b)%eq, m%s%bodies(b), m%cos_theta(b), m%sin_theta(b), q(i + 4:i + 3 + n), x(i + 1:i &
+      total = total + body_product(self%b(b)%eq, m%s%bodies(b), ev%frame%cos(b), ev%frame%sin(b), q(i + 4:i + 3 + n), x(i + 1:i &
           + 3 + n, :))
     end do
     do k = 1, size(self%terms)
@@ -277,11 +283,12 @@ contains
   end subroutine position_groups
 
   !> How far markers are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
-  pure real(wp) function scene_reach(m, q) result(reach)
+  pure real(wp) function scene_reach(m, ev, q) result(reach)
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) [m, rad]
     integer :: b
-    reach = 1 + max(0.0_wp, maxval(abs(m%p%r)))/m%s%size             ! without markers the largest is -huge
+    reach = 1 + max(0.0_wp, maxval(abs(ev%p%r)))/m%s%size             ! without markers the largest is -huge
     do b = 1, size(m%s%bodies)
       reach = max(reach, abs(q(m%s%qo(b) + 3)))
     end do

@@ -5,6 +5,7 @@ module newton_start
   use border_rows, only: hold_weak_rows, light_shift
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
   use newton_equations, only: residual, renew
@@ -18,9 +19,10 @@ contains
   !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M a within the constraints. Motion much faster than the
   !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps a to
   !> second order.
-  subroutine smooth_accelerations(self, m, options, t, q, v, lambda, a, bad)
+  subroutine smooth_accelerations(self, m, ev, options, t, q, v, lambda, a, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
@@ -29,91 +31,95 @@ contains
     real(wp), allocatable :: inertia(:), none(:)
     integer :: b, i, n
     allocate (inertia(size(a)), none(size(a)), source=0.0_wp)
-    call residual(self, m, options, t, q, v, a, lambda)
+    call residual(self, m, ev, options, t, q, v, a, lambda)
     do b = 1, size(self%b)
       i = m%s%qo(b)
       n = self%b(b)%eq%n
       inertia(i + 1:i + 3) = self%b(b)%eq%frame
       if (n > 0) inertia(i + 4:i + 3 + n) = self%b(b)%eq%elastic(1:n)
     end do
-    call residual(self, m, options, t, q, v, none, lambda)
+    call residual(self, m, ev, options, t, q, v, none, lambda)
     do b = 1, size(self%b)                    ! -c1 M a
       i = m%s%qo(b)
       n = self%b(b)%eq%n
       self%b(b)%eq%frame = self%c1*(self%b(b)%eq%frame - inertia(i + 1:i + 3))
       if (n > 0) self%b(b)%eq%elastic(1:n) = self%c1*(self%b(b)%eq%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
-    call renew(self, m, t, q, v, none, lambda, .false., light_shift, bad)
+    call renew(self, m, ev, t, q, v, none, lambda, .false., light_shift, bad)
     if (bad) return
     call hold_weak_rows(self%rows)
-    call marker_kinematics(m, q, a)
-    call row_rates(m, m%schur%r)              ! rows of x as those of a
-    m%schur%r = m%rows%phi_t - m%schur%r
-    call correction(self, m, m%schur%r, inertia)
+    call marker_kinematics(m, ev, q, a)
+    call row_rates(m, ev, ev%schur%r)              ! rows of x as those of a
+    ev%schur%r = ev%rows%phi_t - ev%schur%r
+    call correction(self, m, ev, ev%schur%r, inertia)
     bad = .not. all(abs(inertia) < huge(1.0_wp))
     if (.not. bad) a = inertia
   end subroutine smooth_accelerations
 
   !> First and second derivatives of all rows.
-  subroutine row_gaps(m, t, q, v, a, rate, acceleration)
+  subroutine row_gaps(m, ev, t, q, v, a, rate, acceleration)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)     !! (nq) [m, rad], rates, accelerations
     real(wp), intent(out), contiguous :: rate(:)             !! (rows) [m/s]
     real(wp), intent(out), contiguous :: acceleration(:)     !! (rows) [m/s2]
     integer :: i
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call constraint_values(m, m%options, t)
-    call row_rates(m, rate)
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call constraint_values(m, ev, ev%options, t)
+    call row_rates(m, ev, rate)
     do i = 1, m%s%rows
-      acceleration(i) = m%rows%acceleration_bias(i) + dot_product(m%rows%na(:, i), m%p%bias(:, m%row_marker(1, i))) &
-                        + dot_product(m%rows%nb(:, i), m%p%bias(:, m%row_marker(2, i)))
+      acceleration(i) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
+                        + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
     end do
-    call marker_kinematics(m, q, a)
-    call row_rates(m, m%schur%r)
-    acceleration = acceleration + m%schur%r - m%rows%phi_t
-    call marker_kinematics(m, q, v)
+    call marker_kinematics(m, ev, q, a)
+    call row_rates(m, ev, ev%schur%r)
+    acceleration = acceleration + ev%schur%r - ev%rows%phi_t
+    call marker_kinematics(m, ev, q, v)
   end subroutine row_gaps
 
   !> Phi_q x at the positions of the last row_gaps.
-  subroutine row_slopes(m, q, x, slope)
+  subroutine row_slopes(m, ev, q, x, slope)
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), x(:)        !! (nq) these positions [m, rad]; [any]
     real(wp), intent(out), contiguous :: slope(:)         !! (rows) [any]
-    call marker_kinematics(m, q, x)
-    call row_rates(m, slope)
-    slope = slope - m%rows%phi_t
+    call marker_kinematics(m, ev, q, x)
+    call row_rates(m, ev, slope)
+    slope = slope - ev%rows%phi_t
   end subroutine row_slopes
 
   !> dq with Phi_q dq + gap = 0 and T dq + Phi_q^T mu = 0, T the tangent that stands.
-  subroutine along_rows(self, m, q, gap, dq)
+  subroutine along_rows(self, m, ev, q, gap, dq)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)              !! (nq) [m, rad]
     real(wp), intent(in) :: gap(:)                        !! (rows) [m] or its derivatives
     real(wp), intent(out) :: dq(:)                        !! (nq) [m, rad] or theirs
     integer :: b
-    call set_frames(m, q)
+    call set_frames(m, ev, q)
     do b = 1, size(self%b)
       self%b(b)%eq%frame = 0.0_wp
       if (self%b(b)%eq%n > 0) self%b(b)%eq%elastic = 0.0_wp
     end do
-    call correction(self, m, gap, dq)
+    call correction(self, m, ev, gap, dq)
   end subroutine along_rows
 
   !> x such that v + x satisfies the rates of all rows, by the tangent that stands.
-  subroutine closing_rates(self, m, options, t, q, v, x)
+  subroutine closing_rates(self, m, ev, options, t, q, v, x)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                             !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and rates
     real(wp), intent(out) :: x(:)                         !! (nq) [m/s, rad/s]
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call constraint_values(m, options, t)
-    call row_rates(m, m%schur%r)
-    call along_rows(self, m, q, m%schur%r, x)
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call constraint_values(m, ev, options, t)
+    call row_rates(m, ev, ev%schur%r)
+    call along_rows(self, m, ev, q, ev%schur%r, x)
   end subroutine closing_rates
 end module newton_start

@@ -4,6 +4,7 @@ module stage_equations
   use kinds, only: wp
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_equations, only: hold_terms, residual
   use newton_results, only: find_powers
@@ -23,19 +24,21 @@ module stage_equations
 contains
 
   !> Work space of a mechanism.
-  subroutine set_up_stages(self, newton, m)
+  subroutine set_up_stages(self, newton, m, ev)
     type(stage_solver), intent(out) :: self
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
-    call set_up_stage_terms(self%terms, newton, m)
+    type(evaluation), intent(inout) :: ev
+    call set_up_stage_terms(self%terms, newton, m, ev)
     call set_up_factor(self%factor(1), self%terms, m)
     self%factor(2) = self%factor(1)
   end subroutine set_up_stages
 
   !> Residual of motion in global axes and rates of the rows.
-  subroutine stage_residual(newton, m, options, t, q, v, a, z, lambda, r, gap)
+  subroutine stage_residual(newton, m, ev, options, t, q, v, a, z, lambda, r, gap)
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
@@ -45,14 +48,14 @@ contains
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
     integer :: b, i
     call hold_terms(newton, m, z)
-    call residual(newton, m, options, t, q, v, a, lambda)
+    call residual(newton, m, ev, options, t, q, v, a, lambda)
     newton%q = q
-    call row_rates(m, gap)
+    call row_rates(m, ev, gap)
     do b = 1, size(newton%b)
       i = m%s%qo(b)
       associate (eq => newton%b(b)%eq)
-        r(i + 1) = m%cos_theta(b)*eq%frame(1) - m%sin_theta(b)*eq%frame(2)
-        r(i + 2) = m%sin_theta(b)*eq%frame(1) + m%cos_theta(b)*eq%frame(2)
+        r(i + 1) = ev%frame%cos(b)*eq%frame(1) - ev%frame%sin(b)*eq%frame(2)
+        r(i + 2) = ev%frame%sin(b)*eq%frame(1) + ev%frame%cos(b)*eq%frame(2)
         r(i + 3) = eq%frame(3)
         if (eq%n > 0) r(i + 4:i + 3 + eq%n) = eq%elastic(1:eq%n)
       end associate
@@ -60,14 +63,15 @@ contains
   end subroutine stage_residual
 
   !> M, C and K at the state of the last residual.
-  subroutine renew_terms(self, newton, m, t, v, a, lambda)
+  subroutine renew_terms(self, newton, m, ev, t, v, a, lambda)
     type(stage_solver), intent(inout) :: self
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-    call fill_stage_terms(self%terms, newton, m, t, v, a, lambda)
+    call fill_stage_terms(self%terms, newton, m, ev, t, v, a, lambda)
   end subroutine renew_terms
 
   !> Both factors.
@@ -84,9 +88,10 @@ contains
 
   !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, frames' origins turned into the axes that the bodies have
   !> in the last residual.
-  subroutine solve_stage(f, m, r, gap, dq, dlambda)
+  subroutine solve_stage(f, m, ev, r, gap, dq, dlambda)
     type(stage_factor), intent(inout) :: f
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     complex(wp), intent(in) :: r(:)          !! (nq) [N, N m]
     complex(wp), intent(in) :: gap(:)        !! (rows) [m]
     complex(wp), intent(out) :: dq(:)        !! (nq) [m, rad]
@@ -95,42 +100,43 @@ contains
     n = size(r)
     f%x(1:n) = -r
     f%x(n + 1:) = -gap
-    do b = 1, size(m%cos_theta)
+    do b = 1, size(ev%frame%cos)
       i = m%s%qo(b)
-      f%x(i + 1) = -(m%cos_theta(b)*r(i + 1) + m%sin_theta(b)*r(i + 2))
-      f%x(i + 2) = -(m%cos_theta(b)*r(i + 2) - m%sin_theta(b)*r(i + 1))
+      f%x(i + 1) = -(ev%frame%cos(b)*r(i + 1) + ev%frame%sin(b)*r(i + 2))
+      f%x(i + 2) = -(ev%frame%cos(b)*r(i + 2) - ev%frame%sin(b)*r(i + 1))
     end do
     call f%solver%solve(f%x, .false.)
     dq = f%x(1:n)
     dlambda = f%x(n + 1:)
-    do b = 1, size(m%cos_theta)
+    do b = 1, size(ev%frame%cos)
       i = m%s%qo(b)
-      dq(i + 1) = m%cos_theta(b)*f%x(i + 1) - m%sin_theta(b)*f%x(i + 2)
-      dq(i + 2) = m%sin_theta(b)*f%x(i + 1) + m%cos_theta(b)*f%x(i + 2)
+      dq(i + 1) = ev%frame%cos(b)*f%x(i + 1) - ev%frame%sin(b)*f%x(i + 2)
+      dq(i + 2) = ev%frame%sin(b)*f%x(i + 1) + ev%frame%cos(b)*f%x(i + 2)
     end do
   end subroutine solve_stage
 
   !> Puts positions, then rates, then accelerations onto the constraints, by the real factor: what it moves in is in balance with
   !> stiff forces.
-  subroutine close_rows(self, m, options, t, q, v, a)
+  subroutine close_rows(self, m, ev, options, t, q, v, a)
     type(stage_solver), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp) :: rate(self%terms%rows), acceleration(self%terms%rows)
     if (self%terms%rows == 0) return
-    m%options = options
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call constraint_values(m, options, t)
-    call close(m%rows%phi, q)
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call constraint_values(m, options, t)
-    call row_rates(m, rate)
+    ev%options = options
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call constraint_values(m, ev, options, t)
+    call close(ev%rows%phi, q)
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call constraint_values(m, ev, options, t)
+    call row_rates(m, ev, rate)
     call close(rate, v)
-    call row_gaps(m, t, q, v, a, rate, acceleration)
+    call row_gaps(m, ev, t, q, v, a, rate, acceleration)
     call close(acceleration, a)
   contains
     !> Moves x by what closes a gap.
@@ -139,25 +145,26 @@ contains
       real(wp), intent(inout) :: x(:)        !! (nq) [m, rad] or theirs
       complex(wp) :: r(size(x)), dx(size(x)), force(size(gap))
       r = 0.0_wp
-      call solve_stage(self%factor(1), m, r, cmplx(gap, 0.0_wp, wp), dx, force)
+      call solve_stage(self%factor(1), m, ev, r, cmplx(gap, 0.0_wp, wp), dx, force)
       x = x + real(dx, wp)
     end subroutine close
   end subroutine close_rows
 
   !> Powers at a stage, whose rows' rates in time may not be those of the last residual.
-  subroutine stage_power(newton, m, options, t, q, v, lambda, z, zd, power)
+  subroutine stage_power(newton, m, ev, options, t, q, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)        !! dissipated, put in [W]
-    m%options = options
-    call set_frames(m, q)
-    call marker_kinematics(m, q, v)
-    call constraint_values(m, options, t)
-    call find_powers(newton, m, t, q, v, lambda, z, zd, power)
+    ev%options = options
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    call constraint_values(m, ev, options, t)
+    call find_powers(newton, m, ev, t, q, v, lambda, z, zd, power)
   end subroutine stage_power
 end module stage_equations

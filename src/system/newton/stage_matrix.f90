@@ -12,7 +12,8 @@ module stage_matrix
   use constraint, only: marker_stiffness
   use elastic_block, only: stiffening_change
   use linearisation, only: marker_jacobian, rate_jacobian, in_body_axes, to_body
-  use mechanism, only: mechanism_model, conditions_of
+  use evaluation_results, only: evaluation, conditions_of
+  use mechanism, only: mechanism_model
   use newton_equations, only: turn_wrenches, frame_acceleration
   use newton_system, only: newton_matrix
   use sparse_pattern, only: symmetric_pattern
@@ -53,10 +54,11 @@ module stage_matrix
 contains
 
   !> The pattern.
-  subroutine set_up_stage_terms(self, newton, m)
+  subroutine set_up_stage_terms(self, newton, m, ev)
     type(stage_terms), intent(out) :: self
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), allocatable :: none(:), lambda(:)
     integer :: b, k
     self%nq = m%s%nq
@@ -68,7 +70,7 @@ contains
     allocate (none(self%nq), lambda(self%rows), self%held(self%rows), source=0.0_wp)
     allocate (self%r(1000), self%c(1000), self%at(0), self%part_at(1000), self%part_of(1000), self%part(1000), self%value(0, 3))
     self%listing = .true.
-    call fill_stage_terms(self, newton, m, 0.0_wp, none, none, lambda)
+    call fill_stage_terms(self, newton, m, ev, 0.0_wp, none, none, lambda)
     self%listing = .false.
     call self%make(self%nq + self%rows, self%r(1:self%noted), self%c(1:self%noted))
     self%at = [(self%entry(self%r(k), self%c(k)), k=1, self%noted)]
@@ -81,10 +83,11 @@ contains
   end subroutine set_up_stage_terms
 
   !> M, C and K at the state of the last residual of `newton`.
-  subroutine fill_stage_terms(self, newton, m, t, v, a, lambda)
+  subroutine fill_stage_terms(self, newton, m, ev, t, v, a, lambda)
     type(stage_terms), intent(inout) :: self
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(inout) :: m
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) rates [m/s, rad/s] and accelerations
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
@@ -99,13 +102,13 @@ contains
       call note_frame(self, newton, m, b, of_damping, 0.0_wp)
       call tangent(of_stiffness, [0.0_wp, 0.0_wp, 1.0_wp])
     end do
-    call turn_wrenches(newton, m)
+    call turn_wrenches(newton, m, ev)
     do b = 1, size(m%s%bodies)
       call note_frame(self, newton, m, b, of_stiffness, 0.0_wp)
       if (m%s%bodies(b)%flexible) call note_elastic(self, newton, m, b, v(m%s%qo(b) + 3), a(m%s%qo(b) + 3))
     end do
-    call note_rows(self, m)
-    call note_laws(self, m, t, v, lambda)
+    call note_rows(self, m, ev)
+    call note_laws(self, m, ev, t, v, lambda)
   contains
     !> One of the matrices of body b, in its work space.
     subroutine tangent(kind, x)
@@ -116,7 +119,7 @@ contains
       i = m%s%qo(b)
       n = i + 3 + newton%b(b)%eq%n
       call body_tangent(newton%b(b)%eq, m%s%bodies(b), x(of_mass), x(of_damping), x(of_stiffness), newton%q(i + 1:n), v(i + 1:n), &
-                        a(i + 1:n), frame_acceleration(m, b, a))
+                        a(i + 1:n), frame_acceleration(m, ev, b, a))
     end subroutine tangent
   end subroutine fill_stage_terms
 
@@ -228,9 +231,10 @@ contains
   end subroutine note_elastic
 
   !> Phi_q and its transpose, and what a row's force moves on rigid bodies.
-  subroutine note_rows(self, m)
+  subroutine note_rows(self, m, ev)
     type(stage_terms), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3), x
@@ -238,26 +242,27 @@ contains
     self%held = 0.0_wp
     do i = 1, self%rows
       do side = 1, 2
-        marker = m%row_marker(side, i)
-        if (m%marker_body(marker) == 0) cycle
-        call marker_jacobian(m, marker, cols, jac)
-        w(1:2) = to_body(m, marker, merge(m%rows%na(:, i), m%rows%nb(:, i), side == 1))
-        w(3) = merge(m%rows%sa(i), m%rows%sb(i), side == 1)
+        marker = m%incidence%row_marker(side, i)
+        if (m%markers%body(marker) == 0) cycle
+        call marker_jacobian(m, ev, marker, cols, jac)
+        w(1:2) = to_body(m, ev, marker, merge(ev%rows%na(:, i), ev%rows%nb(:, i), side == 1))
+        w(3) = merge(ev%rows%sa(i), ev%rows%sb(i), side == 1)
         do j = 1, size(cols)
           x = w(1)*jac(1, j) + w(2)*jac(2, j) + w(3)*jac(3, j)
-          if (j == 3) self%held(i) = self%held(i) + x**2/m%s%bodies(m%marker_body(marker))%i11
+          if (j == 3) self%held(i) = self%held(i) + x**2/m%s%bodies(m%markers%body(marker))%i11
           call note(self, self%nq + i, cols(j), of_stiffness, x)
           call note(self, cols(j), self%nq + i, of_stiffness, x)
         end do
-        self%held(i) = self%held(i) + (w(1)**2 + w(2)**2)/m%s%bodies(m%marker_body(marker))%mass
+        self%held(i) = self%held(i) + (w(1)**2 + w(2)**2)/m%s%bodies(m%markers%body(marker))%mass
       end do
     end do
   end subroutine note_rows
 
   !> Joints with geometric stiffness and force elements.
-  subroutine note_laws(self, m, t, v, lambda)
+  subroutine note_laws(self, m, ev, t, v, lambda)
     type(stage_terms), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: v(:) !! (nq) [m/s, rad/s]
     real(wp), intent(in), contiguous :: lambda(:)   !! (rows) [N]
@@ -269,8 +274,8 @@ contains
         p%ia = c%ia
         p%ib = c%ib
         p%c = 0.0_wp
-        call c%geometric(m%p, lambda, p)
-        call note_pair(self, m, p, v, .false., 0)
+        call c%geometric(ev%p, lambda, p)
+        call note_pair(self, m, ev, p, v, .false., 0)
       end associate
     end do
     do k = 1, size(m%s%forces)
@@ -279,19 +284,20 @@ contains
         p%ia = f%ia
         p%ib = f%ib
         p%c = 0.0_wp
-        call f%tangent(m%p, conditions_of(m, k, t), [1.0_wp, 1.0_wp], m%action(k)%force, p)
-        call note_pair(self, m, p, v, .true., 0)
+        call f%tangent(ev%p, conditions_of(m, ev, k), [1.0_wp, 1.0_wp], ev%action(k)%force, p)
+        call note_pair(self, m, ev, p, v, .true., 0)
         if (f%law%order() == 0) cycle
-        call f%tangent(m%p, conditions_of(m, k, t), [1.0_wp, 0.0_wp], 0.0_wp, p)
-        call note_pair(self, m, p, v, .false., self%first_group(size(self%first_group)) + k)
+        call f%tangent(ev%p, conditions_of(m, ev, k), [1.0_wp, 0.0_wp], 0.0_wp, p)
+        call note_pair(self, m, ev, p, v, .false., self%first_group(size(self%first_group)) + k)
       end associate
     end do
   end subroutine note_laws
 
   !> J^T k J of a pair of markers, stiffness and damping given in global axes.
-  subroutine note_pair(self, m, p, v, damped, group)
+  subroutine note_pair(self, m, ev, p, v, damped, group)
     type(stage_terms), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     type(marker_stiffness), intent(in) :: p
     real(wp), intent(in) :: v(:)             !! (nq) [m/s, rad/s]
     logical, intent(in) :: damped
@@ -302,17 +308,17 @@ contains
     integer :: side, other, pi, pj, i, j
     do side = 0, 1
       pi = merge(p%ia, p%ib, side == 0)
-      call marker_jacobian(m, pi, ci, ji)
+      call marker_jacobian(m, ev, pi, ci, ji)
       if (size(ci) == 0) cycle
       do other = 0, 1
         pj = merge(p%ia, p%ib, other == 0)
-        call marker_jacobian(m, pj, cj, jj)
+        call marker_jacobian(m, ev, pj, cj, jj)
         if (size(cj) == 0) cycle
-        k = in_body_axes(m, pi, pj, p%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        k = in_body_axes(m, ev, pi, pj, p%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
         x = matmul(transpose(ji), matmul(k, jj))
         if (damped) then
-          c = in_body_axes(m, pi, pj, p%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-          rj = rate_jacobian(m, pj, v, jj)
+          c = in_body_axes(m, ev, pi, pj, p%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+          rj = rate_jacobian(m, ev, pj, v, jj)
           rj(:, 1:2) = 0.0_wp                ! the origin's displacement keeps its direction
           x = x + matmul(transpose(ji), matmul(c, rj))
         end if

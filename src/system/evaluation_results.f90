@@ -1,0 +1,118 @@
+!> What an evaluation of the equations of motion finds, with its work space: one `evaluation` can be made again and again, at
+!> whatever states and options, of one constant mechanism.
+module evaluation_results
+  use kinds, only: wp, ip
+  use constraint, only: constraint_rows
+  use evaluation_settings, only: evaluation_options
+  use force_element, only: conditions, element_action
+  use marker, only: marker_states
+  use mechanism, only: mechanism_model
+  use multipliers, only: multiplier_system
+  implicit none (type, external)
+  private
+  public :: evaluation, set_up_evaluation, conditions_of
+
+  !> The bodies' frames.
+  type :: frame_results
+    real(wp), allocatable :: cos(:), sin(:)     !! (nb) cosine and sine of the frame angle [-]
+    real(wp), allocatable :: l(:, :)            !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32 [-], [m], [m]
+    real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it [1/kg], [1/kg], [1/(kg m2)]
+    real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes [N, N, N m]
+    real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes [m/s2, rad/s2]
+    real(wp), allocatable :: push(:, :)         !! (3, nb) what the multipliers take from them [m/s2, rad/s2]
+    real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
+  end type frame_results
+
+  !> Wrenches of unit multipliers on the sides of constraint rows (`row_incidence`).
+  type :: side_wrenches
+    real(wp), allocatable :: w(:, :)            !! (3, sides) on the marker, body axes [-, -, m]
+    real(wp), allocatable :: frame_wrench(:, :) !! (3, sides) the same on the condensed frame, J^T w [-, -, m]
+    real(wp), allocatable :: g(:, :)            !! (3, sides) L^-1 J^T w [-, -, m]
+    real(wp), allocatable :: rigid_wrench(:, :) !! (3, sides) on the frame, elastic coordinates held [-, -, m]
+  end type side_wrenches
+
+  !> What forces do to a flexible body's attached markers.
+  type :: attachment_results
+    real(wp), allocatable :: ex(:, :)           !! (3, na) E_k m_ff^-1 Q_f [m/s2, rad/s2]
+    real(wp), allocatable :: ey(:, :)           !! (3, na) E_k m_ff^-1 m_theta_f^T [m, -]
+    real(wp), allocatable :: load(:)            !! (nc) multiplier forces on the columns [N, N m]
+  end type attachment_results
+
+  !> Results of the last evaluation, and work space.
+  type :: evaluation
+    real(wp) :: t = 0.0_wp                      !! its time [s]
+    type(evaluation_options) :: options         !! what it was made with
+    type(marker_states) :: p                    !! states of the scene's markers
+    type(constraint_rows) :: rows
+    type(frame_results) :: frame
+    type(side_wrenches) :: side
+    type(attachment_results), allocatable :: attached(:)   !! (nb), empty for rigid bodies
+    type(multiplier_system) :: schur            !! S = Phi_q M^-1 Phi_q^T
+    type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
+    logical :: elastic_held = .false.           !! S is that of the frames alone: elastic coordinates do not move
+    real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
+    type(element_action), allocatable :: action(:)   !! what each force element does
+    real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
+    real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
+    real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]
+    real(wp), allocatable :: lambda_change(:)   !! (rows) correction of the multipliers, or work [N]
+    real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations, or work [m/s2, rad/s2]
+    real(wp) :: dissipated_power = 0.0_wp       !! [W]
+    real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
+    logical :: broken = .false.                 !! a condensed mass matrix lost positive definiteness
+    integer(ip) :: evaluations = 0              !! right-hand sides so far
+    integer(ip) :: solves = 0                   !! banded solves of bodies so far
+    integer(ip) :: factorisations = 0           !! of body mass matrices
+  end type evaluation
+
+contains
+
+  !> Room for the evaluations of a mechanism, whose multipliers' matrix has been ordered; markers on the ground never move.
+  subroutine set_up_evaluation(m, schur, ev)
+    type(mechanism_model), intent(in) :: m
+    type(multiplier_system), intent(in) :: schur     !! ordered by the joint graph
+    type(evaluation), intent(out) :: ev
+    integer :: nb, n, k
+    nb = size(m%s%bodies)
+    n = size(m%incidence%row)
+    ev%schur = schur
+    if (any(m%flexible)) ev%closing = schur
+    associate (f => ev%frame)
+      allocate (f%cos(nb), f%sin(nb), f%l(3, nb), f%dinv(3, nb), f%rhs(3, nb), f%free(3, nb), f%push(3, nb), f%pin(2, nb), &
+                source=0.0_wp)
+    end associate
+    allocate (ev%side%w(3, n), ev%side%frame_wrench(3, n), ev%side%g(3, n), ev%side%rigid_wrench(3, n), source=0.0_wp)
+    associate (r => ev%rows)
+      n = m%s%rows
+      allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
+    end associate
+    allocate (ev%attached(nb), ev%action(size(m%s%forces)))
+    do k = 1, nb
+      if (.not. m%flexible(k)) cycle
+      n = size(m%attached(k)%marker)
+      allocate (ev%attached(k)%ex(3, n), ev%attached(k)%ey(3, n), ev%attached(k)%load(size(m%attached(k)%columns, 2)), &
+                source=0.0_wp)
+    end do
+    allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
+              ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
+    call ev%p%allocate(size(m%s%markers))
+    do k = 1, size(m%s%markers)
+      if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
+      ev%p%rho(:, k) = m%s%markers(k)%x
+    end do
+    ev%factorisations = count(m%s%bodies%flexible .and. .not. m%s%bodies%modal)
+  end subroutine set_up_evaluation
+
+  !> What force element k may depend on beside the motion of its markers, in the last evaluation.
+  pure type(conditions) function conditions_of(m, ev, k) result(with)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k
+    integer :: b
+    associate (options => ev%options)
+      with = conditions(ev%t, options%left_limit, options%stage, options%load_factor, options%prestress)
+    end associate
+    b = m%markers%body(m%s%forces(k)%item%ia)
+    if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
+  end function conditions_of
+end module evaluation_results
