@@ -17,13 +17,13 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("time_stepper", "stepper", "time_stepper", "self"): {"trouble", "tried", "trial"},
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method", "step"},
     ("step_control", "step_controller", "step_control", "self"): {"order"},
-    ("step_control", "error_norm", "adaptive_dopri5", "self%norm"): {
+    ("step_control", "error_norm", "adaptive_pair", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest"),
         "scale",
     },
-    ("adaptive_dopri5", "adaptive_stepper", "adaptive_dopri5", "self"): {
+    ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
         *("tolerance", "first_step", "max_step", "stops", "jumps"),
-        *("error", "k7", "moved", "slope"),
+        *("method", "error", "last", "moved", "slope"),
     },
     ("generalized_alpha", "step_memory", "alpha_march", "self%memory"): set(),
     ("alpha_march", "alpha_steps", "alpha_march", "self"): {

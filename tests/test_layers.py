@@ -18,7 +18,7 @@ MAY_USE = {
     "closing": {"base", "system"},
     "integrate": {"base"},
     "modes": {"base", "model", "system"},
-    "stability": {"base", "deck", "model", "build", "system", "closing", "modes"},
+    "stability": {"base", "deck", "model", "build", "system", "closing", "integrate", "modes"},
     "output": {"base", "deck", "model", "build", "system", "closing", "modes"},
     "analysis": {"base", "deck", "model", "build", "system", "closing", "integrate", "modes", "stability", "output"},
     ".": {"base", "analysis"},

@@ -6,11 +6,9 @@ module response_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
   use interruption, only: stop_if_signalled
-  use line_joint, only: line_model
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
   use evaluation_results, only: conditions_of
-  use rotation_drive, only: rotation_model
   use scene_run, only: run_state
   use sensors, only: read_sensors, read_linear_sensors
   use summary, only: add_line
@@ -169,20 +167,12 @@ contains
     complex(wp), intent(in) :: s   !! [1/s]
     complex(wp), intent(inout) :: x(:)   !! (nq + rows) right-hand side of the linearisation [N, N m], [m]
     complex(wp) :: value
+    real(wp) :: amplitude                    ! [m]
     logical :: rate
     integer :: row
     associate (c => run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item)
-      value = 1.0_wp
-      rate = .false.
-      select type (c)
-      type is (rotation_model)
-        value = c%size
-        rate = c%rate
-      type is (line_model)
-        rate = c%rate
-      class default
-        value = 0.0_wp
-      end select
+      call c%input(amplitude, rate)
+      value = amplitude
       if (rate) value = value/s
       row = findloc(ds%active, c%first, 1)
       x(ds%n + row) = value

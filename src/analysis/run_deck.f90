@@ -14,7 +14,7 @@ module run_deck
   use force_element, only: stage_transient
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
-  use stability_region, only: method_names
+  use tableaux, only: method_names
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step

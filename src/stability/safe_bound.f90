@@ -13,7 +13,7 @@ module safe_bound
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
-  use stability_region, only: method_names
+  use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at
   implicit none (type, external)
   private

@@ -1,15 +1,10 @@
 !> Linear stability of explicit methods: how far along the ray of an eigenvalue a step may reach (theory.md, section 8).
 module stability_region
   use kinds, only: wp
+  use tableaux, only: growth
   implicit none (type, external)
   private
-  public :: largest_step, method_names
-
-  character(6), parameter :: method_names(2) = ['rk4   ', 'dopri5']   !! explicit methods, by number
-
-  !> Coefficients of the factor R(z) = sum of r(k) z^k by which a step multiplies y where y' = mu y and z = h mu [-].
-  real(wp), parameter :: r(0:6, 2) = reshape([1.0_wp, 1.0_wp, 1/2.0_wp, 1/6.0_wp, 1/24.0_wp, 0.0_wp, 0.0_wp, &
-                                              1.0_wp, 1.0_wp, 1/2.0_wp, 1/6.0_wp, 1/24.0_wp, 1/120.0_wp, 1/600.0_wp], [7, 2])
+  public :: largest_step
 
 contains
 
@@ -29,7 +24,7 @@ contains
     c = 0.0_wp
     do k = 0, 6
       do j = max(0, 1 - k), 6
-        c(k + j) = c(k + j) + r(k, method)*r(j, method)*turned(abs(k - j))
+        c(k + j) = c(k + j) + growth(k, method)*growth(j, method)*turned(abs(k - j))
       end do
     end do
   end function growth_on_ray
@@ -38,13 +33,13 @@ contains
   pure logical function grows(c, x)
     real(wp), intent(in) :: c(12)          !! of growth_on_ray [-]
     real(wp), intent(in) :: x              !! step times |mu| [-]
-    real(wp) :: growth                     ! [-]
+    real(wp) :: total                      ! [-]
     integer :: k
-    growth = 0.0_wp
+    total = 0.0_wp
     do k = 12, 1, -1
-      growth = x*(c(k) + growth)
+      total = x*(c(k) + total)
     end do
-    grows = growth > 2.0e-10_wp
+    grows = total > 2.0e-10_wp
   end function grows
 
   !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself), or none

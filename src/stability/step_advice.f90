@@ -18,7 +18,7 @@ module step_advice
   use scene_model, only: scene
   use spectrum, only: fast_spectrum, fast_mode, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
-  use stability_region, only: method_names
+  use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
   use summary_text, only: json_number, summary_record
   use text, only: fixed_text

@@ -10,7 +10,8 @@ module step_bounds
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_stiffness
-  use stability_region, only: largest_step, method_names
+  use stability_region, only: largest_step
+  use tableaux, only: method_names
   implicit none (type, external)
   private
   public :: step_bound, find_bound, take_smaller, material_poles, look_at

@@ -2,7 +2,6 @@
 module directions
   use kinds, only: wp
   use errors, only: failure, status_bad_input
-  use distance_joint, only: distance_model
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -20,11 +19,10 @@ contains
     character(:), allocatable :: text
     integer :: k
     do k = 1, size(self%s%constraints)
-      select type (c => self%s%constraints(k)%item)
-      type is (distance_model)
-        if (c%length <= gap) call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": its places coincide, so that '// &
-          'the link between them has no length; expected two places apart, or type=''revolute''')
-      end select
+      associate (c => self%s%constraints(k)%item)
+        text = c%fault(gap)
+        if (len(text) > 0) call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": '//text)
+      end associate
     end do
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item)

@@ -13,7 +13,7 @@ module parabola
   contains
     procedure :: evaluate
     procedure :: geometric
-    procedure :: has_geometric_stiffness
+    procedure :: components
   end type parabola_model
 
 contains
@@ -46,10 +46,12 @@ contains
   end subroutine geometric
 
   !> A parabola is not a line.
-  pure logical function has_geometric_stiffness(self)
+  pure function components(self, grounded) result(list)
     class(parabola_model), intent(in) :: self
-    has_geometric_stiffness = .true.
-  end function has_geometric_stiffness
+    logical, intent(in) :: grounded
+    integer, allocatable :: list(:)
+    list = [1]
+  end function components
 end module parabola
 
 !> Runs a deck with the guide in place of its first joint.

@@ -5,8 +5,8 @@ program toy_tableau
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use fixed_step, only: fixed_stepper
-  use runge_kutta, only: tableau
   use scene_run, only: run_state, prepare_run
+  use tableaux, only: tableau
   use time_stepper, only: reached
   implicit none (type, external)
   type(run_state) :: run

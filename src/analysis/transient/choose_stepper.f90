@@ -1,7 +1,7 @@
 !> The one place that turns the deck's method into a stepper.
 module choose_stepper
   use kinds, only: wp
-  use adaptive_dopri5, only: adaptive_stepper
+  use adaptive_pair, only: adaptive_stepper
   use alpha_stepper, only: implicit_stepper
   use breakpoint_list, only: scene_breakpoints
   use deck_records, only: transient_record
@@ -9,8 +9,8 @@ module choose_stepper
   use fixed_step, only: fixed_stepper
   use history, only: breakpoint
   use radau_stepper, only: radau_march
-  use runge_kutta, only: classical_rk4, dormand_prince
   use scene_model, only: scene
+  use tableaux, only: tableau, method_tableau
   use time_stepper, only: stepper
   implicit none (type, external)
   private
@@ -26,14 +26,11 @@ contains
   pure function method_order(method) result(order)
     character(*), intent(in) :: method         !! the deck's word
     integer :: order
-    select case (method)
-    case ('rk4')
-      order = 4
-    case ('dopri5', 'radau')
-      order = 5
-    case default
-      order = 2
-    end select
+    type(tableau) :: explicit
+    explicit = method_tableau(method)
+    order = explicit%order
+    if (method == 'radau') order = 5
+    if (method == 'generalized_alpha') order = 2
   end function method_order
 
   !> A stepper for the deck's transient.
@@ -97,8 +94,7 @@ contains
     class(stepper), allocatable, intent(out) :: march
     type(fixed_stepper), allocatable :: fixed
     allocate (fixed)
-    fixed%method = classical_rk4()
-    if (r%method == 'dopri5') fixed%method = dormand_prince()
+    fixed%method = method_tableau(r%method)
     fixed%step = r%step
     call move_alloc(fixed, march)
   end subroutine make_fixed
@@ -111,6 +107,7 @@ contains
     class(stepper), allocatable, intent(out) :: march
     type(adaptive_stepper), allocatable :: adaptive
     allocate (adaptive)
+    adaptive%method = method_tableau(r%method)
     adaptive%tolerance = r%tolerance
     adaptive%first_step = r%first_step
     if (r%max_step > 0.0_wp) adaptive%max_step = r%max_step

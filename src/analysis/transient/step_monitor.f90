@@ -10,7 +10,7 @@ module step_monitor
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, only_stiffness
   use spring_directions, only: bound_directions
-  use stability_region, only: method_names
+  use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, material_poles
   implicit none (type, external)
   private

@@ -3,8 +3,9 @@ module fixed_step
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
-  use runge_kutta, only: tableau, explicit_stepper
+  use runge_kutta, only: explicit_stepper
   use step_counts, only: step_count
+  use tableaux, only: tableau
   use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold
   implicit none (type, external)
   private

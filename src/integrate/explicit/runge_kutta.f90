@@ -1,21 +1,13 @@
-!> Explicit Runge-Kutta methods: tableaux as data, one stepping loop.
+!> Explicit Runge-Kutta methods: one stepping loop for all tableaux.
 module runge_kutta
   use kinds, only: wp
   use ode_system, only: ode, is_bounded
+  use tableaux, only: tableau
   implicit none (type, external)
   private
-  public :: tableau, classical_rk4, dormand_prince, explicit_stepper
+  public :: explicit_stepper
 
   integer, parameter :: block_size = 512         !! unknowns combined at a time
-
-  !> A Butcher tableau of an explicit method.
-  type :: tableau
-    integer :: stages = 0
-    integer :: order = 0
-    real(wp), allocatable :: a(:, :)          !! (stages, stages): column i holds the weights of stage i, a(j, i) for j < i [-]
-    real(wp), allocatable :: b(:)             !! (stages) weights [-]
-    real(wp), allocatable :: c(:)             !! (stages) nodes [-]
-  end type tableau
 
   !> A method with its work space.
   type :: explicit_stepper
@@ -25,38 +17,10 @@ module runge_kutta
   contains
     procedure :: prepare
     procedure :: step
+    procedure :: weighted
   end type explicit_stepper
 
 contains
-
-  !> The classical fourth-order method (Kutta 1901).
-  pure function classical_rk4() result(m)
-    type(tableau) :: m
-    m%stages = 4
-    m%order = 4
-    allocate (m%a(4, 4), source=0.0_wp)
-    m%a(1, 2) = 0.5_wp
-    m%a(2, 3) = 0.5_wp
-    m%a(3, 4) = 1.0_wp
-    m%b = [1.0_wp, 2.0_wp, 2.0_wp, 1.0_wp]/6.0_wp
-    m%c = [0.0_wp, 0.5_wp, 0.5_wp, 1.0_wp]
-  end function classical_rk4
-
-  !> The fifth-order method of Dormand and Prince (1980), its six stages; the seventh, the derivative at the end of the
-  !> step, is the first of the next one (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.5).
-  pure function dormand_prince() result(m)
-    type(tableau) :: m
-    m%stages = 6
-    m%order = 5
-    allocate (m%a(6, 6), source=0.0_wp)
-    m%a(1, 2) = 1.0_wp/5.0_wp
-    m%a(1:2, 3) = [3.0_wp/40.0_wp, 9.0_wp/40.0_wp]
-    m%a(1:3, 4) = [44.0_wp/45.0_wp, -56.0_wp/15.0_wp, 32.0_wp/9.0_wp]
-    m%a(1:4, 5) = [19372.0_wp/6561.0_wp, -25360.0_wp/2187.0_wp, 64448.0_wp/6561.0_wp, -212.0_wp/729.0_wp]
-    m%a(1:5, 6) = [9017.0_wp/3168.0_wp, -355.0_wp/33.0_wp, 46732.0_wp/5247.0_wp, 49.0_wp/176.0_wp, -5103.0_wp/18656.0_wp]
-    m%b = [35.0_wp/384.0_wp, 0.0_wp, 500.0_wp/1113.0_wp, 125.0_wp/192.0_wp, -2187.0_wp/6784.0_wp, 11.0_wp/84.0_wp]
-    m%c = [0.0_wp, 0.2_wp, 0.3_wp, 0.8_wp, 8.0_wp/9.0_wp, 1.0_wp]
-  end function dormand_prince
 
   !> Allocates the work space for n unknowns.
   pure subroutine prepare(self, method, n)
@@ -89,6 +53,19 @@ contains
     end if
     y = self%y
   end subroutine step
+
+  !> x = h times the weighted sum of the stages and of the derivative at the end of the step.
+  subroutine weighted(self, weights, h, last, x)
+    class(explicit_stepper), intent(inout) :: self
+    real(wp), intent(in) :: weights(:)        !! (stages + 1) [-]
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: last(:)           !! (n) [unit/s]
+    real(wp), intent(inout) :: x(:)           !! (n) [unit]
+    associate (s => self%method%stages)
+      self%y = (h*weights(s + 1))*last
+      call combine(size(x), s, s, weights(1:s), h, self%y, self%k, x)
+    end associate
+  end subroutine weighted
 
   !> x = y + h sum of a_j k_j over the stages, in blocks that stay in the processor's first cache.
   pure subroutine combine(n, used, stages, a, h, y, k, x)

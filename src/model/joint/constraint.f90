@@ -44,7 +44,9 @@ module constraint
     procedure :: init_from_assembly => keep_as_is !! told the markers as assembled
     procedure :: uses_position => always_moves !! whether rows can act on positions
     procedure :: breakpoints => no_breakpoints !! times at which accelerations are not smooth, with the order of their jump
-    procedure :: has_geometric_stiffness => never_curved !! whether `geometric` is not zero
+    procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
+    procedure :: input => no_input             !! what a unit of its history adds to its row
+    procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
   end type constraint_model
@@ -84,11 +86,29 @@ contains
   end function never_turns
 
   !> Most rows are linear in positions and angles.
-  pure function never_curved(self) result(yes)
+  pure function no_components(self, grounded) result(list)
     class(constraint_model), intent(in) :: self
-    logical :: yes
-    yes = .false.
-  end function never_curved
+    logical, intent(in) :: grounded               !! marker b is fixed to the ground
+    integer, allocatable :: list(:)
+    allocate (list(0))
+  end function no_components
+
+  !> Joints follow no history.
+  pure subroutine no_input(self, value, rate)
+    class(constraint_model), intent(in) :: self
+    real(wp), intent(out) :: value                !! of a unit of the history [m]
+    logical, intent(out) :: rate                  !! the history gives the rate
+    value = 0.0_wp
+    rate = .false.
+  end subroutine no_input
+
+  !> Most constraints can hold wherever their markers are.
+  pure function no_fault(self, gap) result(text)
+    class(constraint_model), intent(in) :: self
+    real(wp), intent(in) :: gap                   !! distance up to which markers coincide [m]
+    character(:), allocatable :: text
+    text = ''
+  end function no_fault
 
   !> Most constraints take nothing from the positions at the start.
   subroutine keep_as_is(self, p)

@@ -14,7 +14,8 @@ module distance_joint
     procedure :: evaluate => distance_rows
     procedure :: geometric => distance_second
     procedure :: init_from_deck => distance_begin
-    procedure :: has_geometric_stiffness => distance_curved
+    procedure :: components => distance_components
+    procedure :: fault => distance_fault
     procedure :: init_from_assembly => distance_settle
   end type distance_model
 
@@ -63,11 +64,22 @@ contains
   end subroutine distance_second
 
   !> A length is not linear in positions.
-  pure function distance_curved(self) result(yes)
+  pure function distance_components(self, grounded) result(list)
     class(distance_model), intent(in) :: self
-    logical :: yes
-    yes = .true.
-  end function distance_curved
+    logical, intent(in) :: grounded
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5]
+  end function distance_components
+
+  !> A link without a length has no direction.
+  pure function distance_fault(self, gap) result(text)
+    class(distance_model), intent(in) :: self
+    real(wp), intent(in) :: gap           !! [m]
+    character(:), allocatable :: text
+    text = ''
+    if (self%length <= gap) text = 'its places coincide, so that the link between them has no length; expected two places '// &
+      'apart, or type=''revolute'''
+  end function distance_fault
 
   !> The deck's own distance, for messages while the length is pending.
   subroutine distance_begin(self, p)

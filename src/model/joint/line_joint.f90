@@ -22,7 +22,8 @@ module line_joint
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
     procedure :: init_from_deck => line_begin
-    procedure :: has_geometric_stiffness => line_curved
+    procedure :: components => line_components
+    procedure :: input => line_input
     procedure :: release_angle => prismatic_release
     procedure :: uses_angle_a => prismatic_turns
     procedure :: uses_angle_b => line_turns
@@ -100,12 +101,23 @@ contains
     k%k(6, 6) = -l*dot_product(n, d)
   end subroutine line_second
 
-  !> The direction turns with section b.
-  pure function line_curved(self) result(yes)
+  !> The direction turns with section b; a line fixed to the ground is straight.
+  pure function line_components(self, grounded) result(list)
     class(line_model), intent(in) :: self
-    logical :: yes
-    yes = .true.
-  end function line_curved
+    logical, intent(in) :: grounded
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5, 6]
+    if (grounded) list = list(:0)
+  end function line_components
+
+  !> A position drive's distance, or its rate.
+  pure subroutine line_input(self, value, rate)
+    class(line_model), intent(in) :: self
+    real(wp), intent(out) :: value        !! [m]
+    logical, intent(out) :: rate
+    value = 1.0_wp
+    rate = self%rate
+  end subroutine line_input
 
   !> A prismatic joint keeps section a's angle.
   pure function prismatic_turns(self) result(yes)

@@ -19,9 +19,19 @@ module rotation_drive
     procedure :: uses_angle_b => rotation_turns
     procedure :: uses_position => rotation_moves
     procedure :: breakpoints => rotation_breakpoints
+    procedure :: input => rotation_input
   end type rotation_model
 
 contains
+
+  !> The angle, or its rate.
+  pure subroutine rotation_input(self, value, rate)
+    class(rotation_model), intent(in) :: self
+    real(wp), intent(out) :: value        !! [m]
+    logical, intent(out) :: rate
+    value = self%size
+    rate = self%rate
+  end subroutine rotation_input
 
   !> The row.
   pure subroutine rotation_rows(self, t, p, r)

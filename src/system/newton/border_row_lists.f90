@@ -64,18 +64,14 @@ contains
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(inout) :: list
     type(coupling), allocatable :: all(:)
+    integer, allocatable :: components(:)
     integer :: k, n
     allocate (all(size(m%s%constraints) + size(m%s%forces)))
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        if (.not. c%has_geometric_stiffness()) cycle
-        if (c%uses_angle_b()) then
-          if (m%s%markers(c%ib)%body == 0) cycle        ! a line fixed to the ground is straight
-          all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5, 6])
-        else
-          all(n + 1) = new_law(from_joint, k, c%ia, c%ib, [1, 2, 4, 5])
-        end if
+        components = c%components(m%s%markers(c%ib)%body == 0)
+        if (size(components) > 0) all(n + 1) = new_law(from_joint, k, c%ia, c%ib, components)
       end associate
     end do
     do k = 1, size(m%s%forces)

@@ -270,7 +270,7 @@ contains
     integer :: k
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        if (.not. c%has_geometric_stiffness()) cycle
+        if (size(c%components(m%s%markers(c%ib)%body == 0)) == 0) cycle
         p%ia = c%ia
         p%ib = c%ib
         p%c = 0.0_wp

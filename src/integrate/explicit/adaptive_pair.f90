@@ -1,6 +1,6 @@
-!> Dormand-Prince 5(4) with step control, continuous output and stops at the breakpoints of histories (Dormand and Prince 1980;
-!> Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected
-!> before its derivative is taken: the seventh stage is then the first of the next step also where states are projected.
+!> Embedded pairs of explicit methods with step control, continuous output and stops at the breakpoints of histories (Hairer,
+!> Norsett and Wanner, Solving Ordinary Differential Equations I, II.4 to II.6). The end of a step is projected before its
+!> derivative is taken: the last stage is then the first of the next step also where states are projected.
 !>
 !> Errors are measured relative to the groups of the error norm, for values, rates and derivatives of rates, and a local error
 !> may at most be the tolerance. Undamped, local errors add up over the run's length T, so that the tolerance of a step is a
@@ -8,24 +8,17 @@
 !> known: for a vibration of frequency omega with z = i h omega the estimate is z5/1200 and the error 2.8e-4 z6, h omega/3
 !> times the estimate, which makes omega T/3 estimates after T/h steps; hence `slope_tolerances`/(omega T). The error of a
 !> derivative is the difference quotient (f(y + s e) - f(y))/s along the error e of the state.
-module adaptive_dopri5
+module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
-  use runge_kutta, only: dormand_prince, explicit_stepper
+  use runge_kutta, only: explicit_stepper
   use step_control, only: error_norm, step_controller
+  use tableaux, only: tableau
   use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, &
                           trouble_accuracy
   implicit none (type, external)
   private
-
-  !> Weights of the error estimate: fifth minus fourth order, seven stages [-].
-  real(wp), parameter :: e(7) = [71.0_wp/57600.0_wp, 0.0_wp, -71.0_wp/16695.0_wp, 71.0_wp/1920.0_wp, &
-                                 -17253.0_wp/339200.0_wp, 22.0_wp/525.0_wp, -1.0_wp/40.0_wp]
-  !> Weights of the last term of the continuous extension of order 4 [-].
-  real(wp), parameter :: d(7) = [-12715105075.0_wp/11282082432.0_wp, 0.0_wp, 87487479700.0_wp/32700410799.0_wp, &
-                                 -10690763975.0_wp/1880347072.0_wp, 701980252875.0_wp/199316789632.0_wp, &
-                                 -1453857185.0_wp/822651844.0_wp, 69997945.0_wp/29380423.0_wp]
 
   real(wp), parameter :: run_tolerances = 300.0_wp   !! sum of all estimates of values and rates in a run, in tolerances [-]
   real(wp), parameter :: slope_tolerances = 200.0_wp !! the same for derivatives, times omega T [-]
@@ -38,6 +31,7 @@ module adaptive_dopri5
 
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
+    type(tableau) :: method                   !! with weights of the error and the extension
     real(wp) :: tolerance = 0.0_wp            !! [-]
     real(wp) :: first_step = 0.0_wp           !! [s], 0: chosen by the method
     real(wp) :: max_step = huge(1.0_wp)       !! [s]
@@ -47,7 +41,7 @@ module adaptive_dopri5
     real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
     type(step_controller) :: control
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
-    real(wp), allocatable :: k7(:)            !! (n) derivative at the end of the step [unit/s]
+    real(wp), allocatable :: last(:)            !! (n) derivative at the end of the step, its last stage [unit/s]
     real(wp), allocatable :: error(:)         !! (n) estimated error of the step [unit]
     real(wp), allocatable :: moved(:)         !! (n) the end of the step moved along the error [unit]
     real(wp), allocatable :: slope(:)         !! (n) the derivative there, then the error of the derivative [unit/s]
@@ -68,8 +62,9 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: y(:)              !! (n) [unit]
-    call self%stages%prepare(dormand_prince(), size(y))
-    allocate (self%k7(size(y)), self%error(size(y)), self%moved(size(y)), self%slope(size(y)), self%dense(size(y), 5), &
+    call self%stages%prepare(self%method, size(y))
+    self%control%order = self%method%order
+    allocate (self%last(size(y)), self%error(size(y)), self%moved(size(y)), self%slope(size(y)), self%dense(size(y), 5), &
               source=0.0_wp)
     self%t = t
     self%y = y
@@ -90,9 +85,9 @@ contains
     do k = 1, size(self%y)
       self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
     end do
-    call system%derivative(self%t, self%y, .false., self%k7)
+    call system%derivative(self%t, self%y, .false., self%last)
     call system%derivative(self%t, self%moved, .false., self%slope)
-    self%slope = self%slope - self%k7
+    self%slope = self%slope - self%last
     call self%norm%watch_noise(self%slope)
   end subroutine measure_noise
 
@@ -167,9 +162,9 @@ contains
     end if
     if (self%tried >= to) call keep_dense(self, h)
     self%y = self%trial
-    self%stages%k(:, 1) = self%k7
+    self%stages%k(:, 1) = self%last
     call self%norm%watch(self%y)
-    call self%norm%watch_slopes(self%k7)
+    call self%norm%watch_slopes(self%last)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
@@ -187,7 +182,6 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: err              !! [-]
     logical :: ok
-    integer :: k
     err = -1.0_wp
     self%trial = self%y
     call self%stages%step(system, self%t, h, self%trial, ok)
@@ -196,13 +190,10 @@ contains
     call system%project(self%tried, self%trial, ok)
     if (.not. ok .and. is_bounded(self%trial)) self%trouble = trouble_manifold
     if (.not. ok) return
-    call system%derivative(self%tried, self%trial, .true., self%k7)
+    call system%derivative(self%tried, self%trial, .true., self%last)
     self%trouble = trouble_size
-    if (.not. is_bounded(self%k7)) return
-    do k = 1, size(self%y)
-      self%error(k) = h*(e(1)*self%stages%k(k, 1) + e(3)*self%stages%k(k, 3) + e(4)*self%stages%k(k, 4) &
-                         + e(5)*self%stages%k(k, 5) + e(6)*self%stages%k(k, 6) + e(7)*self%k7(k))
-    end do
+    if (.not. is_bounded(self%last)) return
+    call self%stages%weighted(self%method%error, h, self%last, self%error)
     call measure_error(self, system, h, err)
   end subroutine try_step
 
@@ -224,10 +215,10 @@ contains
     end do
     call system%derivative(self%tried, self%moved, .true., self%slope)
     do k = 1, size(self%y)
-      self%slope(k) = (self%slope(k) - self%k7(k))/s
+      self%slope(k) = (self%slope(k) - self%last(k))/s
     end do
     allowed = self%tolerance*min(1.0_wp, max(least_share, slope_tolerances/(self%norm%fastest*length)))
-    err = max(err, self%norm%measure_slopes(self%slope, self%k7, h, allowed))
+    err = max(err, self%norm%measure_slopes(self%slope, self%last, h, allowed))
   end subroutine measure_error
 
   !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
@@ -244,10 +235,9 @@ contains
       self%dense(k, 1) = self%y(k)
       self%dense(k, 2) = rise
       self%dense(k, 3) = bend
-      self%dense(k, 4) = rise - h*self%k7(k) - bend
-      self%dense(k, 5) = h*(d(1)*self%stages%k(k, 1) + d(3)*self%stages%k(k, 3) + d(4)*self%stages%k(k, 4) &
-                            + d(5)*self%stages%k(k, 5) + d(6)*self%stages%k(k, 6) + d(7)*self%k7(k))
+      self%dense(k, 4) = rise - h*self%last(k) - bend
     end do
+    call self%stages%weighted(self%method%dense, h, self%last, self%dense(:, 5))
   end subroutine keep_dense
 
   !> First step from the state, its derivative and an estimate of the second derivative (reference, II.4).
@@ -264,13 +254,13 @@ contains
       self%trial = self%y + h*k1
       self%h = h*1.0e-3_wp
       if (.not. is_bounded(self%trial)) return
-      call system%derivative(self%t + h, self%trial, .true., self%k7)
-      if (.not. is_bounded(self%k7)) return
-      self%error = self%k7 - k1
+      call system%derivative(self%t + h, self%trial, .true., self%last)
+      if (.not. is_bounded(self%last)) return
+      self%error = self%last - k1
       d2 = self%norm%measure(self%error, self%y, h, self%tolerance)
       self%h = min(100*h, rest, self%max_step)
       d1 = h*max(d1, d2)                      ! changes in a step of h, in tolerances: the reference's rule with h as unit of time
-      if (d1 > tiny(d1)) self%h = min(self%h, h*(0.01_wp/d1)**0.2_wp)
+      if (d1 > tiny(d1)) self%h = min(self%h, h*(0.01_wp/d1)**(1.0_wp/self%method%order))
     end associate
   end subroutine choose_step
 
@@ -289,4 +279,4 @@ contains
     call a%exchange(self%dense_start)
     call a%exchange(self%dense_step)
   end subroutine exchange
-end module adaptive_dopri5
+end module adaptive_pair
