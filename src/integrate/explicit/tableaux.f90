@@ -37,6 +37,8 @@ contains
       m = classical_rk4()
     case ('dopri5')
       m = dormand_prince()
+    case default
+      m = tableau()
     end select
   end function method_tableau
 
