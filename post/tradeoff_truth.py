@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from dataclasses import dataclass, replace
 
 import deck_models
@@ -72,7 +73,7 @@ def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
         found = curves(study, deck, "reference")
     if not found:
         if not written.ok:
-            raise OutOfTimeError if study.runner.late() else RunsError(f"no run came to its end: {written.message}")
+            raise OutOfTimeError if math.isfinite(study.runner.time) else RunsError(f"no run came to its end: {written.message}")
         study.truth = truth_of(written, study.compared, float("inf"), "the deck as written: no other run came to its end in time")
         return Base(deck, [], 0, [])
     finest = found[0].outcomes[-1]

@@ -240,7 +240,6 @@ def test_time_ends_the_search(study):
     began = time.monotonic()
     _, _, told, fault = study(ROOT / "input" / "four_bar.nml", "--tolerance", "1e-5", "--time", "2", status=None)
     assert time.monotonic() - began < 40.0
-    assert "Traceback" not in fault
     assert fault == ""
     assert "No run came to its end" in told or "recommended.nml" in told
 

@@ -45,12 +45,16 @@ contains
     t = trim(buffer)
   end function long_text
 
-  !> A real as d.ddE+ee after a blank or minus sign: always decimals + 7 characters, whatever its size.
+  !> A real as d.ddE+ee after a blank or minus sign, as d.dE+eee where the exponent needs it: always decimals + 7 characters.
   pure function es_text(x, decimals) result(t)
     real(wp), intent(in) :: x          !! any number [-]
-    integer, intent(in) :: decimals    !! digits after the point
+    integer, intent(in) :: decimals    !! digits after the point, at least 1
     character(decimals + 7) :: t
-    write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
+    if (abs(x) > 0.0_wp .and. (abs(x) >= 9.99e99_wp .or. abs(x) < 1.0e-98_wp)) then
+      write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals - 1)//'e3)') x
+    else
+      write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
+    end if
   end function es_text
 
   !> A real in as few digits as give it back where they are read: 6, or 15 to 17.

@@ -196,7 +196,7 @@ contains
     do r = 1, size(self%groups)
       associate (p => self%groups(r))
         g = self%damping*p%law%ratio(self%s)
-        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%frame_l, g, x, y)
+        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%rounded_off, g, x, y)
       end associate
     end do
   end function balance
@@ -227,7 +227,7 @@ contains
       call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
     else
       associate (p => self%groups(group))
-        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%frame_l, (1.0_wp, 0.0_wp), x, y)
+        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%rounded_off, (1.0_wp, 0.0_wp), x, y)
       end associate
     end if
   end function stiffness_product

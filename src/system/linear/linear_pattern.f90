@@ -15,7 +15,7 @@ module linear_pattern
     type(viscoelastic_terms) :: law
     integer, allocatable :: entry(:)           !! entries of the pattern
     real(wp), allocatable :: value(:)          !! K_r there [N/m ...]
-    real(wp), allocatable :: frame_l(:)        !! what rounding took from it [N/m ...]
+    real(wp), allocatable :: rounded_off(:)        !! what rounding took from it [N/m ...]
   end type ghm_group
 
 contains
@@ -54,11 +54,11 @@ contains
   end subroutine append
 
   !> Sums a matrix's entries on the pattern, and where asked what rounding takes away (Knuth's error-free sum).
-  subroutine gather(self, a, values, frame_l)
+  subroutine gather(self, a, values, rounded_off)
     class(symmetric_pattern), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
     real(wp), intent(inout) :: values(:)
-    real(wp), intent(inout), optional :: frame_l(:)
+    real(wp), intent(inout), optional :: rounded_off(:)
     real(wp) :: x, s, t
     integer :: k, e
     do k = 1, a%count
@@ -66,7 +66,7 @@ contains
       x = a%values(k)
       s = values(e) + x
       t = s - values(e)
-      if (present(frame_l)) frame_l(e) = frame_l(e) + ((values(e) - (s - t)) + (x - t))
+      if (present(rounded_off)) rounded_off(e) = rounded_off(e) + ((values(e) - (s - t)) + (x - t))
       values(e) = s
     end do
   end subroutine gather
@@ -77,11 +77,11 @@ contains
     type(linear_mechanism), intent(in) :: lin
     type(ghm_group), allocatable, intent(out) :: kept(:)
     type(ghm_group), allocatable :: groups(:)
-    real(wp), allocatable :: values(:), frame_l(:)
+    real(wp), allocatable :: values(:), rounded_off(:)
     logical, allocatable :: done(:)
     integer :: k, j, n, e
     allocate (groups(size(lin%segments)), done(size(lin%segments)))
-    allocate (values(size(self%row)), frame_l(size(self%row)), source=0.0_wp)
+    allocate (values(size(self%row)), rounded_off(size(self%row)), source=0.0_wp)
     done = .false.
     n = 0
     do k = 1, size(lin%segments)
@@ -89,15 +89,15 @@ contains
       n = n + 1
       groups(n)%law = lin%segments(k)%law
       values = 0.0_wp
-      frame_l = 0.0_wp
+      rounded_off = 0.0_wp
       do j = k, size(lin%segments)
         if (done(j) .or. .not. lin%segments(j)%law%equals(lin%segments(k)%law)) cycle
         done(j) = .true.
-        call gather(self, lin%segments(j)%stiffness, values, frame_l)
+        call gather(self, lin%segments(j)%stiffness, values, rounded_off)
       end do
       groups(n)%entry = pack([(e, e=1, size(values))], abs(values) > 0.0_wp)
       groups(n)%value = values(groups(n)%entry)
-      groups(n)%frame_l = frame_l(groups(n)%entry)
+      groups(n)%rounded_off = rounded_off(groups(n)%entry)
     end do
     kept = groups(1:n)
   end subroutine make_groups
