@@ -145,7 +145,7 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             band, power = density(axis, values)
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
             squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
-            line[1].set_ylabel(f"[{squared}/{unit}]")
+            line[1].set_ylabel(f"[{squared}/{unit.replace('per turn', 'order')}]")
             line[1].set_title("power spectral density (Welch)", fontsize=9)
             line[1].set_xlim(line[0].get_xlim())
             seen = power[1:][band[1:] <= line[0].get_xlim()[1]]

@@ -98,7 +98,7 @@ def picture_of_factors(rows: list[Row], path: Path) -> None:
         for m, t in ((">", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
     ]
     marks += [plt.Line2D([], [], color=WRONG, marker="o", ms=10, mfc="none", ls="", label="not as stated")]
-    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9)
+    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9, title="across: a case's figure, a relative error [-]")
     figure.savefig(path, dpi=90)
     plt.close(figure)
 
