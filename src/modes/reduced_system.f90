@@ -100,7 +100,7 @@ contains
       do r = 1, size(ds%groups)
         self%scale(j) = self%scale(j) + sum(ds%groups(r)%law%alpha)*self%part(j, j, r)
       end do
-      self%scale(j) = max(sqrt(self%scale(j)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
+      self%scale(j) = max(sqrt(max(self%scale(j), 0.0_wp)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
       if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
     end do
   end subroutine find_scale
