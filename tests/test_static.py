@@ -39,6 +39,27 @@ def test_cantilever_under_weight_and_tip_force(static_of):
     np.testing.assert_allclose(table["state.b.7.y"], table["tip.v"], rtol=1e-14)
 
 
+@pytest.mark.parametrize("length", [1e-11, 1e-7, 1e-3, 1e4, 1e6])
+def test_deflection_and_frequency_of_a_cantilever_of_any_length(length, run_deck):
+    """Forces and moments of one matrix differ by the length: nothing that is weak may be told by comparing them."""
+    deck = cantilever("", ghm="ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0", static="&static load_steps=1 /\n&modal modes=2 /\n")
+    deck = deck.replace(f"length={LENGTH}", f"length={length}").replace("'beam' /", "'beam' gravity=0.0,-9.81 /", 1)
+    run = run_deck(deck)
+    ei, line = YOUNG * INERTIA, DENSITY * AREA
+    assert read(run.folder, "static")["tip.v"][-1] == pytest.approx(-line * 9.81 * length**4 / (8 * ei), rel=1e-10)
+    lowest = min(1.8751040687**2 * np.sqrt(ei / line) / length**2, np.pi / 2 * np.sqrt(YOUNG / DENSITY) / length) / (2 * np.pi)
+    modes = read(run.folder, "modes")
+    assert modes["undamped_frequency"][0] == pytest.approx(lowest, rel=5e-3)
+    assert "missing" not in (run.folder / "modes.txt").read_text()
+
+
+def test_bodies_that_rounding_cannot_tell_from_free_ones_are_refused(run_deck):
+    """A beam so short that its stiffness in tension is lost beside that in bending."""
+    run = run_deck(cantilever("").replace(f"length={LENGTH}", "length=1e-30"), expect=2)
+    assert 'left free to move: "b"; expected' in run.stderr
+    assert "by more than rounding" in run.stderr
+
+
 def test_steady_stretch_of_the_spinning_arm(static_of, run_deck):
     deck = """&scene title='steady turn' /
 &material name='m' density=3000.0 young=7.0e10 /

@@ -5,10 +5,10 @@ module border_block
   use lapack, only: zgbtrf, zgbtrs
   implicit none (type, external)
   private
-  public :: block_part, condense
+  public :: block_part, condense, equilibrate
 
   integer, parameter, public :: slots = 3             !! replaced pivots that a block can hand to the border
-  real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the column [-]
+  real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the equilibrated column [-]
 
   !> One block.
   type :: block_part
@@ -20,7 +20,7 @@ module border_block
     complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it [any]
     complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block [any]
     integer, allocatable :: pivots(:)                 !! (n)
-    real(wp), allocatable :: size(:)                  !! (n) largest entry of each column [any]
+    real(wp), allocatable :: row_scale(:), col_scale(:)   !! (n) of A; right and left are scaled with it [1/any]
     integer :: weak(slots) = 0                        !! replaced pivots
   end type block_part
 
@@ -32,7 +32,6 @@ contains
     integer, intent(in) :: kd                         !! half band width of the border
     complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
     complex(wp) :: s
-    real(wp) :: largest   ! [any]
     integer :: info, k, w, m, i, j
     m = size(p%border)
     p%weak = 0
@@ -40,25 +39,27 @@ contains
       ab(2*kd + 1, p%border(m - slots + k)) = 1.0_wp
     end do
     if (p%n == 0) return
-    p%size = [(maxval(abs(p%ab(:, k))), k=1, p%n)]
-    largest = maxval(p%size)
-    where (p%size < tiny(1.0_wp)) p%size = merge(largest, 1.0_wp, largest >= tiny(1.0_wp))   ! a mode at its own frequency
+    call equilibrate(p%ab, p%kd, p%row_scale, p%col_scale)
+    do j = 1, p%n
+      p%right(j, :) = p%right(j, :)*p%row_scale(j)
+      p%left(:, j) = p%left(:, j)*p%col_scale(j)
+    end do
     call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
     w = 0
     do k = 1, p%n
-      if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot*p%size(k)) cycle
+      if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot) cycle
       if (w == slots) then
-        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)*p%size(k)
+        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)
         cycle
       end if
       w = w + 1
       p%weak(w) = k
-      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + p%size(k)
+      p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + 1.0_wp
       p%left(m - slots + w, k) = -1.0_wp
     end do
     call zgbtrs('N', p%n, p%kd, p%kd, m - slots, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
     do k = 1, w
-      call back_substitute(p, p%weak(k), -p%size(p%weak(k)), p%right(:, m - slots + k))
+      call back_substitute(p, p%weak(k), -1.0_wp, p%right(:, m - slots + k))
     end do
     do j = 1, m - slots + w
       do i = 1, m - slots + w
@@ -69,6 +70,44 @@ contains
       end do
     end do
   end subroutine condense
+
+  !> Rows, then columns of a band matrix to size one by powers of two: forces, moments and lengths stand side by side in it.
+  subroutine equilibrate(ab, kd, row_scale, col_scale)
+    complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, n) band matrix [any]
+    integer, intent(in) :: kd                         !! half band width
+    real(wp), intent(out) :: row_scale(:), col_scale(:)   !! (n) [1/any]
+    integer :: i, j, k
+    row_scale = 0.0_wp
+    do j = 1, size(ab, 2)
+      do i = max(1, j - kd), min(size(ab, 2), j + kd)
+        row_scale(i) = max(row_scale(i), magnitude(ab(2*kd + 1 + i - j, j)))
+      end do
+    end do
+    row_scale = scale_of(row_scale)
+    do j = 1, size(ab, 2)
+      col_scale(j) = 0.0_wp
+      do i = max(1, j - kd), min(size(ab, 2), j + kd)
+        k = 2*kd + 1 + i - j
+        ab(k, j) = ab(k, j)*row_scale(i)
+        col_scale(j) = max(col_scale(j), magnitude(ab(k, j)))
+      end do
+      col_scale(j) = scale_of(col_scale(j))
+      ab(:, j) = ab(:, j)*col_scale(j)
+    end do
+  end subroutine equilibrate
+
+  !> Size of a complex number without a square root.
+  elemental real(wp) function magnitude(z)
+    complex(wp), intent(in) :: z   !! [any]
+    magnitude = abs(real(z)) + abs(aimag(z))
+  end function magnitude
+
+  !> The power of two that brings a size to one; nothing changes a row or column of zeros.
+  elemental real(wp) function scale_of(largest)
+    real(wp), intent(in) :: largest   !! [any]
+    scale_of = 1.0_wp
+    if (largest >= tiny(1.0_wp)) scale_of = scale(1.0_wp, -exponent(largest))
+  end function scale_of
 
   !> x = value U^-1 e_k.
   pure subroutine back_substitute(p, k, value, x)

@@ -8,7 +8,7 @@
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
   use kinds, only: wp, pi
-  use border_block, only: block_part, condense, slots
+  use border_block, only: block_part, condense, equilibrate, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -87,7 +87,7 @@ contains
       do k = 1, size(kept)
         p%kd = max(p%kd, abs(self%place(rows(kept(k))) - self%place(cols(kept(k)))))
       end do
-      allocate (p%ab(3*p%kd + 1, p%n), p%pivots(p%n), p%size(p%n))
+      allocate (p%ab(3*p%kd + 1, p%n), p%pivots(p%n), p%row_scale(p%n), p%col_scale(p%n))
     end associate
   end subroutine order_block
 
@@ -206,36 +206,13 @@ contains
     do b = 1, size(self%blocks)
       call condense(self%blocks(b), self%kd, self%ab)
     end do
-    call equilibrate(self)
+    call equilibrate(self%ab, self%kd, self%row_scale, self%col_scale)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
     if (info == 0) return
     do k = 1, self%nb                                 ! exactly singular: the nearest regular matrix, entries of size one
       if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
     end do
   end subroutine factor
-
-  !> Rows, then columns of the border to size one: forces, moments and lengths stand side by side in it.
-  subroutine equilibrate(self)
-    class(bordered_system), intent(inout) :: self
-    integer :: i, j, k
-    self%row_scale = 0.0_wp
-    do j = 1, self%nb
-      do i = max(1, j - self%kd), min(self%nb, j + self%kd)
-        self%row_scale(i) = max(self%row_scale(i), abs(self%ab(2*self%kd + 1 + i - j, j)))
-      end do
-    end do
-    self%row_scale = merge(1.0_wp/max(self%row_scale, tiny(1.0_wp)), 1.0_wp, self%row_scale > tiny(1.0_wp))
-    do j = 1, self%nb
-      self%col_scale(j) = 0.0_wp
-      do i = max(1, j - self%kd), min(self%nb, j + self%kd)
-        k = 2*self%kd + 1 + i - j
-        self%ab(k, j) = self%ab(k, j)*self%row_scale(i)
-        self%col_scale(j) = max(self%col_scale(j), abs(self%ab(k, j)))
-      end do
-      self%col_scale(j) = merge(1.0_wp/max(self%col_scale(j), tiny(1.0_wp)), 1.0_wp, self%col_scale(j) > tiny(1.0_wp))
-      self%ab(:, j) = self%ab(:, j)*self%col_scale(j)
-    end do
-  end subroutine equilibrate
 
   !> Solves in place with the last factor, or with its transpose.
   subroutine solve(self, x, transposed)
@@ -251,14 +228,14 @@ contains
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
         if (p%n == 0) cycle
+        y = reshape(x(p%unknown)*merge(p%col_scale, p%row_scale, transposed), [p%n, 1])
         if (transposed) then
-          self%x(p%border, 1) = self%x(p%border, 1) - matmul(x(p%unknown), p%right)
-          cycle
+          self%x(p%border, 1) = self%x(p%border, 1) - matmul(y(:, 1), p%right)
+        else
+          call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
+          self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, y(:, 1))
         end if
-        y = reshape(x(p%unknown), [p%n, 1])
-        call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
         x(p%unknown) = y(:, 1)
-        self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, y(:, 1))
       end associate
     end do
     self%x(:, 1) = self%x(:, 1)*merge(self%col_scale, self%row_scale, transposed)
@@ -274,9 +251,9 @@ contains
         if (transposed) then
           y = reshape(x(p%unknown) - matmul(self%x(p%border, 1), p%left), [p%n, 1])
           call zgbtrs('T', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
-          x(p%unknown) = y(:, 1)
+          x(p%unknown) = y(:, 1)*p%row_scale
         else
-          x(p%unknown) = x(p%unknown) - matmul(p%right, self%x(p%border, 1))
+          x(p%unknown) = (x(p%unknown) - matmul(p%right, self%x(p%border, 1)))*p%col_scale
         end if
       end associate
     end do
@@ -290,7 +267,8 @@ contains
     total = log_of_factor(self%ab, self%kd, self%pivots) - sum(log(self%row_scale)) - sum(log(self%col_scale))
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
-        if (p%n > 0) total = total + log_of_factor(p%ab, p%kd, p%pivots)
+        if (p%n == 0) cycle
+        total = total + log_of_factor(p%ab, p%kd, p%pivots) - sum(log(p%row_scale)) - sum(log(p%col_scale))
       end associate
     end do
   end function log_determinant

@@ -247,19 +247,25 @@ contains
     ok = .true.
   end subroutine orthonormalise
 
-  !> Lowest p modes on an orthonormal basis of the null space of J.
+  !> Lowest p modes on an orthonormal basis of the null space of J, in unknowns of equal mass: lengths and angles stand side by
+  !> side.
   subroutine dense_start(ds, p, omega2, x, ok)
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: p
     real(wp), intent(out) :: omega2(:), x(:, :)
     logical, intent(out) :: ok
     real(wp), allocatable :: z(:, :), kz(:, :), mz(:, :), w(:), work(:)
+    real(wp) :: unit(ds%n)                          ! of each unknown [1/sqrt(kg)]
     integer, allocatable :: iwork(:)
     integer :: j, n, info
-    call null_space(ds, z)
+    do j = 1, ds%n
+      unit(j) = scale(1.0_wp, -exponent(ds%m(ds%entry(j, j)))/2)
+    end do
+    call null_space(ds, unit, z)
     n = size(z, 2)
     allocate (kz(ds%n, n), mz(ds%n, n), w(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
     do j = 1, n
+      z(:, j) = unit*z(:, j)
       kz(:, j) = 0.5_wp*(real_product(ds, ds%k, z(:, j)) + real_product(ds, ds%k(ds%mirror), z(:, j)))
       mz(:, j) = real_product(ds, ds%m, z(:, j))
     end do
@@ -271,9 +277,10 @@ contains
     x = matmul(z, kz(:, 1:p))
   end subroutine dense_start
 
-  !> Orthonormal basis of the null space of J: the last columns of Q in J^T P = Q R.
-  subroutine null_space(ds, z)
+  !> Orthonormal basis of the null space of J in unknowns of the given units: the last columns of Q in J^T P = Q R.
+  subroutine null_space(ds, unit, z)
     type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: unit(:)                 !! (n) [1/sqrt(kg)]
     real(wp), allocatable, intent(out) :: z(:, :)   !! (n, n - rows)
     real(wp), allocatable :: a(:, :), tau(:), work(:)
     integer, allocatable :: pivots(:)
@@ -281,7 +288,7 @@ contains
     allocate (a(ds%n, ds%n), tau(ds%n), work(64*ds%n + 64), source=0.0_wp)
     allocate (pivots(ds%rows), source=0)
     do e = 1, size(ds%row)
-      if (ds%row(e) <= ds%n .and. ds%col(e) > ds%n) a(ds%row(e), ds%col(e) - ds%n) = ds%joint(e)
+      if (ds%row(e) <= ds%n .and. ds%col(e) > ds%n) a(ds%row(e), ds%col(e) - ds%n) = unit(ds%row(e))*ds%joint(e)
     end do
     if (ds%rows > 0) call dgeqp3(ds%n, ds%rows, a, ds%n, pivots, tau, work, size(work), info)
     call dorgqr(ds%n, ds%n, ds%rows, a, ds%n, tau, work, size(work), info)

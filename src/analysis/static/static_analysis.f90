@@ -67,7 +67,7 @@ contains
       if (free(b)) names = names//' "'//trim(run%sys%m%s%bodies(b)%name)//'"'
     end do
     if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
-      'drives, springs or elastic bodies that hold every body')
+      'drives, springs or elastic bodies that hold every body by more than rounding')
   end subroutine refuse_free_bodies
 
   !> Gives every body the same mass, its distribution kept: whether a motion is free does not depend on masses, and very
