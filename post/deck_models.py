@@ -11,10 +11,11 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import deck_terms
 from deck_text import DeckError, DeckText, Group
 
+MODAL = ("modes", "static_shapes")  # taken away together: nodal coordinates have no static shapes
 PLACES = [("node_a", "body_a"), ("node_b", "body_b"), ("node", "body")]
-GHM = ("ghm_alpha", "ghm_zeta", "ghm_omega")
 
 
 class ImpossibleError(DeckError):
@@ -184,7 +185,7 @@ def refined(deck: DeckText, doublings: int, asked: set[str], model: bool = True)
         group = deck.one("body", body)
         values = {}
         if model and group.number("modes") and group.word("reference") != "free":
-            values["modes"] = None
+            values |= dict.fromkeys(MODAL)
         elif model and group.number("modes"):
             values["modes"] = str(int(group.number("modes")) * 2**doublings)
         if model and not group.flag("axial", True):
@@ -199,8 +200,15 @@ def refined(deck: DeckText, doublings: int, asked: set[str], model: bool = True)
     return deck
 
 
-def removals(deck: DeckText, asked: set[str]) -> list[Change]:
-    """Return every single thing that can be taken out of a model; what is impossible is left out."""
+def removals(deck: DeckText, asked: set[str], highest: float, target: float) -> list[Change]:
+    """Return every single thing that can be taken out of a model; what is impossible is left out.
+
+    Args:
+        deck: the model
+        asked: names of the sensors that must stay
+        highest: frequency that is asked for [Hz]
+        target: largest error of a modulus with which Maxwell terms take the place of GHM terms [-]
+    """
     found: list[Change] = []
 
     def offer(label: str, make: Callable[[], DeckText]) -> None:
@@ -215,7 +223,8 @@ def removals(deck: DeckText, asked: set[str]) -> list[Change]:
                 label = f"{body.name}: {count} of {elements_of(body)} elements"
                 offer(label, lambda count=count, body=body: with_elements(deck, body.name, count, asked))
     for group in deck.all("material", "spring"):
-        for label, values in _ghm_changes(deck, group):
+        damps = deck_terms.has_terms(group) and (group.kind == "spring" or _damps(deck, group))
+        for label, values in deck_terms.changes(group, highest, target) if damps else ():
             offer(label, lambda values=values, group=group: deck.set(group, **values))
     return found
 
@@ -224,7 +233,8 @@ def _told(label: str) -> tuple[str, str, int]:
     """Return (body, kind, what is left) of a removal's label."""
     body, what = label.split(": ", 1)
     counted = _counted(what)
-    return body, counted or what, int(what.split()[0]) if counted else 0
+    kind = "shapes" if what.endswith("shapes") else counted or what
+    return body, kind, int(what.split()[0]) if counted else 0
 
 
 def in_force(labels: list[str]) -> list[str]:
@@ -240,7 +250,8 @@ def in_force(labels: list[str]) -> list[str]:
 
 def _counted(what: str) -> str:
     """Return what a label counts, '' where it counts nothing."""
-    return next((word for word in ("modes", "mode", "elements") if word in what.split()), "").rstrip("s")
+    counted = ("modes", "mode", "elements", "Maxwell") if what[0].isdigit() else ()
+    return next((word for word in counted if word in what.split()), "").rstrip("s")
 
 
 def _coarser(count: int) -> list[int]:
@@ -257,41 +268,20 @@ def _materials(deck: DeckText, body: Group) -> list[Group]:
 def _body_changes(deck: DeckText, body: Group) -> list[tuple[str, dict[str, str]]]:
     """Return (label, values) of what can be switched off in a flexible body."""
     name, stiff = body.name, body.flag("stiffening", False)
-    found = [(f"{name}: rigid", {"flexible": ".false.", **dict.fromkeys(("stiffening", "modes", "axial", "viscoelastic"))})]
-    damped = any(material.items("ghm_alpha") for material in _materials(deck, body))
+    found = [(f"{name}: rigid", {"flexible": ".false.", **dict.fromkeys(("stiffening", *MODAL, "axial", "viscoelastic"))})]
+    damped = any(deck_terms.has_terms(material) for material in _materials(deck, body))
     if damped and body.flag("viscoelastic", True):
         found.append((f"{name}: elastic twin", {"viscoelastic": ".false."}))
     if stiff:
         found.append((f"{name}: no stiffening", {"stiffening": ".false."}))
     elif body.word("kind") == "beam" and body.flag("axial", True):
         found.append((f"{name}: no axial deformation", {"axial": ".false."}))
-    count = coordinate_count(body)
+    count, shapes = coordinate_count(body), body.flag("static_shapes", False)
     some = {b * 2**j for b in (2, 3) for j in range(8)} | {1, count - 1, count - 2}
-    for k in () if stiff else sorted(some, reverse=True):
-        if 0 < k < count:
-            found.append((f"{name}: {k} mode{'s' * (k > 1)} of {count} coordinates", {"modes": str(k)}))
-    return found
-
-
-def _ghm_changes(deck: DeckText, group: Group) -> list[tuple[str, dict[str, str]]]:
-    """Return (label, values) of the GHM terms that can go.
-
-    Each is left out (too fast to matter) or made part of the static modulus or stiffness (too slow to relax).
-    """
-    alpha = group.numbers("ghm_alpha")
-    if not alpha or (group.kind == "material" and not _damps(deck, group)):
-        return []
-    stiffness = "young" if group.kind == "material" else "stiffness"
-    found = []
-    for k, a in enumerate(alpha):
-        rest = {key: [item for j, item in enumerate(group.items(key)) if j != k] for key in GHM}
-        without = {key: ",".join(items) or None for key, items in rest.items()}
-        if len(alpha) == 1 and group.kind == "material":
-            without["ghm_frequency_scale"] = None
-        scaled = ",".join(repr(float(x) / (1.0 + a)) for x in rest["ghm_alpha"]) or None
-        folded = {**without, "ghm_alpha": scaled, stiffness: repr(group.number(stiffness) * (1.0 + a))}
-        found.append((f"{group.name}: GHM term {k + 1} of {len(alpha)} left out", without))
-        found.append((f"{group.name}: GHM term {k + 1} of {len(alpha)} as stiffness", folded))
+    for k in () if stiff else sorted((k for k in some if 0 < k < count), reverse=True):
+        plain = (f"{name}: {k} mode{'s' * (k > 1)} of {count} coordinates", {"modes": str(k)})
+        more = (f"{name}: {k} mode{'s' * (k > 1)} and static shapes", {"modes": str(k), "static_shapes": ".true."})
+        found += [more] if shapes else [plain, more] if 3 * k <= count else [plain]
     return found
 
 

@@ -2,7 +2,7 @@
 
 The key of a kept run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
 another run. What a run costs is read from its summary: seconds of the analyses without start-up, evaluations of the equations
-of motion, Newton iterations of implicit methods, banded solves, unknowns.
+of motion, residuals of implicit methods, banded solves, unknowns.
 """
 
 from __future__ import annotations
@@ -33,9 +33,11 @@ COUNTS = {
     "rejected": ("transient", "rejected"),
     "evaluations": ("transient", "evaluations"),
     "newton": ("transient", "newton_iterations"),
+    "residuals": ("transient", "residual_evaluations"),
     "solves": ("transient", "banded_solves"),
     "coordinates": ("model", "coordinates"),
     "dissipative": ("model", "dissipative_coordinates"),
+    "first_order": ("model", "dissipative_coordinates_of_first_order"),
     "multipliers": ("model", "constraints"),
 }
 ALONE = 9  # a run timed alone is repeated so often at most
@@ -83,7 +85,8 @@ class Outcome:
         names: columns without the time
         data: rows of the history, shape (rows, 1 + columns), the time first
         seconds: of the processor, analyses only; median of the repeats where it was timed alone [s]
-        counts: steps, evaluations, newton, solves, coordinates, dissipative, multipliers
+        counts: steps, evaluations, newton, residuals, solves, coordinates, dissipative,
+            first_order, multipliers
     """
 
     status: int
@@ -101,13 +104,14 @@ class Outcome:
 
     @property
     def unknowns(self) -> int:
-        """First-order unknowns: twice the coordinates and twice the dissipative ones."""
-        return 2 * (self.counts.get("coordinates", 0) + self.counts.get("dissipative", 0))
+        """First-order unknowns: twice the coordinates and the dissipative ones of GHM terms, once those of Maxwell terms."""
+        second_order = self.counts.get("coordinates", 0) + self.counts.get("dissipative", 0)
+        return 2 * second_order - self.counts.get("first_order", 0)
 
     @property
     def evaluations(self) -> int:
-        """Evaluations of the equations of motion; a Newton iteration of an implicit step counts as one."""
-        return self.counts.get("evaluations", 0) + self.counts.get("newton", 0)
+        """Evaluations of the equations of motion, residuals of implicit steps among them (one a Newton iteration or stage)."""
+        return self.counts.get("evaluations", 0) + self.counts.get("residuals", self.counts.get("newton", 0))
 
     @property
     def steps(self) -> int:

@@ -48,6 +48,16 @@ class Material:
         return 2 * self.alpha.size + self.weight.size
 
     @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Parameters of all terms, in the order of the attributes."""
+        return self.alpha, self.zeta, self.omega, self.weight, self.tau
+
+    @property
+    def slowest_pole(self) -> float:
+        """Smallest modulus of a pole of E(s) [1/s]; infinite without terms."""
+        return min([np.inf, *(self.omega / pole_factor(self.zeta)), *(1.0 / self.tau)])
+
+    @property
     def fastest_pole(self) -> float:
         """Largest modulus of a pole of E(s) [1/s]: with it an explicit step shrinks."""
         return max([0.0, *(self.omega * pole_factor(self.zeta)), *(1.0 / self.tau)])
@@ -61,10 +71,10 @@ class Material:
             (f"Maxwell {k + 1}", curve) for k, curve in enumerate(maxwell.T)
         ]
 
-    def assignments(self) -> dict[str, str]:
-        """Return what a `&material` group says of the modulus, as text by name."""
+    def assignments(self, static: str = "young") -> dict[str, str]:
+        """Return what a `&material` group says of the modulus, as text by name; `&spring` has another word for the static one."""
         lists = dict(zip(GHM_KEYS, (self.alpha, self.zeta, self.omega))) | dict(zip(MAXWELL_KEYS, (self.weight, self.tau)))
-        said = {"young": f"{self.young:.8g}"}
+        said = {static: f"{self.young:.8g}"}
         return said | {key: ", ".join(f"{value:.8g}" for value in values) for key, values in lists.items() if values.size}
 
 
@@ -84,14 +94,21 @@ def maxwell_shapes(s: np.ndarray, tau: np.ndarray) -> np.ndarray:
     return s * tau / (1.0 + s * tau)
 
 
+def static_key(group: Group) -> str:
+    """Return the name of the static modulus of a `&material`, or of the static stiffness of a `&spring`."""
+    return "stiffness" if group.kind == "spring" else "young"
+
+
 def of_group(group: Group) -> Material:
-    """Return the modulus of a `&material` group of a deck; DeckError where its lists do not fit."""
+    """Return the modulus of a `&material` group of a deck, the stiffness of a `&spring`; DeckError where its lists do not fit."""
     ghm = [np.array(group.numbers(key)) for key in GHM_KEYS]
     maxwell = [np.array(group.numbers(key)) for key in MAXWELL_KEYS]
     if len({values.size for values in ghm}) > 1 or len({values.size for values in maxwell}) > 1:
-        raise DeckError(f"&material {group.name}: the lists of its terms differ in length")
-    young = group.number("young")
+        raise DeckError(f"&{group.kind} {group.name}: the lists of its terms differ in length")
+    static = static_key(group)
+    young = group.number(static)
     if young <= 0.0 or any((values <= 0.0).any() for values in (*ghm, *maxwell)):
-        raise DeckError(f"&material {group.name}: young and all terms have to be positive")
-    ghm[2] = ghm[2] * group.number("ghm_frequency_scale", 1.0)
+        raise DeckError(f"&{group.kind} {group.name}: {static} and all terms have to be positive")
+    scale = group.number("ghm_frequency_scale", 1.0)
+    ghm[2], maxwell[1] = ghm[2] * scale, maxwell[1] / scale
     return Material(young, *ghm, *maxwell)

@@ -16,7 +16,7 @@ from tradeoff_report import Result, asked_for, pareto
 from tradeoff_settings import FAMILIES
 from tradeoff_study import FULL, Point, Study
 
-MARKS = dict(zip(FAMILIES, "os^v"))
+MARKS = dict(zip(FAMILIES, "os^vDP"))
 TALLEST = 2.0  # larger errors are not drawn
 
 

@@ -104,12 +104,13 @@ def _points(study: Study) -> list[str]:
 
 
 def _removals(study: Study) -> list[str]:
-    lines = [f"{'round':>5}  {'without':44} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
+    width = max([44, *(len(s.label) for s in study.steps)])
+    lines = [f"{'round':>5}  {'without':{width}} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
     for s in study.steps:
         seconds = f"{s.best.cost:9.4f}" if s.best else " " * 9
         note = "taken" if s.taken else (s.note[:60] if s.note else ("" if s.effect.largest <= study.room else "too much"))
         column = "" if s.note else s.effect.column
-        lines.append(f"{s.round:5}  {s.label:44} {s.effect.largest:9.2e} {s.effect.rms:9.2e}  {column:22.22} {seconds}  {note}")
+        lines.append(f"{s.round:5}  {s.label:{width}} {s.effect.largest:9.2e} {s.effect.rms:9.2e}  {column:22.22} {seconds}  {note}")
     return lines
 
 
@@ -209,7 +210,7 @@ def table(study: Study, result: Result) -> str:
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
         "seconds: of the processor, analyses alone, without start-up; the last two rows: of several runs in turn, the median",
-        "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one",
+        "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one, of radau each stage's",
         "",
         "Observed orders on the full model: how fast errors fall with the number of steps",
     ]

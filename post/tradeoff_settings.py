@@ -13,15 +13,17 @@ from dataclasses import dataclass
 from deck_text import DeckError, DeckText
 
 ROWS = 400  # about so many rows are compared
-METHODS = ("rk4", "dopri5", "generalized_alpha")
+METHODS = ("rk4", "dopri5", "generalized_alpha", "radau")
 # name of a curve: (method, what is varied)
 FAMILIES = {
     "rk4": ("rk4", "step"),
     "dopri5": ("dopri5", "tolerance"),
     "generalized_alpha": ("generalized_alpha", "step"),
     "generalized_alpha adaptive": ("generalized_alpha", "tolerance"),
+    "radau": ("radau", "step"),
+    "radau adaptive": ("radau", "tolerance"),
 }
-ORDERS = {"rk4": 4.0, "generalized_alpha": 2.0}
+ORDERS = {"rk4": 4.0, "generalized_alpha": 2.0, "radau": 5.0}
 COUNTS = sorted({1, 2, 3} | {base * 2**k for base in (4, 5, 6, 7) for k in range(28)})  # steps in an interval
 LENGTHS = ("length", "position", "point_a", "point_b", "com", "node_x", "node_y", "centre")
 ONLY_ADAPTIVE = ("first_step", "max_step")
@@ -42,6 +44,11 @@ class Grid:
     interval: float
     largest: float
     stated: float
+
+    @property
+    def highest(self) -> float:
+        """The highest frequency that the compared rows can show [Hz]."""
+        return 0.5 / self.interval
 
 
 @dataclass(frozen=True)
@@ -111,17 +118,16 @@ def length_of(deck: DeckText) -> float:
 def with_setting(deck: DeckText, setting: Setting, grid: Grid, output: float) -> DeckText:
     """Return the deck with a setting and an interval of output; what belongs to other methods is taken out."""
     transient = deck.one("transient")
-    values: dict[str, str | None] = dict.fromkeys(key for key in ONLY_ADAPTIVE if key in transient.values)
-    values |= {"accept_unstable": None, "check_error": None}
-    if setting.method == "generalized_alpha":
-        values |= {"stabilization": None, "baumgarte_alpha": None, "baumgarte_beta": None}
-    else:
+    values: dict[str, str | None] = dict.fromkeys((*ONLY_ADAPTIVE, "accept_unstable", "check_error"))
+    if setting.method in ("generalized_alpha", "radau"):
+        values |= dict.fromkeys(("stabilization", "baumgarte_alpha", "baumgarte_beta"))
+    if setting.method != "generalized_alpha":
         values["spectral_radius"] = None
     values["method"] = f"'{setting.method}'"
     values["tolerance" if setting.adaptive else "step"] = f"{setting.size(grid):.17g}"
     values["step" if setting.adaptive else "tolerance"] = None
     values["output_step"] = f"{output:.17g}"
-    return deck.set(transient, **{key: v for key, v in values.items() if v is not None or key in transient.values})
+    return deck.set(transient, **values)
 
 
 def for_search(deck: DeckText, setting: Setting | None, grid: Grid, asked: set[str]) -> str:
@@ -133,9 +139,7 @@ def for_search(deck: DeckText, setting: Setting | None, grid: Grid, asked: set[s
         group = deck.groups[k]
         if group.kind in ("modal", "frequency_response") or (group.kind == "sensor" and group.name not in asked):
             deck = deck.drop(group, "not needed here")
-    transient = deck.one("transient")
-    extra = {key: None for key in ("motion_step", "checkpoint_interval") if key in transient.values}
-    deck = deck.set(transient, **extra)
+    deck = deck.set(deck.one("transient"), motion_step=None, checkpoint_interval=None)
     if setting:
         deck = with_setting(deck, setting, grid, grid.interval)
     return deck.text

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 
 import deck_models
-from deck_models import ImpossibleError
+from deck_models import MODAL, ImpossibleError
 from deck_runs import Outcome, OutOfTimeError, RunsError
 from deck_text import DeckText
 from tradeoff_curves import Curve, curves, doubt
@@ -220,16 +220,15 @@ def larger_models(deck: DeckText, asked: set[str], mesh: bool) -> dict[str, Deck
             with contextlib.suppress(ImpossibleError):
                 added[f"the flexibility of {body.name}"] = deck_models.changed(deck, body.name, {"flexible": None}, asked)
     off = {
-        "axial deformation": ("axial", lambda body: not body.flag("axial", True)),
-        "viscoelasticity": ("viscoelastic", lambda body: not body.flag("viscoelastic", True)),
-        "what the modes leave out": ("modes", lambda body: body.number("modes") and body.word("reference") != "free"),
+        "axial deformation": (("axial",), lambda body: not body.flag("axial", True)),
+        "viscoelasticity": (("viscoelastic",), lambda body: not body.flag("viscoelastic", True)),
+        "what the modes leave out": (MODAL, lambda body: body.number("modes") and body.word("reference") != "free"),
     }
-    for words, (key, missing) in off.items():
-        _add(added, words, deck, [(body.name, {key: None}) for body in flexible if missing(body)], asked)
+    for words, (keys, missing) in off.items():
+        _add(added, words, deck, [(body.name, dict.fromkeys(keys)) for body in flexible if missing(body)], asked)
     soft = [body for body in flexible if not body.flag("stiffening", False) and body.word("reference") != "free"]
-    values = {"axial": None, "modes": None, "stiffening": ".true."}
-    edits = [(b.name, {k: v for k, v in values.items() if v or k in b.values}) for b in soft]
-    _add(added, "geometric stiffening", deck, edits, asked)
+    values = {"stiffening": ".true.", **dict.fromkeys(("axial", *MODAL))}
+    _add(added, "geometric stiffening", deck, [(body.name, values) for body in soft], asked)
     if mesh and flexible:
         with contextlib.suppress(ImpossibleError):
             added["a mesh twice as fine"] = deck_models.refined(deck, 1, asked, model=False)
