@@ -67,5 +67,6 @@ def _maxwell(arrays: tuple[tuple[float, ...], ...], young: float, highest: float
     lowest = law.slowest_pole / (2.0 * np.pi * ABOVE)
     band = np.geomspace(lowest, max(highest, ABOVE * lowest), ROWS)
     modulus = law.modulus(band)
-    fits = [fit("maxwell", n, band, modulus, ABOVE * 2.0 * np.pi * band[-1]) for n in range(1, law.alpha.size + law.weight.size + 1)]
+    fastest, most = ABOVE * 2.0 * np.pi * band[-1], law.alpha.size + law.weight.size
+    fits = [fit("maxwell", count, band, modulus, fastest) for count in range(1, most + 1)]
     return [(one.material, float(relative_error(one.material, band, modulus).max())) for one in fits]

@@ -110,7 +110,8 @@ def _removals(study: Study) -> list[str]:
         seconds = f"{s.best.cost:9.4f}" if s.best else " " * 9
         note = "taken" if s.taken else (s.note[:60] if s.note else ("" if s.effect.largest <= study.room else "too much"))
         column = "" if s.note else s.effect.column
-        lines.append(f"{s.round:5}  {s.label:{width}} {s.effect.largest:9.2e} {s.effect.rms:9.2e}  {column:22.22} {seconds}  {note}")
+        errors = f"{s.effect.largest:9.2e} {s.effect.rms:9.2e}"
+        lines.append(f"{s.round:5}  {s.label:{width}} {errors}  {column:22.22} {seconds}  {note}")
     return lines
 
 

@@ -77,7 +77,7 @@ def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], st
         the cheapest adequate point of each model on the way, the full model's first
     """
     path, hopeless, turn, name = [best], set(), 0, best.model
-    while options := [c for c in deck_models.removals(deck, study.asked, study.grid.highest, study.tolerance) if c.label not in hopeless]:
+    while options := [c for c in study.removals(deck) if c.label not in hopeless]:
         turn += 1
         try:
             step, change = _round(study, turn, (deck, options), path[-1], name, effects, starts) or (None, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import deck_models
 from deck_runs import Outcome, OutOfTimeError, Runner
 from deck_text import DeckText
 from tradeoff_errors import Compared, Gap, Truth, gap
@@ -94,6 +95,10 @@ class Study:
         if not outcome.ok or outcome.seconds >= SHORT or point.setting.family not in self.rates:
             return point.cost
         return outcome.evaluations * (outcome.unknowns + CALL) * self.rates[point.setting.family]
+
+    def removals(self, deck: DeckText) -> list[deck_models.Change]:
+        """Return every single thing that can be taken out of a model."""
+        return deck_models.removals(deck, self.asked, self.grid.highest, self.tolerance)
 
     def text(self, deck: DeckText, setting: Setting | None) -> str:
         """Return the text that is run."""

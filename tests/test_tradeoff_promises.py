@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import deck_models
 import deck_runs
+import deck_terms
 import deck_text
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import tradeoff_truth
 from conftest import REFERENCE, ROOT, Run
 from deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
 from histories import read_summary
+from material_law import of_group
 from tradeoff_errors import Compared, Gap, gap, truth_of
 from tradeoff_report import Result
 from tradeoff_settings import Setting, columns, grid_of
@@ -280,3 +282,82 @@ def test_recommended_decks_of_own_mechanisms_keep_their_promise_and_are_no_slowe
         if np.ptp(exact) > 1e-9 * np.abs(truth.history.data[:, 1:]).max():
             assert np.abs(run.history[column] - exact).max() < 1e-2 * np.ptp(exact), column
     assert work(run) <= work(own), "evaluations x unknowns of the recommended deck and of the one given"
+
+
+SCALED = """&material name='m' density=1000.0 young=1e9 ghm_alpha=0.5,0.2 ghm_zeta=2.0,3.0 ghm_omega=1e3,1e2 prony_alpha=0.3
+ prony_tau=1e-2 ghm_frequency_scale=3.0 /
+&spring name='s' type='torsional' body_a='a' stiffness=5.0 ghm_alpha=1.0 ghm_zeta=5.0 ghm_omega=20.0 /
+"""
+
+
+def test_maxwell_terms_take_the_place_of_ghm_terms_with_the_error_that_is_told():
+    deck = deck_text.parse(SCALED)
+    for group, internal in ((deck.groups[0], 5), (deck.groups[1], 2)):
+        law = of_group(group)
+        assert law.internal_variables == internal
+        found = [c for c in deck_terms.changes(group, 1000.0, 0.5) if "modulus within" in c[0]]
+        assert len(found) == (3 if internal == 5 else 1)
+        for label, values in found:
+            changed = deck.set(group, **values)
+            other = of_group(changed.one(group.kind))
+            assert other.weight.size == int(label.split()[1])
+            assert other.alpha.size == 0
+            assert changed.one(group.kind).number("ghm_frequency_scale", 1.0) == 1.0
+            told = float(re.search(r"within (\S+)\)", label)[1])
+            band = np.geomspace(law.slowest_pole / (20.0 * np.pi), 1000.0, 333)
+            assert np.abs(other.modulus(band) / law.modulus(band) - 1.0).max() == pytest.approx(told, rel=0.6)
+        errors = [float(re.search(r"within (\S+)\)", label)[1]) for label, _ in found]
+        assert errors == sorted(errors, reverse=True)
+    assert not [c for c in deck_terms.changes(deck.groups[0], 1000.0, 1e-12) if "modulus within" in c[0]]
+
+
+def test_a_term_goes_or_becomes_stiffness():
+    """Left out: the modulus of slow motion stays; made stiffness: that of fast motion does."""
+    group = deck_text.parse(SCALED).groups[0]
+    law, slow, fast = of_group(group), np.array([1e-6]), np.array([1e9])
+    for label, values in deck_terms.changes(group, 1000.0, 0.0):
+        other = of_group(deck_text.parse(SCALED).set(group, **values).groups[0])
+        assert other.internal_variables == law.internal_variables - (1 if "Maxwell" in label else 2)
+        kept = slow if "left out" in label else fast
+        np.testing.assert_allclose(other.modulus(kept), law.modulus(kept), rtol=1e-5)
+    assert len(deck_terms.changes(group, 1000.0, 0.0)) == 6
+
+
+def test_static_shapes_are_tried_beside_few_modes_and_go_with_the_modes():
+    deck = deck_text.parse(LEAN.replace("elements=4 material='m' section='s' modes=2", "elements=4 material='m' section='s'"))
+    offered = {c.label: c for c in deck_models.removals(deck, {"a"}, 100.0, 0.0) if c.kind == "shapes"}
+    counts = {int(label.split()[1]) for label in offered if label.startswith("few")}
+    assert counts == {1, 2, 3, 4}, "at most a third of the twelve coordinates"
+    shaped = offered["few: 4 modes and static shapes"].deck
+    assert shaped.one("body", "few").flag("static_shapes", False)
+    fewer = [c.label for c in deck_models.removals(shaped, {"a"}, 100.0, 0.0) if c.body == "few" and "mode" in c.label]
+    assert fewer == [f"few: {k} mode{'s' * (k > 1)} and static shapes" for k in (3, 2, 1)]
+    for model in (deck_models.refined(shaped, 1, {"a"}), *tradeoff_truth.larger_models(shaped, {"a"}, mesh=False).values()):
+        body = model.one("body", "few")
+        assert bool(body.number("modes")) == body.flag("static_shapes", False), "nodal coordinates have no static shapes"
+    labels = ["few: 8 modes of 12 coordinates", "few: 2 modes and static shapes", "m: 2 Maxwell terms (modulus within 0.1)"]
+    assert deck_models.in_force(labels) == labels[1:]
+    assert deck_models.in_force([*labels, "few: rigid"]) == [labels[2], "few: rigid"]
+
+
+def test_the_elastomer_is_told_to_be_maxwell_terms_by_a_reference_of_radau(biela, run_deck, tmp_path, monkeypatch):
+    """Explicit steps are bound by a GHM pole of 4.5e5 1/s: radau is the cheapest method that converges."""
+    real = deck_models.removals
+    monkeypatch.setattr(deck_models, "removals", lambda *words: [c for c in real(*words) if c.body == "elastomer"])
+    monkeypatch.setattr(tradeoff, "left_out", lambda *_: ([], []))
+    deck = deck_text.read(ROOT / "input" / "elastomer_cantilever.nml")
+    deck = deck.set(deck.one("transient"), t_end="0.05")
+    (tmp_path / "deck.nml").write_text(deck.text)
+    words = [str(tmp_path / "deck.nml"), "--tolerance", "1e-3", "--biela", str(biela), "--quiet", "--jobs", "2", "--sensor", "tip"]
+    words += ["--time", "1e5", "--longest-run", "1e5", "--methods", "rk4", "radau"]
+    assert tradeoff.main([*words, "--output", str(tmp_path / "study")]) == 0
+    text = (tmp_path / "study" / "tradeoff.txt").read_text()
+    assert "the deck's model, radau tolerance" in text
+    assert re.search(r"elastomer: 3 Maxwell terms \(modulus within \de-05\) .* taken", text)
+    run = run_deck(tmp_path / "study" / "recommended.nml")
+    assert "of first order: " in run.summary
+    exact = run_deck(deck.set(deck.one("transient"), method="'radau'", step=None, tolerance="1e-8").text, name="exact").history
+    for column in ("tip.v", "tip.r"):
+        truth = np.interp(run.history.time, exact.time, exact[column])
+        assert np.abs(run.history[column] - truth).max() < 1e-3 * np.ptp(truth)
+    assert 10 * work(run) < work(run_deck(tmp_path / "deck.nml"))
