@@ -9,7 +9,7 @@ program tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use generalized_alpha, only: chung_hulbert
-  use alpha_newton, only: try_step, accept_step
+  use alpha_newton, only: solve_trial, take_trial
   use alpha_start, only: start_method
   use alpha_state, only: alpha_solver, set_up_alpha
   use scene_run, only: run_state, prepare_run
@@ -57,9 +57,9 @@ contains
     read (word(6), *) interval
     each = nint(interval/h)
     do i = 1, times*each
-      call try_step(solver, run%sys, i*h, ok)
+      call solve_trial(solver, run%sys, i*h, ok)
       if (.not. ok) error stop 3, quiet=.true.
-      call accept_step(solver, run%sys, i*h)
+      call take_trial(solver, run%sys, i*h)
       if (mod(i, each) > 0) cycle
       write (*, '(a, *(1x, es23.16))') 'q', solver%x(1:solver%nq)
       write (*, '(a, *(1x, es23.16))') 'v', solver%v(1:solver%nq)

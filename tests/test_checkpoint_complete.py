@@ -22,26 +22,22 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         "scale",
     },
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
-        *("tolerance", "first_step", "max_step", "stops", "jumps"),
-        *("method", "error", "last", "moved", "slope"),
+        *("settings", "method", "error", "last", "moved", "slope"),
     },
-    ("generalized_alpha", "step_memory", "alpha_march", "self%memory"): set(),
-    ("alpha_march", "alpha_steps", "alpha_march", "self"): {
-        *("spectral_radius", "adaptive", "step", "tolerance", "first_step", "max_step", "stops", "jumps"),
-        "error",
+    ("implicit_march", "implicit_stepper", "implicit_march", "self"): {"settings", "passes"},
+    ("step_control", "error_norm", "implicit_march", "self%norm"): {
+        *("group", "floor", "rate", "slope", "fastest", "scale", "steepest", "noise"),
     },
+    ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "whole"},
+    ("generalized_alpha", "step_memory", "alpha_stepper", "self%memory"): set(),
+    ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
         *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
     },
-    ("alpha_state", "position_measures", "alpha_state", "self%measure"): {"group", "grows", "weight", "whole"},
+    ("alpha_state", "energy_sums", "alpha_state", "self%energy"): set(),
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),
     ("alpha_state", "error_memory", "alpha_state", "self%error"): {"next"},
-    ("radau_stepper", "radau_march", "radau_stepper", "self"): {
-        *("adaptive", "step", "tolerance", "first_step", "max_step", "stops", "jumps", "group", "weight", "grows"),
-    },
-    ("step_control", "error_norm", "radau_stepper", "self%norm"): {
-        *("group", "floor", "rate", "slope", "fastest", "scale", "steepest", "noise"),
-    },
+    ("radau_stepper", "radau_march", "radau_stepper", "self"): set(),
     ("radau_stages", "radau_stage_values", "radau_stages", "self"): {
         *("method", "nq", "nz", "nzd", "rows", "t", "h", "q", "v", "a", "u", "lambda", "work"),
     },

@@ -9,7 +9,7 @@ from conftest import ROOT
 
 # Files in which some do not yet.
 TO_DO = (
-    "alpha_adaptive alpha_error alpha_fixed alpha_march alpha_start alpha_state alpha_stepper body body_condensation "
+    "body body_condensation "
     "body_energy body_matrices body_modes body_setup border_rows complex_modes complex_modulus dynamic_stiffness "
     "dynamics energy gyroscopic_modes linear_pattern linearisation mechanism mode_list "
     "multipliers natural_modes newton_results newton_system nodal_basis marker_forces pole_iteration reduced_system "

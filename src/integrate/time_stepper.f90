@@ -15,6 +15,17 @@ module time_stepper
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
                                 trouble_iteration = 4, trouble_shape = 5
 
+  !> What a deck asks of the steps.
+  type, public :: step_settings
+    logical :: adaptive = .false.             !! steps are chosen by their errors
+    real(wp) :: step = 0.0_wp                 !! fixed: as written in the deck [s]
+    real(wp) :: tolerance = 0.0_wp            !! adaptive [-]
+    real(wp) :: first_step = 0.0_wp           !! adaptive [s], 0: chosen by the method
+    real(wp) :: max_step = huge(1.0_wp)       !! adaptive [s]
+    real(wp), allocatable :: stops(:)         !! times that end a step, ascending; the last is the end of the run [s]
+    logical, allocatable :: jumps(:)          !! whether accelerations jump there
+  end type step_settings
+
   !> A method with its state.
   type, abstract, public :: stepper
     real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]

@@ -15,8 +15,8 @@ module adaptive_pair
   use runge_kutta, only: explicit_stepper
   use step_control, only: error_norm, step_controller
   use tableaux, only: tableau
-  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, trouble_manifold, &
-                          trouble_accuracy
+  use time_stepper, only: stepper, step_settings, step_end, exchange_common, reached, paused, lost, trouble_size, &
+                          trouble_manifold, trouble_accuracy
   implicit none (type, external)
   private
 
@@ -32,11 +32,7 @@ module adaptive_pair
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
     type(tableau) :: method                   !! with weights of the error and the extension
-    real(wp) :: tolerance = 0.0_wp            !! [-]
-    real(wp) :: first_step = 0.0_wp           !! [s], 0: chosen by the method
-    real(wp) :: max_step = huge(1.0_wp)       !! [s]
-    real(wp), allocatable :: stops(:)         !! times that end a step, ascending; the last is the end of the run [s]
-    logical, allocatable :: jumps(:)          !! whether the derivative jumps there: the step is then chosen anew
+    type(step_settings) :: settings
     type(error_norm) :: norm
     real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
     type(step_controller) :: control
@@ -69,7 +65,7 @@ contains
     self%t = t
     self%y = y
     self%trial = y
-    self%h = self%first_step
+    self%h = self%settings%first_step
     call self%norm%watch(y)
     call measure_noise(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
@@ -149,13 +145,13 @@ contains
     real(wp) :: h, wanted, err
     integer :: next
     logical :: at_stop
-    wanted = min(self%h, self%max_step)
-    call step_end(self%t, wanted, self%stops, next, h, self%tried, at_stop)
+    wanted = min(self%h, self%settings%max_step)
+    call step_end(self%t, wanted, self%settings%stops, next, h, self%tried, at_stop)
     call try_step(self, system, h, err)
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
-      if (self%h > max(16*spacing(self%t), least_step*self%stops(size(self%stops)))) return
+      if (self%h > max(16*spacing(self%t), least_step*self%settings%stops(size(self%settings%stops)))) return
       if (err > 0.0_wp) self%trouble = trouble_accuracy
       outcome = lost
       return
@@ -171,8 +167,8 @@ contains
     if (.not. at_stop) return
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
-    if (self%jumps(next)) self%h = 0.0_wp
-    if (self%jumps(next)) call self%control%restart()
+    if (self%settings%jumps(next)) self%h = 0.0_wp
+    if (self%settings%jumps(next)) call self%control%restart()
   end subroutine one_step
 
   !> The stages of a step, its projected end and the error estimate, in tolerances; negative where the step is lost.
@@ -205,8 +201,8 @@ contains
     real(wp), intent(out) :: err              !! [-]
     real(wp) :: length, allowed, s
     integer :: k
-    length = self%stops(size(self%stops))
-    allowed = self%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
+    length = self%settings%stops(size(self%settings%stops))
+    allowed = self%settings%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
     err = self%norm%measure(self%error, self%trial, h, allowed)
     if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
     s = shift/(err*allowed)
@@ -217,7 +213,7 @@ contains
     do k = 1, size(self%y)
       self%slope(k) = (self%slope(k) - self%last(k))/s
     end do
-    allowed = self%tolerance*min(1.0_wp, max(least_share, slope_tolerances/(self%norm%fastest*length)))
+    allowed = self%settings%tolerance*min(1.0_wp, max(least_share, slope_tolerances/(self%norm%fastest*length)))
     err = max(err, self%norm%measure_slopes(self%slope, self%last, h, allowed))
   end subroutine measure_error
 
@@ -246,10 +242,10 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: interval          !! between outputs, the longest first guess [s]
     real(wp) :: d0, d1, d2, h
-    associate (k1 => self%stages%k(:, 1), rest => self%stops(size(self%stops)) - self%t)
-      h = min(interval, rest, self%max_step)
-      d0 = self%norm%measure(self%y, self%y, h, self%tolerance)
-      d1 = self%norm%measure(k1, self%y, h, self%tolerance)
+    associate (k1 => self%stages%k(:, 1), rest => self%settings%stops(size(self%settings%stops)) - self%t)
+      h = min(interval, rest, self%settings%max_step)
+      d0 = self%norm%measure(self%y, self%y, h, self%settings%tolerance)
+      d1 = self%norm%measure(k1, self%y, h, self%settings%tolerance)
       if (d1*h > 0.01_wp*d0 .and. d0 > 1.0e-5_wp) h = 0.01_wp*d0/d1
       self%trial = self%y + h*k1
       self%h = h*1.0e-3_wp
@@ -257,8 +253,8 @@ contains
       call system%derivative(self%t + h, self%trial, .true., self%last)
       if (.not. is_bounded(self%last)) return
       self%error = self%last - k1
-      d2 = self%norm%measure(self%error, self%y, h, self%tolerance)
-      self%h = min(100*h, rest, self%max_step)
+      d2 = self%norm%measure(self%error, self%y, h, self%settings%tolerance)
+      self%h = min(100*h, rest, self%settings%max_step)
       d1 = h*max(d1, d2)                      ! changes in a step of h, in tolerances: the reference's rule with h as unit of time
       if (d1 > tiny(d1)) self%h = min(self%h, h*(0.01_wp/d1)**(1.0_wp/self%method%order))
     end associate

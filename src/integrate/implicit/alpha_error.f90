@@ -1,96 +1,42 @@
 !> Local error of a step of the generalized-alpha method, for the step control.
 module alpha_error
   use kinds, only: wp
-  use alpha_state, only: alpha_solver, pack
+  use alpha_state, only: alpha_solver
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: error_vector, own_error, compare_estimates, doubtful, back_to_equations, remember_error
-
-  real(wp), parameter :: alike = 0.05_wp      !! difference of estimates that agree [-]
-  integer, parameter :: agreements = 4        !! steps after which they count as the same
+  public :: error_vector, own_error, remember_error
 
 contains
 
-  !> Estimated local error e of the trial step, and the state y that it leads to: positions from the change of the
-  !> accelerations over the step, rates from the change of that change (Geradin & Cardona, Flexible Multibody Dynamics). What
-  !> elastic and internal variables do faster than the step resolves is filtered out (Hairer & Wanner, Solving Ordinary
-  !> Differential Equations II, IV.8). Energies are not measured. The accelerations are those of the equations at the
-  !> ends of the step: the method's own ones carry, where constraints hold, the rounding of phi = 0 over h2 and what a change of
-  !> the step leaves. Where both were seen to give the same estimate (`compare_estimates`), the own ones, which cost nothing.
-  subroutine error_vector(self, system, t1, e, y)
+  !> Estimated local error e of the trial step: positions from the change of the accelerations over the step, rates from the
+  !> change of that change (Geradin & Cardona, Flexible Multibody Dynamics). What elastic and internal variables do faster than
+  !> the step resolves is filtered out (Hairer & Wanner, Solving Ordinary Differential Equations II, IV.8). Energies are not
+  !> measured. The accelerations are those of the equations at the ends of the step: the method's own ones carry, where
+  !> constraints hold, the rounding of phi = 0 over h2 and what a change of the step leaves.
+  subroutine error_vector(self, system, t1, e)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! end of the step [s]
-    real(wp), intent(inout) :: e(:), y(:)     !! (n) error and state
-    associate (m => self%error)
-      call pack(self, self%x1, self%v1, 0.0_wp, 0.0_wp, y)
-      if (m%tight) then
-        call equations(self, system, t1)
-        call differences(self, m%next, m%now, m%before, e)
-      else
-        call differences(self, self%vd1, self%vd, m%before_own, e)
-      end if
+    real(wp), intent(inout) :: e(:)           !! (n) error [unit of each unknown]
+    real(wp) :: powers(2)
+    associate (m => self%error, nq => self%nq)
+      call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., m%next, &
+                                self%dlambda, powers)
+      call differences(self, m%next, m%now, m%before, e)
     end associate
     call filter(self, system, e)
   end subroutine error_vector
-
-  !> Accelerations of the equations at the end of the trial step.
-  subroutine equations(self, system, t1)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t1                !! [s]
-    real(wp) :: powers(2)
-    associate (nq => self%nq)
-      call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., self%error%next, &
-                                self%dlambda, powers)
-    end associate
-  end subroutine equations
 
   !> The same estimate with the method's own accelerations, a second opinion next to singular positions: there those of the
   !> equations amplify the rounding of positions without bound.
   subroutine own_error(self, system, e)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(inout) :: e(:)           !! (n)
+    real(wp), intent(inout) :: e(:)           !! (n) [unit of each unknown]
     call differences(self, self%vd1, self%vd, self%error%before_own, e)
     call filter(self, system, e)
   end subroutine own_error
-
-  !> Compares the estimate with that of the method's own accelerations: where they agree over several steps, the latter do.
-  subroutine compare_estimates(self, error, own, pivot)
-    type(alpha_solver), intent(inout) :: self
-    real(wp), intent(in) :: error, own        !! measured over the tolerance [-]
-    real(wp), intent(in) :: pivot             !! the weakest row's [-]
-    self%error%agreed = merge(self%error%agreed + 1, 0, abs(own - error) <= alike*error)
-    if (self%error%agreed < agreements) return
-    self%error%tight = .false.
-    self%error%firm = pivot
-  end subroutine compare_estimates
-
-  !> Whether the rows have become so much weaker that the method's own accelerations no longer serve.
-  logical function doubtful(self, system) result(yes)
-    type(alpha_solver), intent(in) :: self
-    class(second_order_ode), intent(in) :: system
-    real(wp) :: pivot(2)
-    pivot = system%weakest_row()
-    yes = .not. self%error%tight .and. pivot(1) < 0.1_wp*self%error%firm
-  end function doubtful
-
-  !> Goes back to the accelerations of the equations, at the state from which the next step starts.
-  subroutine back_to_equations(self, system, t)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    if (self%error%tight) return
-    self%error%tight = .true.
-    self%error%agreed = 0
-    self%x1 = self%x
-    self%v1 = self%v
-    call equations(self, system, t)
-    self%error%now = self%error%next
-    self%error%before = self%error%before_own
-  end subroutine back_to_equations
 
   !> The estimate before it is filtered, from accelerations at both ends and their last change.
   pure subroutine differences(self, a1, a, before, e)

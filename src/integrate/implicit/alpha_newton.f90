@@ -2,11 +2,11 @@
 !> otherwise, and what an accepted step leaves behind.
 module alpha_newton
   use kinds, only: wp
-  use alpha_state, only: alpha_solver, widen_scales
+  use alpha_state, only: alpha_solver
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: try_step, accept_step, restore_factors
+  public :: solve_trial, take_trial, restore_factors
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -23,7 +23,7 @@ module alpha_newton
 contains
 
   !> Tries a step to time t1; ok is false where Newton's method fails.
-  subroutine try_step(self, system, t1, ok)
+  subroutine solve_trial(self, system, t1, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
@@ -45,7 +45,7 @@ contains
       call system%internal_increments(self%x1(1:self%nq), self%v1(1:self%nq), self%x1(z:), self%v1(z:), self%vd1(z:), self%dx(z:))
       call add_correction(self, z, size(self%x))
     end associate
-  end subroutine try_step
+  end subroutine solve_trial
 
   !> The factors of the present step after a restart, which count as made before it.
   subroutine restore_factors(self, system)
@@ -201,7 +201,7 @@ contains
   end subroutine add_correction
 
   !> The trial step becomes the state; dissipated energy and work by the trapezoidal rule.
-  subroutine accept_step(self, system, t1)
+  subroutine take_trial(self, system, t1)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
@@ -209,10 +209,9 @@ contains
     integer :: i
     associate (nq => self%nq, s => self%now)
       call system%powers(t1, self%x1(1:nq), self%v1(1:nq), self%lambda1, self%x1(nq + 1:), self%v1(nq + 1:), powers)
-      self%removed = self%removed + removed_energy(self, system)
-      self%dissipated = self%dissipated + 0.5_wp*s%h*(self%powers(1) + powers(1))
-      self%work = self%work + 0.5_wp*s%h*(self%powers(2) + powers(2))
-      self%powers = powers
+      self%energy%removed = self%energy%removed + removed_energy(self, system)
+      self%energy%sums = self%energy%sums + 0.5_wp*s%h*(self%energy%powers + powers)
+      self%energy%powers = powers
       self%error%h = s%h
       do i = 1, size(self%x)
         self%error%before_own(i) = self%vd1(i) - self%vd(i)
@@ -225,9 +224,9 @@ contains
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     self%plain%kept = .false.
-    call widen_scales(self)
+    call self%measure%widen(self%x)
     call system%factors(self%factors(1), self%factors(2), .false.)
-  end subroutine accept_step
+  end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,
   !>

@@ -3,7 +3,7 @@
 module alpha_start
   use kinds, only: wp
   use alpha_newton, only: restore_factors
-  use alpha_state, only: alpha_solver, widen_scales
+  use alpha_state, only: alpha_solver
   use generalized_alpha, only: step_coefficients
   use second_order_system, only: second_order_ode
   implicit none (type, external)
@@ -19,21 +19,18 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in), contiguous :: y(:)  !! (n) the state
+    real(wp), intent(in), contiguous :: y(:)  !! (n) the state [unit of each unknown]
     logical :: ok
     associate (nq => self%nq, nz => self%nz, nzd => self%nzd)
       self%x = [y(1:nq), y(2*nq + 1:2*nq + nz)]
       self%v(1:nq) = y(nq + 1:2*nq)
       self%v(nq + 1:nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
-      self%dissipated = y(2*nq + nz + nzd + 1)
-      self%work = y(2*nq + nz + nzd + 2)
+      self%energy%sums = y(2*nq + nz + nzd + 1:)
       call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), self%v(nq + 1:), .false., self%vd, &
-                                self%lambda, self%powers)
+                                self%lambda, self%energy%powers)
     end associate
     self%error%now = self%vd
     self%error%h = 0.0_wp
-    self%error%tight = .true.
-    self%error%agreed = 0
     self%newton%exact_left = 0
     self%newton%contraction = 1.0_wp
     self%plain%kept = .false.
@@ -42,7 +39,7 @@ contains
     call system%smooth(t, self%x(1:self%nq), self%v(1:self%nq), self%lambda, self%vd, ok)
     if (ok) self%a = self%vd
     if (system%rows > 0 .and. ok) call add_offsets(self, system, t, h)
-    call widen_scales(self)
+    call self%measure%widen(self%x)
   end subroutine start_method
 
   !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts. Directions are

@@ -4,20 +4,11 @@ module alpha_state
   use kinds, only: wp, ip
   use archive, only: value_archive
   use generalized_alpha, only: alpha_method, alpha_step, step_coefficients
+  use position_measures, only: position_measure
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: set_up_alpha, same_step, pack_state, pack_rates, pack, widen_scales, exchange_alpha
-
-  !> How positions are measured.
-  type, public :: position_measures
-    integer, allocatable :: group(:)         !! (nq)
-    logical, allocatable :: grows(:)         !! (groups) its size grows with its values
-    real(wp), allocatable :: weight(:)       !! (nq) of a unit [m, rad]
-    real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
-    real(wp), allocatable :: unit(:)         !! (nq) weight over scale [1/m, 1/rad]
-    real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
-  end type position_measures
+  public :: set_up_alpha, same_step, pack_accepted, pack_rates, pack, exchange_alpha
 
   !> What the last steps told of Newton's method.
   type, public :: newton_memory
@@ -30,13 +21,10 @@ module alpha_state
 
   !> What the error estimate remembers.
   type, public :: error_memory
-    logical :: tight = .true.                !! errors are estimated from accelerations of the equations, not the method's own
-    integer :: agreed = 0                    !! steps since both estimates last differed
-    real(wp) :: firm = 1.0_wp                !! weakest row where the method's own took over [-]
     real(wp) :: h = 0.0_wp                   !! size of the last step, 0: none [s]
-    real(wp), allocatable :: now(:), next(:) !! (nq + nz) accelerations of the equations at both ends of the step
-    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before
-    real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations
+    real(wp), allocatable :: now(:), next(:) !! (nq + nz) accelerations of the equations at both ends of the step [m/s2, rad/s2]
+    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before [m/s2, rad/s2]
+    real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations [m/s2, rad/s2]
   end type error_memory
 
   !> The state of the last accepted step on the derivatives of phi = 0: what every change of step that follows begins with, so
@@ -47,22 +35,26 @@ module alpha_state
     real(wp), allocatable :: lag(:)          !! (nq + nz) a - v' over the step [m/s3, rad/s3]
   end type plain_state
 
+  !> Energies.
+  type, public :: energy_sums
+    real(wp) :: sums(2) = 0.0_wp             !! dissipated, put in [J]
+    real(wp) :: powers(2) = 0.0_wp           !! the same [W]
+    real(wp) :: removed = 0.0_wp             !! what the method itself took [J]
+  end type energy_sums
+
   !> The method's variables.
   type, public :: alpha_solver
     type(alpha_method) :: method
     type(alpha_step) :: now                  !! coefficients of the step that the factors stand for
     integer :: nq = 0, nz = 0, nzd = 0       !! coordinates, internal variables, those of second order
-    real(wp), allocatable :: x(:), v(:), vd(:), a(:)   !! (nq + nz) v is off the manifold by the method's own O(h2)
-    real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! the trial step
+    real(wp), allocatable :: x(:), v(:), vd(:), a(:)   !! (nq + nz) v is off the manifold by O(h2) [m, rad] and per second
+    real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! (nq + nz) the trial step [m, rad] and per second
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
-    real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections
-    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance
-    real(wp) :: dissipated = 0.0_wp          !! [J]
-    real(wp) :: work = 0.0_wp                !! [J]
-    real(wp) :: powers(2) = 0.0_wp           !! dissipated, put in [W]
-    real(wp) :: removed = 0.0_wp             !! energy that the method itself took [J]
+    real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
+    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance [m, rad] and per second
+    type(energy_sums) :: energy
     logical :: stale = .false.               !! restored: factors are to be made again
-    type(position_measures) :: measure
+    type(position_measure) :: measure
     type(newton_memory) :: newton
     type(error_memory) :: error
     type(plain_state) :: plain
@@ -88,10 +80,7 @@ contains
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), source=0.0_wp)
     allocate (self%plain%v(n), self%plain%vd(n), self%plain%lag(n), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
-    associate (s => self%measure)
-      call system%measures(s%group, s%weight, s%whole, s%scale, s%grows)
-      allocate (s%unit(self%nq), source=0.0_wp)
-    end associate
+    call self%measure%set_up(system)
   end subroutine set_up_alpha
 
   !> Whether a step is the present one, but for the rounding of times.
@@ -101,56 +90,32 @@ contains
     same_step = abs(h - self%now%h) <= 1.0e-9_wp*h
   end function same_step
 
-  !> Running maxima of the groups.
-  pure subroutine widen_scales(self)
-    type(alpha_solver), intent(inout) :: self
-    integer :: i, g
-    logical :: wider
-    associate (s => self%measure)
-      wider = s%unit(1) <= 0.0_wp
-      do i = 1, self%nq
-        g = s%group(i)
-        if (.not. s%grows(g)) cycle
-        if (s%weight(i)*abs(self%x(i)) > s%scale(g)) then
-          s%scale(g) = s%weight(i)*abs(self%x(i))
-          wider = .true.
-        end if
-      end do
-      if (.not. wider) return
-      do i = 1, self%nq
-        s%unit(i) = s%weight(i)/s%scale(s%group(i))
-      end do
-    end associate
-  end subroutine widen_scales
-
   !> The method's own state (rates not projected) in the system's layout.
-  pure subroutine pack_state(self, y)
+  pure subroutine pack_accepted(self, y)
     type(alpha_solver), intent(in) :: self
-    real(wp), intent(inout) :: y(:)          !! (n)
-    call pack(self, self%x, self%v, self%dissipated, self%work, y)
-  end subroutine pack_state
+    real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown]
+    call pack(self, self%x, self%v, self%energy%sums, y)
+  end subroutine pack_accepted
 
   !> Its rates.
   pure subroutine pack_rates(self, y)
     type(alpha_solver), intent(in) :: self
-    real(wp), intent(inout) :: y(:)          !! (n)
-    call pack(self, self%v, self%vd, self%powers(1), self%powers(2), y)
+    real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown per second]
+    call pack(self, self%v, self%vd, self%energy%powers, y)
   end subroutine pack_rates
 
   !> Positions and rates, or rates and accelerations, with two quadratures or their rates, in the system's layout.
-  pure subroutine pack(self, x, v, dissipated, work, y)
+  pure subroutine pack(self, x, v, sums, y)
     type(alpha_solver), intent(in) :: self
     real(wp), intent(in) :: x(:), v(:)       !! (nq + nz) [m, rad] and per second
-    real(wp), intent(in) :: dissipated       !! [J] or [W]
-    real(wp), intent(in) :: work             !! [J] or [W]
-    real(wp), intent(inout) :: y(:)          !! (n)
+    real(wp), intent(in) :: sums(2)          !! dissipated, put in [J] or [W]
+    real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown]
     associate (nq => self%nq, nz => self%nz, nzd => self%nzd)
       y(1:nq) = x(1:nq)
       y(nq + 1:2*nq) = v(1:nq)
       y(2*nq + 1:2*nq + nz) = x(nq + 1:)
       y(2*nq + nz + 1:2*nq + nz + nzd) = v(nq + 1:nq + nzd)
-      y(2*nq + nz + nzd + 1) = dissipated
-      y(2*nq + nz + nzd + 2) = work
+      y(2*nq + nz + nzd + 1:) = sums
     end associate
   end subroutine pack
 
@@ -169,13 +134,9 @@ contains
     call a%exchange(self%plain%vd)
     call a%exchange(self%plain%lag)
     call a%exchange(self%lambda)
-    call a%exchange(self%dissipated)
-    call a%exchange(self%work)
-    call a%exchange(self%powers)
-    call a%exchange(self%removed)
-    call a%exchange(self%error%tight)
-    call a%exchange(self%error%agreed)
-    call a%exchange(self%error%firm)
+    call a%exchange(self%energy%sums)
+    call a%exchange(self%energy%powers)
+    call a%exchange(self%energy%removed)
     call a%exchange(self%error%h)
     call a%exchange(self%error%now)
     call a%exchange(self%error%before)
@@ -185,8 +146,7 @@ contains
     call a%exchange(self%newton%exact)
     call a%exchange(self%newton%steps)
     call a%exchange(self%newton%exact_left)
-    call a%exchange(self%measure%scale)
-    call a%exchange(self%measure%unit)
+    call self%measure%exchange(a)
     call a%exchange(self%iterations)
     call a%exchange(self%factors(1))
     call a%exchange(self%factors(2))

@@ -1,62 +1,170 @@
-!> The generalized-alpha method as a transient sees it: fixed steps (`alpha_fixed`) or steps by the estimated error
-!> (`alpha_adaptive`). A step is in `alpha_newton`.
+!> The generalized-alpha method as a transient sees it. A step is in `alpha_newton`.
 module alpha_stepper
   use kinds, only: wp
-  use alpha_adaptive, only: advance_adaptive
-  use alpha_fixed, only: advance_fixed
-  use alpha_march, only: alpha_steps
-  use generalized_alpha, only: chung_hulbert
-  use alpha_state, only: set_up_alpha
-  use ode_system, only: ode
-  use second_order_system, only: second_order_ode
-  use time_stepper, only: lost
+  use archive, only: value_archive
+  use alpha_error, only: error_vector, own_error, remember_error
+  use alpha_newton, only: solve_trial, take_trial
+  use alpha_start, only: start_method, change_step
+  use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, pack_accepted, pack_rates, exchange_alpha
+  use generalized_alpha, only: chung_hulbert, step_memory, predict_step
+  use implicit_march, only: implicit_stepper, exchange_march
+  use stage_system, only: stage_ode
+  use summary_text, only: summary_record
   implicit none (type, external)
   private
 
+  real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
+  real(wp), parameter :: failed = 8.0_wp      !! error that a step counts with whose Newton iteration failed [-]
+
   !> The method.
-  type, extends(alpha_steps), public :: implicit_stepper
+  type, extends(implicit_stepper), public :: alpha_march
+    real(wp) :: spectral_radius = 0.9_wp      !! [-]
+    type(alpha_solver) :: solver
+    logical :: fresh = .false.                !! the method's variables started here, no step has been accepted since
+    real(wp), allocatable :: error(:)         !! (n) adaptive: estimated local error [unit of each unknown]
+    type(step_memory) :: memory               !! adaptive: errors since the step last changed
   contains
-    procedure :: begin
-    procedure :: advance
-  end type implicit_stepper
+    procedure :: set_up
+    procedure :: limit_first_step
+    procedure :: try_step
+    procedure :: measure_step
+    procedure :: accept_step
+    procedure :: next_step
+    procedure :: pack_state
+    procedure :: interpolate
+    procedure :: account
+    procedure :: exchange
+  end type alpha_march
 
 contains
 
-  !> Takes the state; the method's own variables follow with the first step, whose size they need.
-  subroutine begin(self, system, t, y)
-    class(implicit_stepper), intent(inout) :: self
-    class(ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: y(:)              !! (n)
-    self%t = t
-    self%y = y
-    self%trial = y
-    if (self%adaptive) allocate (self%dense(size(y), 4), self%error(size(y)), source=0.0_wp)
-    if (self%adaptive) call self%norm%watch(y)
-    select type (system)
-    class is (second_order_ode)
-      call system%start_implicit()
-      call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
-      call system%derivative(t, y, .false., self%trial)
-    end select
-  end subroutine begin
+  !> Work space.
+  subroutine set_up(self, system)
+    class(alpha_march), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    self%error = self%y
+    call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
+  end subroutine set_up
 
-  !> Marches towards an output time (see `time_stepper`).
-  subroutine advance(self, system, from, to, most, y, outcome)
-    class(implicit_stepper), intent(inout) :: self
-    class(ode), intent(inout) :: system
-    real(wp), intent(in) :: from, to          !! [s]
-    integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n)
-    integer, intent(out) :: outcome
-    outcome = lost
-    select type (system)
-    class is (second_order_ode)
-      if (self%adaptive) then
-        call advance_adaptive(self, system, from, to, most, y, outcome)
-      else
-        call advance_fixed(self, system, from, to, most, y, outcome)
-      end if
-    end select
-  end subroutine advance
+  !> First step: the accelerations alone move nothing by more than a small part of its scale.
+  subroutine limit_first_step(self, system)
+    class(alpha_march), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp) :: a
+    call start_method(self%solver, system, self%t, self%h, self%y)
+    a = maxval(abs(self%solver%vd(1:self%solver%nq))*self%solver%measure%unit)
+    if (a*self%h**2 > self%settings%tolerance) self%h = sqrt(self%settings%tolerance/a)
+  end subroutine limit_first_step
+
+  !> Tries a step; where its size is new the method's variables change first.
+  subroutine try_step(self, system, h, ok)
+    class(alpha_march), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    logical, intent(out) :: ok
+    if (.not. self%started .or. (self%fresh .and. .not. same_step(self%solver, h))) then
+      call start_method(self%solver, system, self%t, h, self%y)
+      self%started = .true.
+      self%fresh = .true.
+    else if (.not. same_step(self%solver, h)) then
+      call change_step(self%solver, system, self%t, h)
+    end if
+    if (self%passes) then
+      self%dense_times = [self%t, h]
+      call pack_accepted(self%solver, self%dense(:, 1))
+      call pack_rates(self%solver, self%dense(:, 2))
+    end if
+    call solve_trial(self%solver, system, self%tried, ok)
+  end subroutine try_step
+
+  !> The estimated error. Next to singular positions the equations' accelerations amplify the rounding of positions without bound:
+  !> the method's own ones give a second opinion.
+  subroutine measure_step(self, system, h, error)
+    class(alpha_march), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(out) :: error            !! [-]
+    call error_vector(self%solver, system, self%tried, self%error)
+    call pack(self%solver, self%solver%x1, self%solver%v1, [0.0_wp, 0.0_wp], self%trial)
+    error = self%norm%measure(self%error, self%trial, h, aim*self%settings%tolerance)
+    if (error > 1.0_wp .and. system%nearly_dependent()) then
+      call own_error(self%solver, system, self%error)
+      error = min(error, self%norm%measure(self%error, self%trial, h, aim*self%settings%tolerance))
+    end if
+    if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
+  end subroutine measure_step
+
+  !> Accepts the trial step.
+  subroutine accept_step(self, system, h)
+    class(alpha_march), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    if (self%settings%adaptive) then
+      call remember_error(self%solver)
+      call self%norm%watch(self%trial)
+    end if
+    call take_trial(self%solver, system, self%tried)
+    self%removed = self%solver%energy%removed
+    self%fresh = .false.
+    if (self%passes) then
+      call pack_accepted(self%solver, self%dense(:, 3))
+      call pack_rates(self%solver, self%dense(:, 4))
+    end if
+    call self%end_step(system, h, self%solver%x(1:self%solver%nq), self%solver%measure%scale)
+  end subroutine accept_step
+
+  !> The next step.
+  subroutine next_step(self, h, error, next)
+    class(alpha_march), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: error             !! [-]
+    real(wp), intent(out) :: next             !! [s]
+    call predict_step(self%memory, h, merge(error, failed, error < huge(1.0_wp)), next)
+  end subroutine next_step
+
+  !> The method's own state, whose rates are not projected.
+  subroutine pack_state(self, tried, y)
+    class(alpha_march), intent(in) :: self
+    logical, intent(in) :: tried
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    call pack_accepted(self%solver, y)
+    if (.not. tried) return
+    associate (nq => self%solver%nq)
+      y(1:nq) = self%solver%x1(1:nq)
+      y(nq + 1:2*nq) = self%solver%v1(1:nq)
+    end associate
+  end subroutine pack_state
+
+  !> Hermite interpolation.
+  subroutine interpolate(self, time, y)
+    class(alpha_march), intent(in) :: self
+    real(wp), intent(in) :: time              !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    real(wp) :: x
+    associate (h => self%dense_times(2))
+      x = (time - self%dense_times(1))/h
+      y = matmul(self%dense, [(1 + 2*x)*(1 - x)**2, h*x*(1 - x)**2, x**2*(3 - 2*x), -h*x**2*(1 - x)])
+    end associate
+  end subroutine interpolate
+
+  !> Newton iterations and factorisations.
+  subroutine account(self, text)
+    class(alpha_march), intent(in) :: self
+    type(summary_record), intent(inout) :: text
+    call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%iterations)
+    call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%factors(1))
+    call text%figure(', exact ', 'exact_factorisations', self%solver%factors(2))
+    call self%account_failures(text)
+  end subroutine account
+
+  !> Saves or restores the march.
+  subroutine exchange(self, a)
+    class(alpha_march), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call exchange_march(self, a)
+    call a%exchange(self%fresh)
+    call a%exchange(self%memory%worst)
+    call a%exchange(self%memory%steps)
+    call exchange_alpha(self%solver, a)
+  end subroutine exchange
 end module alpha_stepper

@@ -9,7 +9,7 @@ module generalized_alpha
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: alpha_method, alpha_step, step_memory, chung_hulbert, step_coefficients, next_step
+  public :: alpha_method, alpha_step, step_memory, chung_hulbert, step_coefficients, predict_step
 
   !> The method of one spectral radius.
   type :: alpha_method
@@ -85,11 +85,12 @@ contains
 
   !> Step that estimated errors ask for (third-order local error). A new step means new factors, and errors of a vibration
   !> come and go with its phase: a step grows only where the worst of several steps, or one that is far too small, says so.
-  function next_step(memory, h, error) result(hn)
+  subroutine predict_step(memory, h, error, hn)
     type(step_memory), intent(inout) :: memory
     real(wp), intent(in) :: h           !! last step [s]
     real(wp), intent(in) :: error       !! its estimated error over the tolerance [-]
-    real(wp) :: hn, factor
+    real(wp), intent(out) :: hn         !! [s]
+    real(wp) :: factor
     hn = h
     if (error > 1.0_wp) then
       hn = h*max(0.2_wp, min(0.8_wp, 0.85_wp*error**(-1.0_wp/3.0_wp)))
@@ -102,5 +103,5 @@ contains
     factor = 0.85_wp*max(memory%worst, 1.0e-6_wp)**(-1.0_wp/3.0_wp)
     if (factor > 1.2_wp) hn = h*min(factor, 2.0_wp)
     memory = step_memory()
-  end function next_step
+  end subroutine predict_step
 end module generalized_alpha

@@ -1,0 +1,314 @@
+!> The march of an implicit method: fixed steps, of which one that fails is divided and tried again, or steps by the estimated error
+!> with continuous output; starting again where loads or drives jump; when a run is lost. A method says how a step is tried,
+!> accepted and measured, and which step follows from an error.
+module implicit_march
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use ode_system, only: ode, is_bounded
+  use second_order_system, only: sensible, out_of_shape
+  use stage_system, only: stage_ode
+  use step_control, only: error_norm
+  use step_counts, only: step_count
+  use summary_text, only: summary_record
+  use text, only: to_text
+  use time_stepper, only: stepper, step_settings, step_end, exchange_common, reached, paused, lost, trouble_none, trouble_size, &
+                          trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
+  implicit none (type, external)
+  private
+  public :: exchange_march
+
+  integer, parameter :: most_halvings = 30         !! of a fixed step that fails
+  integer, parameter :: hopeless_halvings = 16     !! of every fixed step: the run would never end
+  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! to the end of the run, in every step: likewise
+  integer, parameter :: patience = 20000           !! hopeless steps in a row
+
+  !> A march with its state.
+  type, abstract, extends(stepper), public :: implicit_stepper
+    type(step_settings) :: settings
+    type(error_norm) :: norm
+    logical :: started = .false.              !! the method's own variables stand
+    integer(ip) :: done = 0                   !! fixed: whole steps done in the present interval
+    integer :: level = 0                      !! fixed: the step is divided into 2**level parts
+    integer :: part = 0                       !! fixed: parts of it done
+    integer(ip) :: failures = 0               !! steps that Newton's method could not solve
+    integer :: hopeless = 0                   !! steps in a row from which the run would never end
+    real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
+    logical :: passes = .false.               !! adaptive: the step that is tried reaches an output time
+    real(wp), allocatable :: dense(:, :)      !! (n, 4) what the method interpolates in the last such step [unit of each unknown]
+    real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
+  contains
+    procedure :: begin
+    procedure :: advance
+    procedure :: end_step
+    procedure :: account_failures
+    procedure(take_system), deferred :: set_up
+    procedure(limit_step), deferred :: limit_first_step
+    procedure(solve_step), deferred :: try_step
+    procedure(estimate_step), deferred :: measure_step
+    procedure(take_step), deferred :: accept_step
+    procedure(choose_next), deferred :: next_step
+    procedure(pack_state), deferred :: pack_state
+    procedure(interpolate_step), deferred :: interpolate
+  end type implicit_stepper
+
+  abstract interface
+    !> Work space for a system.
+    subroutine take_system(self, system)
+      import :: implicit_stepper, stage_ode
+      class(implicit_stepper), intent(inout) :: self
+      class(stage_ode), intent(inout) :: system
+    end subroutine take_system
+    !> Makes a first step, or the first one after a jump, as small as the accelerations there ask for: self%h.
+    subroutine limit_step(self, system)
+      import :: implicit_stepper, stage_ode
+      class(implicit_stepper), intent(inout) :: self
+      class(stage_ode), intent(inout) :: system
+    end subroutine limit_step
+    !> Tries a step of size h from self%t to self%tried; ok is false where Newton's method fails.
+    subroutine solve_step(self, system, h, ok)
+      import :: implicit_stepper, stage_ode, wp
+      class(implicit_stepper), intent(inout) :: self
+      class(stage_ode), intent(inout) :: system
+      real(wp), intent(in) :: h               !! [s]
+      logical, intent(out) :: ok
+    end subroutine solve_step
+    !> The estimated error of the step that was tried, over what is allowed.
+    subroutine estimate_step(self, system, h, error)
+      import :: implicit_stepper, stage_ode, wp
+      class(implicit_stepper), intent(inout) :: self
+      class(stage_ode), intent(inout) :: system
+      real(wp), intent(in) :: h               !! [s]
+      real(wp), intent(out) :: error          !! 1: just allowed [-]
+    end subroutine estimate_step
+    !> The trial becomes the state; calls `end_step`.
+    subroutine take_step(self, system, h)
+      import :: implicit_stepper, stage_ode, wp
+      class(implicit_stepper), intent(inout) :: self
+      class(stage_ode), intent(inout) :: system
+      real(wp), intent(in) :: h               !! [s]
+    end subroutine take_step
+    !> The step that follows one of size h, accepted where its error is at most 1.
+    subroutine choose_next(self, h, error, next)
+      import :: implicit_stepper, wp
+      class(implicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h               !! [s]
+      real(wp), intent(in) :: error           !! huge: Newton's method failed [-]
+      real(wp), intent(out) :: next           !! [s]
+    end subroutine choose_next
+    !> The state at self%t, or the end of the step that was tried, in the system's layout.
+    subroutine pack_state(self, tried, y)
+      import :: implicit_stepper, wp
+      class(implicit_stepper), intent(in) :: self
+      logical, intent(in) :: tried
+      real(wp), intent(inout) :: y(:)         !! (n) [unit of each unknown]
+    end subroutine pack_state
+    !> The state at a time within the last step.
+    subroutine interpolate_step(self, time, y)
+      import :: implicit_stepper, wp
+      class(implicit_stepper), intent(in) :: self
+      real(wp), intent(in) :: time            !! [s]
+      real(wp), intent(inout) :: y(:)         !! (n) state at the step's end, then there [unit of each unknown]
+    end subroutine interpolate_step
+  end interface
+
+contains
+
+  !> Takes the state; the method's own variables follow with the first step, whose size they need.
+  subroutine begin(self, system, t, y)
+    class(implicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: y(:)              !! (n) [unit of each unknown]
+    self%t = t
+    self%y = y
+    self%trial = y
+    allocate (self%dense(size(y), 4), source=0.0_wp)
+    call self%norm%watch(y)
+    select type (system)
+    class is (stage_ode)
+      call system%start_implicit()
+      call self%set_up(system)
+      call system%derivative(t, y, .false., self%trial)
+    end select
+    self%trial = y
+  end subroutine begin
+
+  !> Marches towards an output time (see `time_stepper`).
+  subroutine advance(self, system, from, to, most, y, outcome)
+    class(implicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    integer, intent(in) :: most
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    integer, intent(out) :: outcome
+    integer :: attempt
+    attempt = 0
+    outcome = paused
+    select type (system)
+    class is (stage_ode)
+      do while (self%t < to)
+        if (attempt == most) return
+        attempt = attempt + 1
+        if (self%settings%adaptive) then
+          call controlled_step(self, system, from, to)
+        else
+          call fixed_step(self, system, from, to)
+        end if
+        if (self%trouble /= trouble_none) outcome = lost
+        if (outcome == lost) return
+      end do
+      call output(self, system, to, y, outcome)
+    end select
+  end subroutine advance
+
+  !> Tries one of the equal steps of an output interval, or a part of one that failed. One that fails is halved until it works, and
+  !> the parts grow again as far as they fit.
+  subroutine fixed_step(self, system, from, to)
+    class(implicit_stepper), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    integer(ip) :: n
+    real(wp) :: h
+    logical :: ok
+    n = step_count(from, to, self%settings%step)
+    h = (to - from)/real(n, wp)
+    self%tried = from + (real(self%done, wp) + real(self%part + 1, wp)/2**self%level)*h
+    if (self%part + 1 == 2**self%level .and. self%done + 1 == n) self%tried = to
+    h = h/2**self%level
+    self%hopeless = merge(self%hopeless + 1, 0, self%level >= hopeless_halvings)
+    call self%try_step(system, h, ok)
+    if (.not. ok) then
+      self%rejected = self%rejected + 1
+      self%failures = self%failures + 1
+      self%level = self%level + 1
+      self%part = 2*self%part
+      if (self%level > most_halvings .or. self%hopeless >= patience) call give_up(self, trouble_iteration)
+      return
+    end if
+    call self%accept_step(system, h)
+    self%part = self%part + 1
+    do while (self%level > 0 .and. mod(self%part, 2) == 0)
+      self%level = self%level - 1
+      self%part = self%part/2
+    end do
+    if (self%level > 0) return
+    self%part = 0
+    self%done = merge(0_ip, self%done + 1, self%done + 1 == n)
+  end subroutine fixed_step
+
+  !> Tries one step of the size that the last error asks for; one that is cut short by a stop does not shorten the next.
+  subroutine controlled_step(self, system, from, to)
+    class(implicit_stepper), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    real(wp) :: h, error, next, end
+    integer :: stop
+    logical :: at_stop, ok
+    associate (s => self%settings)
+      end = s%stops(size(s%stops))
+      if (.not. self%h > 0.0_wp) then
+        self%h = min(to - from, s%max_step, end - self%t)
+        if (s%first_step > 0.0_wp .and. self%steps == 0) then
+          self%h = min(s%first_step, self%h)
+        else
+          call self%limit_first_step(system)
+        end if
+      end if
+      call step_end(self%t, min(self%h, s%max_step), s%stops, stop, h, self%tried, at_stop)
+    end associate
+    self%passes = self%tried >= to
+    self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
+    call self%try_step(system, h, ok)
+    error = huge(1.0_wp)
+    if (ok) call self%measure_step(system, h, error)
+    if (error > 1.0_wp) then
+      self%rejected = self%rejected + 1
+      if (.not. ok) self%failures = self%failures + 1
+      call self%next_step(h, error, self%h)
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < patience) return
+      call give_up(self, merge(trouble_accuracy, trouble_iteration, ok))
+      return
+    end if
+    call self%accept_step(system, h)
+    call self%next_step(h, error, next)
+    self%h = merge(max(self%h, next), next, at_stop)
+    if (.not. self%started) self%h = 0.0_wp
+  end subroutine controlled_step
+
+  !> The end of an accepted step: the run is lost where the state is no longer one of a mechanism; where accelerations jump the
+  !> method starts anew from the projected state.
+  subroutine end_step(self, system, h, q, scale)
+    class(implicit_stepper), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in), contiguous :: q(:)  !! (nq) positions [m, rad]
+    real(wp), intent(in), contiguous :: scale(:)   !! (groups) what their groups have reached [m, rad]
+    integer :: k
+    logical :: ok
+    call self%count_step(self%tried, h)
+    k = system%health(q, scale)
+    if (k /= sensible) then
+      call give_up(self, merge(trouble_shape, trouble_size, k == out_of_shape))
+      return
+    end if
+    do k = 1, size(self%settings%stops)
+      if (.not. self%settings%jumps(k) .or. abs(self%settings%stops(k) - self%t) > 1.0e-9_wp*h) cycle
+      call self%pack_state(.false., self%y)
+      call system%report(self%t, self%y, ok)
+      self%started = .false.
+    end do
+  end subroutine end_step
+
+  !> The solution is lost at the step that was tried.
+  subroutine give_up(self, trouble)
+    class(implicit_stepper), intent(inout) :: self
+    integer, intent(in) :: trouble
+    call self%pack_state(.true., self%trial)
+    self%trouble = trouble
+  end subroutine give_up
+
+  !> The state at an output time, on the manifold and with its evaluation.
+  subroutine output(self, system, to, y, outcome)
+    class(implicit_stepper), intent(inout) :: self
+    class(stage_ode), intent(inout) :: system
+    real(wp), intent(in) :: to                !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    integer, intent(out) :: outcome
+    logical :: ok
+    call self%pack_state(.false., y)
+    if (self%t > to) call self%interpolate(to, y)
+    ok = is_bounded(y)
+    if (ok) call system%report(to, y, ok)
+    outcome = reached
+    if (ok .and. is_bounded(y)) return
+    call self%give_back(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
+    outcome = lost
+  end subroutine output
+
+  !> Steps that had to be divided, and the end of the line about the method's work.
+  subroutine account_failures(self, text)
+    class(implicit_stepper), intent(in) :: self
+    type(summary_record), intent(inout) :: text
+    call text%member('newton_failures', to_text(self%failures))
+    if (self%failures > 0) call text%words%add('; Newton''s method failed '//to_text(self%failures)// &
+      ' times, and the step was '//trim(merge('tried smaller', 'halved       ', self%settings%adaptive)))
+    call text%line('')
+  end subroutine account_failures
+
+  !> Saves or restores what every implicit method has.
+  subroutine exchange_march(self, a)
+    class(implicit_stepper), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call exchange_common(self, a)
+    call a%exchange(self%started)
+    call a%exchange(self%done)
+    call a%exchange(self%level)
+    call a%exchange(self%part)
+    call a%exchange(self%failures)
+    call a%exchange(self%hopeless)
+    call a%exchange(self%h)
+    call a%exchange(self%norm%largest)
+    call a%exchange(self%dense)
+    call a%exchange(self%dense_times)
+  end subroutine exchange_march
+end module implicit_march

@@ -1,0 +1,62 @@
+!> How positions are measured: in groups (origins, angles, elastic translations and rotations of a body), each by the largest value
+!> that it has had, or by the scene's size.
+module position_measures
+  use kinds, only: wp
+  use archive, only: value_archive
+  use second_order_system, only: second_order_ode
+  implicit none (type, external)
+  private
+
+  !> The groups.
+  type, public :: position_measure
+    integer, allocatable :: group(:)         !! (nq)
+    logical, allocatable :: grows(:)         !! (groups) its size grows with its values
+    real(wp), allocatable :: weight(:)       !! (nq) of a unit [m, rad]
+    real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
+    real(wp), allocatable :: unit(:)         !! (nq) weight over scale [1/m, 1/rad]
+    real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
+  contains
+    procedure :: set_up
+    procedure :: widen
+    procedure :: exchange
+  end type position_measure
+
+contains
+
+  !> Takes the groups of a system.
+  subroutine set_up(self, system)
+    class(position_measure), intent(out) :: self
+    class(second_order_ode), intent(in) :: system
+    call system%measures(self%group, self%weight, self%whole, self%scale, self%grows)
+    allocate (self%unit(system%nq), source=0.0_wp)
+  end subroutine set_up
+
+  !> Running maxima of the groups.
+  pure subroutine widen(self, q)
+    class(position_measure), intent(inout) :: self
+    real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
+    integer :: i, g
+    logical :: wider
+    wider = self%unit(1) <= 0.0_wp
+    do i = 1, size(self%group)
+      g = self%group(i)
+      if (.not. self%grows(g)) cycle
+      if (self%weight(i)*abs(q(i)) > self%scale(g)) then
+        self%scale(g) = self%weight(i)*abs(q(i))
+        wider = .true.
+      end if
+    end do
+    if (.not. wider) return
+    do i = 1, size(self%group)
+      self%unit(i) = self%weight(i)/self%scale(self%group(i))
+    end do
+  end subroutine widen
+
+  !> Saves or restores the running maxima.
+  subroutine exchange(self, a)
+    class(position_measure), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%scale)
+    call a%exchange(self%unit)
+  end subroutine exchange
+end module position_measures
