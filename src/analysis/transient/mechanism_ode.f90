@@ -59,7 +59,6 @@ module mechanism_ode
     procedure :: weakest_row => mechanism_weakest
     procedure :: reach => mechanism_reach
     procedure :: health => mechanism_health
-    procedure :: nearly_dependent => mechanism_dependent
     procedure :: factors => mechanism_factors
     procedure :: rates => mechanism_rates     !! the same with other options
     procedure :: start_stages
@@ -257,7 +256,7 @@ contains
       self%closed_rates = v + self%closed
     end if
     call evaluate(self%m, self%ev, options, t, q, self%closed_rates, z, zd)
-    if (end_of_step .and. self%nearly_dependent()) then   ! accelerations amplify what is left of the offset: project it away
+    if (end_of_step .and. nearly_dependent(self%ev)) then   ! accelerations amplify what is left of the offset: project it away
       self%closed = q
       call project(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd, ok)
       call evaluate_branch(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd)
@@ -390,15 +389,14 @@ contains
   end function mechanism_health
 
   !> Whether rows were nearly dependent at the last evaluation.
-  pure function mechanism_dependent(self) result(yes)
-    class(mechanism_system), intent(in) :: self
-    logical :: yes
+  pure logical function nearly_dependent(ev) result(yes)
+    type(evaluation), intent(in) :: ev
     integer :: k
-    yes = self%ev%schur%singular
-    do k = 1, self%ev%schur%n                       ! the factor holds 1/pivot
-      yes = yes .or. self%ev%schur%f(0, k)*self%ev%schur%s(0, k)*weak_row > 1.0_wp
+    yes = ev%schur%singular
+    do k = 1, ev%schur%n                            ! the factor holds 1/pivot
+      yes = yes .or. ev%schur%f(0, k)*ev%schur%s(0, k)*weak_row > 1.0_wp
     end do
-  end function mechanism_dependent
+  end function nearly_dependent
 
   !> Counts of factorisations.
   subroutine mechanism_factors(self, constant, whole, put)

@@ -41,7 +41,6 @@ module second_order_system
     procedure(judge_rows), deferred :: weakest_row
     procedure(measure_reach), deferred :: reach
     procedure(judge_state), deferred :: health
-    procedure(judge_evaluation), deferred :: nearly_dependent
     procedure(count_factors), deferred :: factors
   end type second_order_ode
 
@@ -213,12 +212,6 @@ module second_order_system
       real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
       integer :: what                         !! sensible, out_of_shape, out_of_turns
     end function judge_state
-    !> Whether rows were nearly dependent in the last evaluation.
-    pure function judge_evaluation(self) result(yes)
-      import :: second_order_ode
-      class(second_order_ode), intent(in) :: self
-      logical :: yes
-    end function judge_evaluation
     !> Factorisations of constant and of whole elastic blocks so far; sets them after a restart.
     subroutine count_factors(self, constant, whole, put)
       use kinds, only: ip
