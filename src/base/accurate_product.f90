@@ -10,7 +10,7 @@ module accurate_product
 
 contains
 
-  !> y = y + scale A x for a real matrix given by its entries.
+  !> y = y + scale A x for a real matrix given by its entries, sorted by rows.
   pure subroutine add_accurate(rows, cols, values, rest, scale, x, y)
     integer, intent(in) :: rows(:), cols(:)           !! (entries)
     real(wp), intent(in) :: values(:)                 !! (entries) [any]
@@ -18,18 +18,28 @@ contains
     complex(wp), intent(in) :: scale                  !! [-]
     complex(wp), intent(in) :: x(:)                   !! (n) [any]
     complex(wp), intent(inout) :: y(:)                !! (n) [unit of values times unit of x]
-    real(wp) :: high(2, size(y)), low(2, size(y))
+    real(wp) :: high(2), low(2)                       ! real and imaginary part of one row
     integer :: k
+    logical :: complex_x
+    complex_x = any(abs(x%im) > 0.0_wp)
     high = 0.0_wp
     low = 0.0_wp
     do k = 1, size(values)
-      if (abs(values(k)) <= 0.0_wp) cycle
-      call add_product(values(k), x(cols(k))%re, high(1, rows(k)), low(1, rows(k)))
-      call add_product(values(k), x(cols(k))%im, high(2, rows(k)), low(2, rows(k)))
-      low(1, rows(k)) = low(1, rows(k)) + rest(k)*x(cols(k))%re
-      low(2, rows(k)) = low(2, rows(k)) + rest(k)*x(cols(k))%im
+      associate (v => x(cols(k)))
+        call add_product(values(k), v%re, high(1), low(1))
+        low(1) = low(1) + rest(k)*v%re
+        if (complex_x) then
+          call add_product(values(k), v%im, high(2), low(2))
+          low(2) = low(2) + rest(k)*v%im
+        end if
+      end associate
+      if (k < size(values)) then
+        if (rows(k + 1) == rows(k)) cycle
+      end if
+      y(rows(k)) = y(rows(k)) + scale*cmplx(high(1) + low(1), high(2) + low(2), wp)
+      high = 0.0_wp
+      low = 0.0_wp
     end do
-    y = y + scale*cmplx(high(1, :) + low(1, :), high(2, :) + low(2, :), wp)
   end subroutine add_accurate
 
   !> high + low = high + low + a b, the roundings of product and sum kept in low.

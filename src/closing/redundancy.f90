@@ -23,7 +23,7 @@ contains
   subroutine count_freedoms(self, ev, q, v, report)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     logical, allocatable :: weak(:)
     real(wp), allocatable :: none(:), diagonal(:), x(:)
@@ -61,7 +61,7 @@ contains
   logical function stays_redundant(self, ev, q, v) result(yes)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad], [m/s, rad/s]
     real(wp), allocatable :: motion(:), none(:)
     logical, allocatable :: weak(:)
     real(wp) :: reach

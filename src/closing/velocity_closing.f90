@@ -28,8 +28,8 @@ contains
   subroutine close_velocities(self, ev, q, v, report, fail)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: q(:)
-    real(wp), intent(inout) :: v(:)
+    real(wp), intent(in) :: q(:)            !! (nq) [m, rad]
+    real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: none(:), start(:)
@@ -75,8 +75,8 @@ contains
   subroutine correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: q(:)
-    real(wp), intent(inout) :: v(:)
+    real(wp), intent(in) :: q(:)            !! (nq) [m, rad]
+    real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: goal               !! [m/s]
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
     logical, intent(in) :: elastic_held        !! by the frames alone
@@ -141,9 +141,9 @@ contains
 
   !> L D L^T of a 3 x 3 matrix; masked components do not move (1/D = 0).
   pure subroutine factor_masked(m, fixed, frame_l, frame_dinv)
-    real(wp), intent(in) :: m(3, 3)
+    real(wp), intent(in) :: m(3, 3)         !! [kg, kg m, kg m2]
     logical, intent(in) :: fixed(3)
-    real(wp), intent(out) :: frame_l(3), frame_dinv(3)
+    real(wp), intent(out) :: frame_l(3), frame_dinv(3) !! [m, -], [1/kg, 1/(kg m2)]
     real(wp) :: a(3, 3)
     integer :: k
     a = m
@@ -159,7 +159,7 @@ contains
 
   !> The matrix of an L D L^T factor.
   pure function unfactored(frame_l, frame_dinv) result(m)
-    real(wp), intent(in) :: frame_l(3), frame_dinv(3)
+    real(wp), intent(in) :: frame_l(3), frame_dinv(3) !! [m, -], [1/kg, 1/(kg m2)]
     real(wp) :: m(3, 3), l(3, 3), ld(3, 3)
     integer :: k
     l = reshape([1.0_wp, frame_l(1), frame_l(2), 0.0_wp, 1.0_wp, frame_l(3), 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
@@ -174,7 +174,7 @@ contains
   subroutine warn_of_velocities(self, ev, start, v, report)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: start(:), v(:)
+    real(wp), intent(in) :: start(:), v(:)  !! (nq) [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     real(wp) :: along, around, scale
     character(:), allocatable :: by

@@ -31,7 +31,7 @@ module scene_model
     integer :: rows = 0                         !! constraint rows
     integer :: ny = 0                           !! length of the state: 2 nq + nz + nzd + 2
     real(wp), allocatable :: q0(:)              !! (nq) the deck's positions [m, rad]
-    real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities
+    real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities [m/s, rad/s]
     logical, allocatable :: stated(:)           !! (nq) whether the deck states the velocity
   end type scene
 end module scene_model

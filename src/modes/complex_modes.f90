@@ -63,7 +63,7 @@ contains
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
     type(reduced_model), intent(out) :: model
     complex(wp), allocatable, intent(out) :: starts(:)     !! (modes) [1/s]
-    complex(wp), allocatable, intent(out) :: shapes(:, :)  !! (p, modes) on the basis of the model
+    complex(wp), allocatable, intent(out) :: shapes(:, :)  !! (p, modes) on the basis of the model [-]
     complex(wp), allocatable, intent(out) :: twins(:)      !! poles that decay where another grows [1/s]
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
@@ -132,7 +132,7 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
     complex(wp), intent(inout) :: starts(:)            !! [1/s]; those listed as they were found
-    complex(wp), intent(in) :: shapes(:, :)
+    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
     integer, intent(in) :: wanted
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
@@ -166,7 +166,7 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
     complex(wp), intent(in) :: starts(:)               !! [1/s]
-    complex(wp), intent(in) :: shapes(:, :)
+    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
     type(mode_set), intent(inout) :: modes, unlisted
     type(pole_state) :: pole
     integer :: part(size(starts)), j, listed           ! a mode is in the part of the motion that it holds most of
@@ -203,7 +203,7 @@ contains
   subroutine list_others(ds, model, shapes, modes, unlisted)
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
-    complex(wp), intent(in) :: shapes(:, :)
+    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
     type(mode_set), intent(inout) :: modes, unlisted
     type(reduced_poles) :: poles
     integer, allocatable :: members(:), ranks(:)
@@ -242,7 +242,7 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
     complex(wp), intent(in) :: lambda                  !! [1/s]
-    complex(wp), intent(in) :: shape(:)                !! (p)
+    complex(wp), intent(in) :: shape(:)                !! (p) [-]
     type(mode_set), intent(inout) :: modes, unlisted
     complex(wp), allocatable, intent(inout) :: others(:)   !! estimates [1/s]
     type(pole_state) :: pole
@@ -267,7 +267,7 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
     complex(wp), intent(in) :: lambda                  !! [1/s]
-    complex(wp), intent(in) :: shape(:)                !! (p)
+    complex(wp), intent(in) :: shape(:)                !! (p) [-]
     integer, intent(in) :: owner                       !! the undamped mode that it belongs to
     logical, intent(inout) :: settled                  !! that mode has its vibration
     type(mode_set), intent(inout) :: modes, unlisted
@@ -304,8 +304,8 @@ contains
 
   !> Which of the modes resembles a shape most, in the sense of the mass matrix.
   pure integer function most_alike(shape, shapes) result(best)
-    complex(wp), intent(in) :: shape(:)                !! (p) on a mass-orthonormal basis
-    complex(wp), intent(in) :: shapes(:, :)            !! (p, modes)
+    complex(wp), intent(in) :: shape(:)                !! (p) on a mass-orthonormal basis [-]
+    complex(wp), intent(in) :: shapes(:, :)            !! (p, modes) [-]
     real(wp) :: alike, most
     integer :: j
     best = 1

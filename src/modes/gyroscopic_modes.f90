@@ -18,7 +18,7 @@ contains
   subroutine turning_basis(ds, x, turned, rigid, ok)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes, mass-orthonormal [1/sqrt(kg)]
-    real(wp), allocatable, intent(out) :: turned(:, :) !! (n, p) likewise
+    real(wp), allocatable, intent(out) :: turned(:, :) !! (n, p) likewise [1/sqrt(kg)]
     integer, intent(out) :: rigid                      !! how many
     logical, intent(out) :: ok
     real(wp), allocatable :: k(:, :), q(:, :)
@@ -26,7 +26,7 @@ contains
     integer :: j
     allocate (k(size(x, 2), size(x, 2)))
     do j = 1, size(x, 2)
-      kx = ds%stiffness_times(x(:, j), .false.)
+      kx = ds%stiffness_times(x(:, j))
       k(:, j) = matmul(kx, x)
     end do
     call rigid_motions(ds, x, k, q, rigid, ok)
@@ -39,7 +39,7 @@ contains
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) [1/sqrt(kg)]
     real(wp), intent(in) :: k(:, :)                    !! (p, p) [1/s2]
-    real(wp), allocatable, intent(out) :: q(:, :)      !! (p, p)
+    real(wp), allocatable, intent(out) :: q(:, :)      !! (p, p) [-]
     integer, intent(out) :: rigid                      !! how many
     logical, intent(out) :: ok
     real(wp) :: scale(size(k, 1)), s(size(k, 1)), tau(size(k, 1))

@@ -17,7 +17,7 @@ module mode_list
     integer, allocatable :: mode(:)                    !! number of the undamped mode that it belongs to
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
-    complex(wp), allocatable :: x(:, :)                !! (n, count) shapes
+    complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
     logical, allocatable :: claimed(:)                 !! a pole of the reduced system has led to it
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
     complex(wp), allocatable :: lost(:)                !! poles not found, nearly [1/s]
@@ -37,7 +37,7 @@ contains
   !> A vector of mechanical unknowns with zero multipliers.
   pure function padded(ds, x) result(y)
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: x(:)         !! (n) [m, rad]
     complex(wp) :: y(ds%n + ds%rows)
     y = 0.0_wp
     y(1:ds%n) = x(1:ds%n)
@@ -58,7 +58,7 @@ contains
     class(mode_set), intent(in) :: self
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
-    complex(wp), intent(in) :: x(:)                    !! (n) its shape
+    complex(wp), intent(in) :: x(:)                    !! (n) its shape [m, rad]
     integer, intent(in) :: kind                        !! undamped_mode, or any other for damped poles
     complex(wp), allocatable :: mx(:), my(:)
     real(wp) :: alike
@@ -101,7 +101,7 @@ contains
   real(wp) function residual_of(ds, lambda, x, damping) result(residual)
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
-    complex(wp), intent(in) :: x(:)                    !! (n) shape
+    complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
     real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
     complex(wp) :: y(ds%n + ds%rows), r(ds%n + ds%rows)
     real(wp) :: sizes(size(ds%values)), parts
@@ -123,7 +123,7 @@ contains
   !> would be dearer; rows where joints act are left out).
   pure real(wp) function multiplier_free(ds, r) result(size_r)
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: r(:)
+    complex(wp), intent(in) :: r(:)         !! (n+rows) [N, N m]
     logical :: held(ds%n)
     integer :: e
     held = .false.
@@ -137,9 +137,9 @@ contains
   subroutine add_mode(self, kind, mode, lambda, residual, x)
     class(mode_set), intent(inout) :: self
     integer, intent(in) :: kind, mode
-    complex(wp), intent(in) :: lambda
-    real(wp), intent(in) :: residual
-    complex(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: lambda       !! [1/s]
+    real(wp), intent(in) :: residual        !! [-]
+    complex(wp), intent(in) :: x(:)         !! (n) [m, rad]
     complex(wp), allocatable :: more(:, :)
     self%kind = [self%kind, kind]
     self%mode = [self%mode, mode]

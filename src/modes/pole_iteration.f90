@@ -124,7 +124,7 @@ contains
   contains
     !> y^T times a force.
     pure complex(wp) function left_product(force) result(value)
-      complex(wp), intent(in) :: force(:)
+      complex(wp), intent(in) :: force(:)   !! (n+rows) [N, N m]
       value = sum(pole%y*force(1:ds%n))
     end function left_product
   end subroutine functional_root

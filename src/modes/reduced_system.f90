@@ -39,7 +39,7 @@ module reduced_system
   !> Poles of one part.
   type :: reduced_poles
     complex(wp), allocatable :: lambda(:)              !! those with Im >= 0, zeros of rigid motions left out [1/s]
-    complex(wp), allocatable :: shape(:, :)            !! (p, poles)
+    complex(wp), allocatable :: shape(:, :)            !! (p, poles) [-]
     integer, allocatable :: rank(:)                    !! (groups) of the stiffness of each set of terms
     integer :: zeros = 0                               !! poles at zero
   contains
@@ -84,7 +84,7 @@ contains
   contains
     !> Components of a force on the basis.
     function projected(force) result(y)
-      complex(wp), intent(in) :: force(:)
+      complex(wp), intent(in) :: force(:)   !! (n+rows) [N, N m]
       real(wp) :: y(size(basis, 2))
       y = matmul(real(force(1:ds%n), wp), basis)
     end function projected

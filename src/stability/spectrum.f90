@@ -25,7 +25,7 @@ module spectrum
     real(wp) :: damping = 0.0_wp               !! x^T C x [1/s]
     real(wp) :: springs = 0.0_wp               !! part of springs in x^T C x [1/s]
     real(wp), allocatable :: segments(:)       !! x^T K_r x of each GHM segment [1/s2]
-    real(wp), allocatable :: x(:)              !! (n) the mode
+    real(wp), allocatable :: x(:)              !! (n) the mode [1/sqrt(kg)]
   end type fast_mode
 
   !> Operators and work space; set up once, used again during a run without allocation.
@@ -37,9 +37,9 @@ module spectrum
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
     real(wp), allocatable :: value(:)          !! its entries [N/m, N, N m]
-    real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass
+    real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass [kg^-.5, kg^.5]
     real(wp), allocatable :: r(:), u(:)        !! (n) force and displacement of an iteration [N], [m]
-    real(wp), allocatable :: start(:)          !! (n) first force of the iteration
+    real(wp), allocatable :: start(:)          !! (n) first force of the iteration [N, N m]
     real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
     real(wp), allocatable :: t(:, :), e(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
@@ -58,7 +58,7 @@ contains
   subroutine set_up(self, m, q)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) the evaluated positions
+    real(wp), intent(in) :: q(:)               !! (nq) the evaluated positions [m, rad]
     integer :: n, k, most
     n = m%s%nq
     call elastic_matrices(m, q, self%lin)
@@ -120,7 +120,7 @@ contains
     real(wp), intent(in) :: factor             !! [-]
     integer, intent(inout) :: fill(:)          !! (n) next entry of each row
     integer, intent(inout) :: col(:)           !! (entries)
-    real(wp), intent(inout) :: value(:)        !! (entries)
+    real(wp), intent(inout) :: value(:)        !! (entries) [N/m, N, N m]
     integer :: i, j
     do i = 1, a%count
       j = a%rows(i)
@@ -188,7 +188,7 @@ contains
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held              !! joints and drives held
     integer, intent(in) :: segment
-    real(wp), intent(out) :: lambda
+    real(wp), intent(out) :: lambda         !! [rad2/s2]
     self%only = segment
     call self%largest(m, ev, held, only_stiffness, most_vectors, lambda)
     self%only = 0
@@ -241,9 +241,9 @@ contains
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: mix(2)             !! p and q, as in `largest`
+    real(wp), intent(in) :: mix(2)             !! p and q, as in `largest`: [s], [s2]
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
-    real(wp), intent(out) :: y(:)              !! (n)
+    real(wp), intent(out) :: y(:)              !! (n) [N, N m]
     real(wp) :: s
     integer :: i, k
     if (self%only > 0) then
@@ -277,8 +277,8 @@ contains
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: x(:)
-    real(wp), intent(out) :: y(:)
+    real(wp), intent(in) :: x(:)            !! (n) [m, rad]
+    real(wp), intent(out) :: y(:)           !! (n) [N, N m]
     integer :: k
     y = 0.0_wp
     associate (segments => self%lin%segments, r => self%lin%segments(self%only))

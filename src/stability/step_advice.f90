@@ -40,7 +40,7 @@ contains
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions
+    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
     call both_bounds(d, m, ev, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)

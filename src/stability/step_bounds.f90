@@ -49,7 +49,7 @@ contains
     type(fast_spectrum), intent(inout) :: fast !! set up
     type(step_bound), intent(out) :: bound
     real(wp), intent(out), optional :: lambda  !! largest squared frequency, instantaneous stiffness [rad2/s2]
-    real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations
+    real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations [N]
     type(fast_mode) :: f
     type(bound_cause) :: cause
     type(pole_list) :: poles

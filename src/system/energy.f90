@@ -15,9 +15,9 @@ contains
   subroutine energies(self, ev, q, v, z, zd, kinetic, potential, strain)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq)
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables, (nzd) rates [m, rad] and per second
-    real(wp), intent(out) :: kinetic, potential
+    real(wp), intent(out) :: kinetic, potential !! [J]
     real(wp), intent(out) :: strain(:)                !! (nb) [J]
     real(wp) :: p(2)
     integer :: b, i, n, k

@@ -88,7 +88,7 @@ contains
   !> Marks the bodies whose frames take part in a motion.
   subroutine mark(run, x, free)
     type(run_state), intent(in) :: run
-    real(wp), intent(in) :: x(:)                     !! (nq)
+    real(wp), intent(in) :: x(:)                     !! (nq) [m, rad]
     logical, intent(inout) :: free(:)
     real(wp) :: motion(size(free))
     integer :: b, i

@@ -56,7 +56,7 @@ contains
     type(deck), intent(in) :: d
     type(mechanism_model), intent(inout) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:)               !! (nq) positions at the start
+    real(wp), intent(in) :: q(:)               !! (nq) positions at the start [m, rad]
     character(*), intent(in) :: method
     type(evaluation) :: work
     type(step_bound) :: bound, poles

@@ -24,13 +24,15 @@ module dynamic_stiffness
     integer :: n = 0                           !! mechanical unknowns
     integer :: rows = 0                        !! independent constraint rows
     integer, allocatable :: active(:)          !! (rows) their numbers among all rows
-    real(wp), allocatable :: m(:), c(:), k(:)  !! (entries) mass, damping with gyroscopic terms, stiffness at E_R
-    real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed
-    real(wp), allocatable :: gyro(:)           !! (entries) skew part of c
-    real(wp), allocatable :: joint(:)          !! (entries) J and J^T
+    real(wp), allocatable :: m(:)              !! (entries) mass [kg, kg m, kg m2]
+    real(wp), allocatable :: c(:)              !! (entries) damping with gyroscopic terms [N s/m, N s, N m s]
+    real(wp), allocatable :: k(:)              !! (entries) stiffness at E_R [N/m, N, N m]
+    real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed [as k]
+    real(wp), allocatable :: gyro(:)           !! (entries) skew part of c [as c]
+    real(wp), allocatable :: joint(:)          !! (entries) J and J^T [-, m]
     type(ghm_group), allocatable :: groups(:)
-    complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s
-    complex(wp), allocatable :: slope(:)       !! (entries) its derivative
+    complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s [as k]
+    complex(wp), allocatable :: slope(:)       !! (entries) its derivative [as c]
     type(bordered_system) :: solver
     logical :: symmetric = .false.             !! no gyroscopic terms, K symmetric
     logical :: conservative = .false.          !! K symmetric
@@ -97,6 +99,8 @@ contains
     real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
     self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
     self%conservative = all(abs(self%k - self%k(self%mirror)) <= unequal*(abs(self%k) + abs(self%k(self%mirror))))
+    if (self%conservative) self%k = 0.5_wp*(self%k + self%k(self%mirror))
+    if (self%conservative) self%k_low = 0.5_wp*(self%k_low + self%k_low(self%mirror))
     self%symmetric = self%conservative .and. all(abs(self%gyro) <= 0.0_wp)
     self%damped = size(self%groups) > 0
     if (any(abs(self%c) > 0.0_wp)) self%damped = self%damped .or. &
@@ -137,8 +141,8 @@ contains
     logical, intent(in) :: symmetric
     self%s = sqrt(cmplx(shift, 0.0_wp, wp))
     self%damping = 0.0_wp
-    self%part = merge(symmetric_part, static_part, symmetric)
-    if (symmetric) then
+    self%part = merge(symmetric_part, static_part, symmetric .and. .not. self%conservative)
+    if (self%part == symmetric_part) then
       self%values = shift*self%m + 0.5_wp*(self%k + self%k(self%mirror)) + self%joint
     else
       self%values = shift*self%m + self%k + self%joint
@@ -155,7 +159,7 @@ contains
   !> Solves with the last factor, or its transpose, corrected twice by the residual.
   subroutine solve(self, x, transposed)
     class(stiffness_system), intent(inout) :: self
-    complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution
+    complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
     logical, intent(in), optional :: transposed
     complex(wp), allocatable :: b(:), r(:)
     logical :: turned
@@ -174,7 +178,7 @@ contains
   !> The bordered matrix, or its transpose, times x, the stiffness summed in twice the working precision.
   pure function balance(self, x, transposed) result(y)
     class(stiffness_system), intent(in) :: self
-    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
     logical, intent(in) :: transposed
     complex(wp) :: y(size(x)), g
     integer :: r
@@ -185,27 +189,39 @@ contains
       y = self%times(cmplx(real(self%s**2, wp)*self%m + self%joint, 0.0_wp, wp), x)
     end if
     if (self%part == symmetric_part) then
-      call add_accurate(self%row, self%col, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
-      call add_accurate(self%col, self%row, self%k, self%k_low, (0.5_wp, 0.0_wp), x, y)
-    else if (transposed) then
-      call add_accurate(self%col, self%row, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
+      call add_stiffness(self, .false., (0.5_wp, 0.0_wp), x, y)
+      call add_stiffness(self, .true., (0.5_wp, 0.0_wp), x, y)
     else
-      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
+      call add_stiffness(self, transposed, (1.0_wp, 0.0_wp), x, y)
     end if
     if (self%damping <= 0.0_wp) return
     do r = 1, size(self%groups)
       associate (p => self%groups(r))
         g = self%damping*p%law%ratio(self%s)
-        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%rounded_off, g, x, y)
+        call add_accurate(self%col(p%entry), self%row(p%entry), p%value, p%rounded_off, g, x, y)
       end associate
     end do
   end function balance
 
+  !> Adds K x, or its transpose's product, summed in twice the working precision: entries are sorted by columns.
+  pure subroutine add_stiffness(self, transposed, factor, x, y)
+    class(stiffness_system), intent(in) :: self
+    logical, intent(in) :: transposed
+    complex(wp), intent(in) :: factor          !! [-]
+    complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad]
+    complex(wp), intent(inout) :: y(:)         !! (n+rows) [N, N m]
+    if (transposed .or. self%conservative) then
+      call add_accurate(self%col, self%row, self%k, self%k_low, factor, x, y)
+    else
+      call add_accurate(self%col, self%row, self%k(self%mirror), self%k_low(self%mirror), factor, x, y)
+    end if
+  end subroutine add_stiffness
+
   !> A x for entries given on the pattern.
   pure function times(self, values, x) result(y)
     class(stiffness_system), intent(in) :: self
-    complex(wp), intent(in) :: values(:)       !! (entries)
-    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    complex(wp), intent(in) :: values(:)       !! (entries) [any]
+    complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
     complex(wp) :: y(size(x))
     integer :: j, e
     y = 0.0_wp
@@ -219,34 +235,28 @@ contains
   !> K x, or K_r x of a group, summed in twice the working precision.
   pure function stiffness_product(self, x, group) result(y)
     class(stiffness_system), intent(in) :: self
-    complex(wp), intent(in) :: x(:)            !! (n+rows)
+    complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
     integer, intent(in) :: group               !! 0: K at E_R
     complex(wp) :: y(size(x))
     y = 0.0_wp
     if (group == 0) then
-      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), x, y)
+      call add_stiffness(self, .false., (1.0_wp, 0.0_wp), x, y)
     else
       associate (p => self%groups(group))
-        call add_accurate(self%row(p%entry), self%col(p%entry), p%value, p%rounded_off, (1.0_wp, 0.0_wp), x, y)
+        call add_accurate(self%col(p%entry), self%row(p%entry), p%value, p%rounded_off, (1.0_wp, 0.0_wp), x, y)
       end associate
     end if
   end function stiffness_product
 
-  !> K x of mechanical unknowns, accurately; the transpose's where asked.
-  pure function stiffness_times(self, x, transposed) result(y)
+  !> K x of mechanical unknowns, accurately.
+  pure function stiffness_times(self, x) result(y)
     class(stiffness_system), intent(in) :: self
-    real(wp), intent(in) :: x(:)               !! (n)
-    logical, intent(in) :: transposed
-    real(wp) :: y(size(x))
+    real(wp), intent(in) :: x(:)               !! (n) [m, rad]
+    real(wp) :: y(size(x))                     !! [N, N m]
     complex(wp) :: z(self%n + self%rows), kz(self%n + self%rows)
     z = 0.0_wp
     z(1:self%n) = x
-    kz = 0.0_wp
-    if (transposed) then
-      call add_accurate(self%col, self%row, self%k, self%k_low, (1.0_wp, 0.0_wp), z, kz)
-    else
-      call add_accurate(self%row, self%col, self%k, self%k_low, (1.0_wp, 0.0_wp), z, kz)
-    end if
+    kz = self%stiffness_product(z, 0)
     y = real(kz(1:self%n), wp)
   end function stiffness_times
 end module dynamic_stiffness

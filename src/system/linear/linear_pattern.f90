@@ -57,8 +57,8 @@ contains
   subroutine gather(self, a, values, rounded_off)
     class(symmetric_pattern), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
-    real(wp), intent(inout) :: values(:)
-    real(wp), intent(inout), optional :: rounded_off(:)
+    real(wp), intent(inout) :: values(:)    !! (entries) [any]
+    real(wp), intent(inout), optional :: rounded_off(:) !! (entries) [as values]
     real(wp) :: x, s, t
     integer :: k, e
     do k = 1, a%count

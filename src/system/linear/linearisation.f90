@@ -32,7 +32,7 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
     type(element_action), intent(in) :: action(:)    !! (force elements)
     type(linear_mechanism), intent(out) :: lin
-    real(wp), allocatable :: wrench(:, :)
+    real(wp), allocatable :: wrench(:, :)   !! (3, markers) [N, N m]
     integer :: b
     lin%n = m%s%nq
     lin%rows = m%s%rows
@@ -117,7 +117,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
-    real(wp), intent(in) :: x(2)
+    real(wp), intent(in) :: x(2)            !! [any]
     real(wp) :: y(2)
     integer :: b
     b = m%s%markers(marker)%body
@@ -133,7 +133,7 @@ contains
     real(wp), intent(in) :: lambda(:)          !! (rows) [N]
     type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment
+    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment [N, N m]
     type(marker_stiffness) :: t
     integer :: k, i
     do k = 1, size(m%s%constraints)
@@ -157,8 +157,8 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
-    real(wp), intent(in) :: force(2), moment
-    real(wp), intent(inout) :: wrench(:, :)
+    real(wp), intent(in) :: force(2), moment !! [N], [N m]
+    real(wp), intent(inout) :: wrench(:, :) !! (3, markers) [N, N m]
     wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, ev, marker, force)
     wrench(3, marker) = wrench(3, marker) + moment
   end subroutine push
@@ -206,7 +206,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_stiffness), intent(in) :: t
-    real(wp), intent(in) :: v(:)
+    real(wp), intent(in) :: v(:)            !! (nq) [m/s, rad/s]
     type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
     integer, allocatable :: ci(:), cj(:)
     real(wp), allocatable :: ji(:, :), jj(:, :), rj(:, :)
@@ -236,7 +236,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
-    real(wp), intent(in) :: v(:), jac(:, :)
+    real(wp), intent(in) :: v(:), jac(:, :) !! (nq) [m/s, rad/s]; of `marker_jacobian` [-, m]
     real(wp) :: r(3, size(jac, 2)), thetad, u(2)
     integer :: b, j, i
     b = m%s%markers(marker)%body
@@ -255,7 +255,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: pi, pj
-    real(wp), intent(in) :: k(3, 3)
+    real(wp), intent(in) :: k(3, 3)         !! [N/m, N, N m]
     real(wp) :: x(3, 3)
     integer :: j
     do j = 1, 3
@@ -271,7 +271,7 @@ contains
   subroutine turning_terms(m, ev, wrench, lin)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: wrench(:, :)
+    real(wp), intent(in) :: wrench(:, :)    !! (3, markers) [N, N m]
     type(linear_mechanism), intent(inout) :: lin
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
