@@ -3,7 +3,7 @@
 !> start from the dense solution on the null space of J, large ones from fixed pseudo-random vectors.
 module natural_modes
   use kinds, only: wp
-  use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace
+  use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeqp3, dorgqr, dsygvd
   use process, only: caught_signal
@@ -40,11 +40,11 @@ contains
     integer :: free, p, pass
     real(wp) :: noise, change, last
     logical :: settled_yet
-    real(wp), allocatable :: before(:), moved(:), scale(:)
+    real(wp), allocatable :: before(:), moved(:), scale(:), forces(:, :)
     free = ds%n - ds%rows
     p = min(free, merge(wanted + 8, max(2*wanted, wanted + 8), ds%symmetric .and. .not. ds%damped))
     ok = .true.
-    allocate (omega2(p), x(ds%n, p))
+    allocate (omega2(p), x(ds%n, p), forces(ds%n, p))
     if (p == 0) return
     op%ds => ds
     call op%set_shift(first_shift(ds))
@@ -64,7 +64,7 @@ contains
       call iterate_subspace(op, x, omega2, ok)
       if (.not. ok) return
       omega2 = omega2 - op%shift
-      if (pass == 2 .or. pass == 5) call op%set_shift(better_shift(omega2, op%shift))
+      if (pass == 2 .or. pass == 5) call op%set_shift(better_shift(op, x))
       associate (w => min(wanted, p))
         moved = abs(omega2(1:w) - before(1:w))
         scale = abs(omega2(1:w)) + op%shift
@@ -75,10 +75,11 @@ contains
         if (settled_yet) exit
       end associate
     end do
-    do pass = 1, p                            ! what Rayleigh-Ritz blurs by the largest frequency
+    call inverse_iteration(op, x, forces, ok) ! Rayleigh-Ritz mixes what rounding of the largest frequency is into the lowest modes
+    do pass = 1, p
       omega2(pass) = dot_product(x(:, pass), ds%stiffness_times(x(:, pass)))
     end do
-    ok = settled_yet
+    ok = ok .and. settled_yet
   end subroutine natural_subspace
 
   !> Factors K + shift M.
@@ -117,15 +118,17 @@ contains
     shift = merge(small_shift*ratio, 1.0_wp, ratio > 0.0_wp)
   end function first_shift
 
-  !> A shift below the lowest frequency that is not zero.
-  pure function better_shift(omega2, shift) result(better)
-    real(wp), intent(in) :: omega2(:), shift  !! [rad2/s2]
-    real(wp) :: better                        !! [rad2/s2]
+  !> A shift below the lowest frequency that is no rounding.
+  pure real(wp) function better_shift(op, x) result(shift)
+    type(constrained_operator), intent(in) :: op
+    real(wp), intent(in) :: x(:, :)           !! (n, p) approximate modes [1/sqrt(kg)]
+    real(wp) :: omega2                        ! [rad2/s2]
     integer :: k
-    better = shift
-    do k = 1, size(omega2)
-      if (abs(omega2(k)) <= 1.0e-9_wp*abs(omega2(size(omega2)))) cycle
-      better = 0.3_wp*abs(omega2(k))
+    shift = op%shift
+    do k = 1, size(x, 2)
+      omega2 = abs(dot_product(x(:, k), op%ds%stiffness_times(x(:, k))))
+      if (omega2 <= rounding_level(op%ds, x(:, k))) cycle
+      shift = 0.3_wp*omega2
       return
     end do
   end function better_shift
@@ -144,7 +147,7 @@ contains
     do round = 1, most_rounds
       call krylov_modes(op, min(free, 3*q), x(:, 1:q), omega2(1:q), ok)
       if (.not. ok) return
-      near = better_shift(omega2(1:q) - op%shift, op%shift)
+      near = better_shift(op, x(:, 1:q))
       if (abs(log(near/op%shift)) < 2.0_wp) exit
       call op%set_shift(near)
     end do
