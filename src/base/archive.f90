@@ -52,14 +52,9 @@ contains
   subroutine exchange_long(self, n)
     class(value_archive), intent(inout) :: self
     integer(ip), intent(inout) :: n
-    integer(ip), allocatable :: larger(:)
     self%count = self%count + 1
     if (self%saving) then
-      if (self%count > size(self%words)) then
-        allocate (larger(2*size(self%words)))
-        larger(1:size(self%words)) = self%words
-        call move_alloc(larger, self%words)
-      end if
+      if (self%count > size(self%words)) self%words = [self%words, self%words]
       self%words(self%count) = n
     else if (self%count <= size(self%words)) then
       n = self%words(self%count)

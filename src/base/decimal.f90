@@ -1,5 +1,5 @@
 !> Numbers as text with 17 significant digits, correctly rounded: what the format ES25.16E3 gives, twenty times faster.
-!> A number m 2^q is multiplied by a power of ten held to 126 bits, so that 17 digits stand before the point and some 70
+!> A number m 2^q is multiplied by a power of ten held to some 105 bits, so that 17 digits stand before the point and 48 good
 !> bits behind it; where these cannot tell on which side of one half the rest lies (ties), the format decides.
 module decimal
   use kinds, only: wp
@@ -11,7 +11,7 @@ module decimal
   integer, parameter :: number_width = 25                    !! characters of a number: a blank, the sign, 23 more
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
   integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
-  integer, parameter :: words = 32                           !! of 30 bits: the long integers of the table
+  integer, parameter :: quadruple = selected_real_kind(33)   !! reals of 113 bits
   integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
   character(2), parameter :: pairs(0:99) = [character(2) :: &
     '00', '01', '02', '03', '04', '05', '06', '07', '08', '09', '10', '11', '12', '13', '14', '15', '16', '17', '18', '19', &
@@ -20,7 +20,7 @@ module decimal
     '60', '61', '62', '63', '64', '65', '66', '67', '68', '69', '70', '71', '72', '73', '74', '75', '76', '77', '78', '79', &
     '80', '81', '82', '83', '84', '85', '86', '87', '88', '89', '90', '91', '92', '93', '94', '95', '96', '97', '98', '99']
 
-  !> Powers of ten: 10^p = (high 2^63 + low + less than 1) 2^shift, with 2^62 <= high < 2^63; and as doubles.
+  !> Powers of ten: 10^p = (high 2^63 + low) 2^shift, good to 105 bits, with 2^62 <= high < 2^63; and as doubles.
   !> Filled at the first use, constant from then on.
   type :: power_table
     logical :: filled = .false.
@@ -106,13 +106,14 @@ contains
     integer, intent(in) :: q, p
     integer(int64), intent(out) :: digits, rest
     logical, intent(out) :: known
+    integer(wide), parameter :: doubt = 2_wide**21           ! 105 of 126 bits are good
     integer(wide) :: top, fraction
     integer :: k
     top = int(m, wide)*int(table%high(p), wide) + shiftr(int(m, wide)*int(table%low(p), wide), 63)
-    k = -(q + table%shift(p) + 63)                           ! x 10^p = top 2^-k, top too small by less than 2
+    k = -(q + table%shift(p) + 63)                           ! x 10^p = top 2^-k, top off by less than doubt
     digits = int(shiftr(top, k), int64)
     fraction = top - shiftl(int(digits, wide), k) - shiftl(1_wide, k - 1)
-    known = fraction > 0 .or. fraction < -2
+    known = abs(fraction) > doubt
     rest = merge(1_int64, -1_int64, fraction > 0)
   end subroutine scale_up
 
@@ -147,33 +148,17 @@ contains
     text(7:8) = pairs(mod(low, 100))
   end subroutine put_eight
 
-  !> Powers of five by repeated multiplication, their reciprocals by repeated division of a power of two: both exact,
-  !> then cut to 126 bits.
+  !> Powers of ten to 113 bits, of which repeated products and quotients lose the last eight.
   subroutine fill_table()
-    integer(int64) :: a(words)                               ! sum of a(i) 2^(30 (i-1))
-    integer(int64) :: carry
-    integer :: p, i
-    a = 0
-    a(1) = 1
+    real(quadruple) :: up, down                              ! 10^p and 10^-p [-]
+    integer :: p
+    up = 1
+    down = 1
     do p = 0, last
-      call store_power(a, 0, p)
-      carry = 0
-      do i = 1, words
-        carry = a(i)*5 + carry
-        a(i) = iand(carry, 2_int64**30 - 1)
-        carry = shiftr(carry, 30)
-      end do
-    end do
-    a = 0
-    a(words) = 1
-    do p = -1, first, -1
-      carry = 0
-      do i = words, 1, -1
-        carry = carry*2_int64**30 + a(i)
-        a(i) = carry/5
-        carry = carry - a(i)*5
-      end do
-      call store_power(a, -30*(words - 1), p)
+      call store_power(p, up)
+      if (p <= -first) call store_power(-p, down)
+      up = 10*up
+      down = down/10
     end do
     do p = first, 308                                        ! high without its last 10 bits is a double
       table%value(p) = scale(real(shiftr(table%high(p), 10), wp), table%shift(p) + 73)
@@ -182,39 +167,14 @@ contains
     table%filled = .true.
   end subroutine fill_table
 
-  !> Keeps the leading 126 bits of a 2^shift 5^... as 10^p.
-  subroutine store_power(a, shift, p)
-    integer(int64), intent(in) :: a(words)
-    integer, intent(in) :: shift, p
-    integer(wide) :: g
-    integer :: top, i, bits
-    do top = words, 2, -1
-      if (a(top) /= 0) exit
-    end do
-    bits = 64 - leadz(a(top))                                ! of the leading word
-    g = 0
-    do i = top, max(top - 3, 1), -1
-      g = shiftl(g, 30) + a(i)
-    end do
-    bits = bits + 30*(top - max(top - 3, 1))
-    i = max(top - 3, 1) - 1                                  ! words not yet used
-    if (i >= 1) then                                         ! 91 to 120 bits so far: fill up from the next two words
-      g = shiftl(g, 126 - bits) + leading_bits(a, i, 126 - bits)
-    else
-      g = shiftl(g, 126 - bits)
-    end if
-    table%high(p) = int(shiftr(g, 63), int64)
-    table%low(p) = int(iand(g, int(huge(1_int64), wide)), int64)
-    table%shift(p) = shift + 30*i + bits - 126 + p
+  !> Keeps a power of ten as 126 bits and a power of two.
+  subroutine store_power(p, power)
+    integer, intent(in) :: p
+    real(quadruple), intent(in) :: power                     !! 10^p [-]
+    integer(wide) :: bits
+    bits = int(scale(fraction(power), 126), wide)
+    table%high(p) = int(shiftr(bits, 63), int64)
+    table%low(p) = int(iand(bits, int(huge(1_int64), wide)), int64)
+    table%shift(p) = exponent(power) - 126
   end subroutine store_power
-
-  !> The leading n <= 60 bits of the words i, i-1 of 30 bits each.
-  pure function leading_bits(a, i, n) result(bits)
-    integer(int64), intent(in) :: a(words)
-    integer, intent(in) :: i, n
-    integer(int64) :: bits
-    bits = shiftl(a(i), 30)
-    if (i > 1) bits = bits + a(i - 1)
-    bits = shiftr(bits, 60 - n)
-  end function leading_bits
 end module decimal

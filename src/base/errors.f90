@@ -50,18 +50,10 @@ contains
     integer, intent(in) :: line           !! line, 0: none
     character(*), intent(in) :: subject   !! `group/name` or empty
     character(*), intent(in) :: message   !! what is wrong, what was expected
-    type(fault), allocatable :: larger(:)
     if (.not. allocated(self%items)) allocate (self%items(16))
-    if (self%count == size(self%items)) then
-      allocate (larger(2*self%count))
-      larger(1:self%count) = self%items
-      call move_alloc(larger, self%items)
-    end if
+    if (self%count == size(self%items)) self%items = [self%items, self%items]
     self%count = self%count + 1
-    self%items(self%count)%file = file
-    self%items(self%count)%line = line
-    self%items(self%count)%subject = subject
-    self%items(self%count)%message = message
+    self%items(self%count) = fault(file, line, subject, message)
   end subroutine add_fault
 
   !> The k-th fault as the line a user reads: `DECK:LINE: group/name: message`.

@@ -92,7 +92,7 @@ contains
     character(24) :: buffer
     integer :: mark
     if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
-      write (buffer, '(f20.8)') significant(x)
+      write (buffer, '(f20.'//to_text(5 - floor(log10(abs(x))))//')') x
       t = without_zeros(trim(adjustl(buffer)))
     else if (abs(x) <= 0.0_wp) then
       t = '0'
@@ -105,15 +105,6 @@ contains
     if (t(1:1) == '.') t = '0'//t
     if (index(t, '-.') == 1) t = '-0'//t(2:)
   end function real_text
-
-  !> A number between 1e-3 and 1e6 rounded to 6 significant figures.
-  elemental function significant(x) result(y)
-    real(wp), intent(in) :: x   !! [-]
-    real(wp) :: y
-    real(wp) :: unit
-    unit = 10.0_wp**(floor(log10(abs(x))) - 5)
-    y = anint(x/unit)*unit
-  end function significant
 
   !> A decimal fraction without its trailing zeros and a trailing point.
   pure function without_zeros(s) result(t)
@@ -269,7 +260,6 @@ contains
     integer, intent(in) :: unit                            !! open for unformatted stream access
     character(:), allocatable, intent(inout) :: raw        !! its bytes
     character(:), allocatable, intent(inout) :: problem    !! why it could not be read
-    character(:), allocatable :: larger
     character :: byte
     integer :: n, status
     n = 0
@@ -280,11 +270,7 @@ contains
         problem = 'endless or too long'
         return
       end if
-      if (n == len(raw)) then
-        larger = repeat(' ', max(65536, 2*n))
-        larger(1:n) = raw
-        call move_alloc(larger, raw)
-      end if
+      if (n == len(raw)) raw = raw//repeat(' ', max(65536, n))
       n = n + 1
       raw(n:n) = byte
     end do

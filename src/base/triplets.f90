@@ -24,22 +24,12 @@ contains
     class(triplet_matrix), intent(inout) :: self
     integer, intent(in) :: i, j
     real(wp), intent(in) :: x   !! value of the entry [any]
-    integer, allocatable :: ints(:)
-    real(wp), allocatable :: reals(:)
-    integer :: n
     if (i <= 0 .or. j <= 0 .or. abs(x) <= 0.0_wp) return
     if (.not. allocated(self%rows)) allocate (self%rows(64), self%cols(64), self%values(64))
-    n = size(self%rows)
-    if (self%count == n) then
-      allocate (ints(2*n))
-      ints(1:n) = self%rows
-      call move_alloc(ints, self%rows)
-      allocate (ints(2*n))
-      ints(1:n) = self%cols
-      call move_alloc(ints, self%cols)
-      allocate (reals(2*n))
-      reals(1:n) = self%values
-      call move_alloc(reals, self%values)
+    if (self%count == size(self%rows)) then
+      self%rows = [self%rows, self%rows]
+      self%cols = [self%cols, self%cols]
+      self%values = [self%values, self%values]
     end if
     self%count = self%count + 1
     self%rows(self%count) = i

@@ -39,7 +39,7 @@ contains
     r%at = deck%at()
     r%present = .true.
     call get_word(deck, 'spacing', r%spacing, [character(6) :: 'log', 'linear'])
-    if (r%spacing == 'log' .and. (deck%is_set('spacing') .or. .not. deck%is_given('spacing'))) then
+    if (r%spacing == 'log' .and. deck%is_known('spacing')) then
       call get(deck, 'from', r%from, required, above=0.0_wp)
     else
       call get(deck, 'from', r%from, required, least=0.0_wp)
@@ -86,7 +86,7 @@ contains
     else if (.not. (t%adaptive .or. deck%is_given('step'))) then
       if (deck%is_choice('rk4')) then
         call deck%note_missing('step', 'step > 0', kinds='rk4')
-      else if (deck%choice_is_known()) then
+      else if (deck%choice_known) then
         call deck%note_missing('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
       end if
     else if (.not. t%adaptive) then
@@ -152,7 +152,7 @@ contains
     type(transient_record), intent(inout) :: t
     logical :: baumgarte, implicit
     call get_word(deck, 'stabilization', t%stabilization, [character(10) :: 'projection', 'baumgarte', 'none'])
-    implicit = deck%is_choice('generalized_alpha') .or. deck%is_choice('radau')
+    implicit = deck%is_choice('generalized_alpha radau')
     if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
       quoted(trim(t%stabilization))//' does not apply to method='//quoted(trim(t%method))//', expected ''projection''')
     call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
@@ -169,11 +169,9 @@ contains
     real(wp), intent(inout) :: value             !! [1/s]
     logical, intent(in) :: baumgarte             !! whether the terms are used
     type(transient_record), intent(in) :: t
-    logical :: known
     if (.not. baumgarte) then
-      known = deck%is_set('stabilization') .or. .not. deck%is_given('stabilization')
-      if (deck%is_set(name) .and. known) call deck%complain(name, name//' does not apply to stabilization='// &
-        quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
+      if (deck%is_set(name) .and. deck%is_known('stabilization')) call deck%complain(name, name// &
+        ' does not apply to stabilization='//quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
     else if (.not. deck%is_given(name)) then
       if (t%adaptive) call deck%note_missing(name, name//' >= 0 (adaptive steps have no default)')
       if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)

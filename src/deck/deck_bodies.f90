@@ -41,8 +41,8 @@ contains
     call read_elements(deck, b)
     call read_switches(deck, b)
     call read_reference(deck, b)
-    known = deck%is_choice('rigid') .or. (deck%choice_in(elastic) .and. b%nodes > 0)
-    if (known .and. deck%choice_in(elastic)) call check_reference(deck, b)
+    known = deck%is_choice('rigid') .or. (deck%is_choice(elastic) .and. b%nodes > 0)
+    if (known .and. deck%is_choice(elastic)) call check_reference(deck, b)
   end subroutine read_body
 
   !> The name of the fixed body is taken.
@@ -148,10 +148,8 @@ contains
     call get(deck, 'stiffening', b%stiffening, kinds=elastic)
     call get(deck, 'modes', b%modes, least=0, kinds=elastic)
     call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
-    if (b%static_shapes .and. b%modes == 0 .and. (deck%is_set('modes') .or. .not. deck%is_given('modes'))) then
-      call deck%complain('static_shapes', 'static_shapes=.true. with nodal coordinates (modes=0), which contain every '// &
-                         'shape, expected modes > 0')
-    end if
+    if (b%static_shapes .and. b%modes == 0 .and. deck%is_known('modes')) call deck%complain('static_shapes', &
+      'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')
     if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
       'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
       'axial=.true. or kind=''beam''')
@@ -170,8 +168,8 @@ contains
     call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
     call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
     call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
-    if (deck%is_set('reference') .and. b%reference == 'free' .and. b%modes == 0 .and. &
-      (deck%is_set('modes') .or. .not. deck%is_given('modes'))) call deck%complain('reference', 'reference=''free'' '// &
+    if (deck%is_set('reference') .and. b%reference == 'free' .and. b%modes == 0 .and. deck%is_known('modes')) &
+      call deck%complain('reference', 'reference=''free'' '// &
       'with nodal coordinates (modes=0): nothing would fix the body''s frame, expected modes > 0')
   end subroutine read_reference
 end module deck_bodies

@@ -8,7 +8,7 @@ module deck_get
   use deck_syntax, only: value_token, bare_value, string_value, null_value
   implicit none (type, external)
   private
-  public :: get, get_pair, get_token, real_of, range_text, in_range, counted
+  public :: get, get_pair, real_of, integer_of, text_of, range_text, in_range, counted
 
   !> Reads one value into a variable, which keeps its default where the group does not give it.
   interface get
@@ -32,10 +32,9 @@ contains
     character(:), allocatable :: range
     real(wp) :: value
     integer :: assignment
-    logical :: absent, good
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, range_text(name, above, least, most, below), kinds)
-    if (assignment == 0) return
+    logical :: good
+    range = range_text(name, above, least, most, below)
+    call deck%look_up(name, need, kinds, range, assignment)
     call single_value(deck, name, assignment, good, '; decimals take a point')
     if (good) call real_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
@@ -43,7 +42,6 @@ contains
       x = value
       call deck%mark_good(assignment)
     else
-      range = range_text(name, above, least, most, below)
       if (present(hint) .and. abs(value) <= 0.0_wp) range = range//'; '//hint
       call out_of_range(deck, name, assignment, range)
     end if
@@ -58,9 +56,8 @@ contains
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     real(wp) :: values(2)
     integer :: assignment, k, n
-    logical :: absent, good
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, name//'=x,y', kinds)
+    logical :: good
+    call deck%look_up(name, need, kinds, name//'=x,y', assignment)
     if (assignment == 0) return
     if (deck%values(assignment) /= 2) then
       call deck%complain(name, name//' has '//counted(deck%values(assignment))//', expected 2: '//name//'=x,y')
@@ -85,21 +82,14 @@ contains
     integer, intent(in), optional :: least        !! the value must not be smaller
     integer, intent(in), optional :: most         !! the value must not be greater
     character(*), intent(in), optional :: kinds   !! kinds it applies to
-    character(:), allocatable :: problem, range
+    character(:), allocatable :: range
     integer :: assignment, value
-    logical :: absent, good
+    logical :: good
     range = whole_range(name, least, most)
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, range, kinds)
-    if (assignment == 0) return
+    call deck%look_up(name, need, kinds, range, assignment)
     call single_value(deck, name, assignment, good)
-    if (good) call get_token(deck, name, deck%token(assignment, 1), 'a whole number', good)
+    if (good) call integer_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
-    call read_integer(deck%word(deck%token(assignment, 1)), value, problem)
-    if (len(problem) > 0) then
-      call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' '//problem)
-      return
-    end if
     if (present(least)) good = value >= least
     if (present(most)) good = good .and. value <= most
     if (good) then
@@ -119,36 +109,32 @@ contains
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(:), allocatable :: problem
     integer :: assignment
-    logical :: absent, good
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, '.true. or .false.', kinds)
-    if (assignment == 0) return
+    logical :: good
+    call deck%look_up(name, need, kinds, '.true. or .false.', assignment)
     call single_value(deck, name, assignment, good)
-    if (good) call get_token(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
+    if (good) call check_bare(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
     if (.not. good) return
     call read_logical(deck%word(deck%token(assignment, 1)), x, problem)
-    if (len(problem) > 0) then
-      call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' '//problem)
-    else
-      call deck%mark_good(assignment)
-    end if
+    call check_word(deck, name, deck%token(assignment, 1), problem, good)
+    if (good) call deck%mark_good(assignment)
   end subroutine get_logical
 
   !> Free text of any length without control characters.
-  subroutine get_text(deck, name, t, need, kinds)
+  subroutine get_text(deck, name, t, need, kinds, expected)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name                    !! variable
     character(:), allocatable, intent(inout) :: t       !! receives the value
     logical, intent(in), optional :: need               !! whether it is required
     character(*), intent(in), optional :: kinds         !! kinds it applies to
-    character(:), allocatable :: value
+    character(*), intent(in), optional :: expected      !! what is expected where it is missing
+    character(:), allocatable :: value, wanted
     integer :: assignment, i
-    logical :: absent, good
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, name//'=''...''', kinds)
-    if (assignment == 0) return
+    logical :: good
+    wanted = name//'=''...'''
+    if (present(expected)) wanted = expected
+    call deck%look_up(name, need, kinds, wanted, assignment)
     call single_value(deck, name, assignment, good)
-    if (good) call text_token(deck, name, deck%token(assignment, 1), good)
+    if (good) call text_of(deck, name, deck%token(assignment, 1), name//'=', good)
     if (.not. good) return
     value = deck%word(deck%token(assignment, 1))
     do i = 1, len(value)
@@ -161,15 +147,17 @@ contains
     call deck%mark_good(assignment)
   end subroutine get_text
 
-  !> Checks that an assignment has one value.
+  !> Checks that there is an assignment and that it has one value.
   subroutine single_value(deck, name, assignment, good, hint)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name              !! variable
-    integer, intent(in) :: assignment                  !! number of the assignment in the group
+    integer, intent(in) :: assignment             !! number of the assignment in the group, 0: nothing to read
     logical, intent(out) :: good
     character(*), intent(in), optional :: hint    !! added where two whole numbers stand, as in 1,5
     character(:), allocatable :: expected
     integer :: k
+    good = .false.
+    if (assignment == 0) return
     good = deck%values(assignment) == 1
     if (good) return
     expected = 'expected 1'
@@ -185,7 +173,7 @@ contains
   end subroutine single_value
 
   !> Checks that a value is a word without quotes.
-  subroutine get_token(deck, name, token, expected, good)
+  subroutine check_bare(deck, name, token, expected, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name           !! variable
     type(value_token), intent(in) :: token     !! the value
@@ -199,24 +187,25 @@ contains
       call deck%complain(name, name//' has an empty value, expected '//expected)
     case default
     end select
-  end subroutine get_token
+  end subroutine check_bare
 
   !> Checks that a value is text in quotes.
-  subroutine text_token(deck, name, token, good)
+  subroutine text_of(deck, name, token, lead, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name           !! variable
     type(value_token), intent(in) :: token     !! the value
+    character(*), intent(in) :: lead           !! what stands before the text that is expected: `name=` where it is the only one
     logical, intent(out) :: good
     good = token%form == string_value
     select case (token%form)
     case (bare_value)
-      call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//name//'='// &
+      call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//lead// &
         quoted(deck%written(token)))
     case (null_value)
       call deck%complain(name, name//' has an empty value, expected text in quotes')
     case default
     end select
-  end subroutine text_token
+  end subroutine text_of
 
   !> A real number from one value.
   subroutine real_of(deck, name, token, x, good)
@@ -227,12 +216,37 @@ contains
     logical, intent(out) :: good
     character(:), allocatable :: problem
     x = 0.0_wp
-    call get_token(deck, name, token, 'a number', good)
+    call check_bare(deck, name, token, 'a number', good)
     if (.not. good) return
     call read_real(deck%word(token), x, problem)
+    call check_word(deck, name, token, problem, good)
+  end subroutine real_of
+
+  !> A whole number from one value.
+  subroutine integer_of(deck, name, token, n, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! variable
+    type(value_token), intent(in) :: token     !! the value
+    integer, intent(out) :: n                  !! 0 if it is not good
+    logical, intent(out) :: good
+    character(:), allocatable :: problem
+    n = 0
+    call check_bare(deck, name, token, 'a whole number', good)
+    if (.not. good) return
+    call read_integer(deck%word(token), n, problem)
+    call check_word(deck, name, token, problem, good)
+  end subroutine integer_of
+
+  !> Reports what is wrong with a value, if anything is.
+  subroutine check_word(deck, name, token, problem, good)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! variable
+    type(value_token), intent(in) :: token     !! the value
+    character(*), intent(in) :: problem        !! what is wrong, what was expected; empty: nothing
+    logical, intent(out) :: good
     good = len(problem) == 0
     if (.not. good) call deck%complain(name, name//'='//deck%written(token)//' '//problem)
-  end subroutine real_of
+  end subroutine check_word
 
   !> Reports a value out of its range.
   subroutine out_of_range(deck, name, assignment, range)

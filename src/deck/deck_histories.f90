@@ -40,12 +40,12 @@ contains
     call get(deck, 'start', h%start, required, kinds='ramp cycloid pulse')
     call get(deck, 'finish', h%finish, required, kinds='ramp cycloid pulse')
     call read_table(deck, h)
-    if (deck%choice_is_known() .and. .not. deck%is_choice('table')) then
+    if (deck%choice_known .and. .not. deck%is_choice('table')) then
       call get(deck, 'value', h%value, required, kinds='pulse')
     end if
     if (deck%is_set('start') .and. deck%is_set('finish') .and. h%finish <= h%start) call deck%complain('finish', &
       'finish='//to_text(h%finish)//' is not later than start='//to_text(h%start)//', expected finish > start')
-    call get_references(deck, 'histories', in_history, h%parts, deck%choice_in('sum sequence'), kinds='sum sequence')
+    call get_references(deck, 'histories', in_history, h%parts, deck%is_choice('sum sequence'), kinds='sum sequence')
     call get_list(deck, 'factors', h%factors, kinds='sum')
     call get_list(deck, 'durations', h%durations, required, above=0.0_wp, kinds='sequence')
     call get(deck, 'start', h%start, kinds='sequence')

@@ -7,41 +7,26 @@ module deck_known
   integer, parameter, public :: longest = 32   !! letters of the longest variable's name
 
   !> One variable.
-  type :: variable
+  type, public :: variable
     character(longest) :: name = ''
     logical :: applies = .false.               ! it applies to this kind of the group
     logical :: given = .false.                 ! the group gives it
-    character(:), allocatable :: missing       ! what is expected, where it is required and not given
+    character(:), allocatable :: missing       !! what is expected, where it is required and not given; empty otherwise
   end type variable
 
   !> The variables of the open group.
   type, public :: variable_list
-    private
     type(variable), allocatable :: items(:)
     integer :: count = 0
   contains
-    procedure :: clear
     procedure :: declare
     procedure :: note_missing
     procedure :: position_of
     procedure :: nearest_variable
-    procedure :: drop_missing
     procedure :: applicable
-    procedure :: next_missing
   end type variable_list
 
 contains
-
-  !> Forgets all variables.
-  subroutine clear(self)
-    class(variable_list), intent(inout) :: self
-    integer :: k
-    if (.not. allocated(self%items)) allocate (self%items(40))
-    do k = 1, self%count
-      if (allocated(self%items(k)%missing)) deallocate (self%items(k)%missing)
-    end do
-    self%count = 0
-  end subroutine clear
 
   !> Adds a variable; one that is declared for several kinds is one.
   subroutine declare(self, name, applies, given)
@@ -49,19 +34,14 @@ contains
     character(*), intent(in) :: name   !! variable
     logical, intent(in) :: applies     !! whether it applies
     logical, intent(in) :: given       !! whether the group gives it
-    type(variable), allocatable :: larger(:)
     integer :: k
     k = self%position_of(name)
     if (k == 0) then
-      if (self%count == size(self%items)) then
-        allocate (larger(2*self%count))
-        larger(1:self%count) = self%items
-        call move_alloc(larger, self%items)
-      end if
+      if (.not. allocated(self%items)) allocate (self%items(40))
+      if (self%count == size(self%items)) self%items = [self%items, self%items]
       self%count = self%count + 1
       k = self%count
-      self%items(k)%name = name
-      self%items(k)%applies = .false.
+      self%items(k) = variable(name=name, missing='')
     end if
     self%items(k)%applies = self%items(k)%applies .or. applies
     self%items(k)%given = given
@@ -98,15 +78,6 @@ contains
     k = nearest_word(word, names)
   end function nearest_variable
 
-  !> A variable given under a wrong name, which is reported by itself, is not reported as missing too; returns its name.
-  subroutine drop_missing(self, k, name)
-    class(variable_list), intent(inout) :: self
-    integer, intent(in) :: k                             !! position of the variable
-    character(:), allocatable, intent(out) :: name
-    if (allocated(self%items(k)%missing)) deallocate (self%items(k)%missing)
-    name = trim(self%items(k)%name)
-  end subroutine drop_missing
-
   !> The variables that apply, with commas between.
   pure function applicable(self) result(t)
     class(variable_list), intent(in) :: self
@@ -117,19 +88,4 @@ contains
     applies = self%items(1:self%count)%applies
     t = joined(pack(names, applies), ', ')
   end function applicable
-
-  !> The next missing variable behind position k, which becomes its position or 0 at the end.
-  subroutine next_missing(self, k, message)
-    class(variable_list), intent(in) :: self
-    integer, intent(inout) :: k
-    character(:), allocatable, intent(out) :: message   !! what is missing, what was expected
-    integer :: i
-    do i = k + 1, self%count
-      if (.not. allocated(self%items(i)%missing)) cycle
-      message = trim(self%items(i)%name)//' is missing, expected '//self%items(i)%missing
-      k = i
-      return
-    end do
-    k = 0
-  end subroutine next_missing
 end module deck_known

@@ -3,8 +3,7 @@ module deck_lists
   use kinds, only: wp
   use text, only: to_text
   use deck_input, only: deck_source
-  use deck_get, only: get_token, real_of, in_range, range_text, counted
-  use deck_numbers, only: read_integer
+  use deck_get, only: real_of, integer_of, in_range, range_text, counted
   use deck_syntax, only: value_token
   implicit none (type, external)
   private
@@ -29,10 +28,9 @@ contains
     real(wp) :: value
     type(value_token) :: token
     integer :: assignment, k, n
-    logical :: absent, good
+    logical :: good
     allocate (x(0))
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, name//'=number,number,...', kinds)
+    call deck%look_up(name, need, kinds, name//'=number,number,...', assignment)
     if (assignment == 0) return
     allocate (values(deck%values(assignment)))
     n = 0
@@ -59,26 +57,19 @@ contains
     integer, allocatable, intent(out) :: x(:)           !! the values
     logical, intent(in), optional :: need               !! whether it is required
     character(*), intent(in), optional :: kinds         !! kinds it applies to
-    character(:), allocatable :: problem
     integer, allocatable :: values(:)
     type(value_token) :: token
     integer :: assignment, k, n, value
-    logical :: absent, good
+    logical :: good
     allocate (x(0))
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, name//'=number,number,... (whole numbers)', kinds)
+    call deck%look_up(name, need, kinds, name//'=number,number,... (whole numbers)', assignment)
     if (assignment == 0) return
     allocate (values(deck%values(assignment)))
     n = 0
     do k = 1, deck%tokens(assignment)
       token = deck%token(assignment, k)
-      call get_token(deck, name, token, 'a whole number', good)
+      call integer_of(deck, name, token, value, good)
       if (.not. good) return
-      call read_integer(deck%word(token), value, problem)
-      if (len(problem) > 0) then
-        call deck%complain(name, name//'='//deck%written(token)//' '//problem)
-        return
-      end if
       values(n + 1:n + token%repeats) = value
       n = n + token%repeats
     end do

@@ -31,12 +31,12 @@ contains
     call get(deck, 'node'//suffix, node, kinds=node_kinds)
     call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
     known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
-    if (.not. (known .and. deck%choice_is_known())) return
+    if (.not. (known .and. deck%choice_known)) return
     wants_node = .true.
-    if (present(node_kinds)) wants_node = deck%choice_in(node_kinds)
+    if (present(node_kinds)) wants_node = deck%is_choice(node_kinds)
     if (.not. wants_node) return
     frame = .false.
-    if (present(frame_kinds)) frame = deck%choice_in(frame_kinds)
+    if (present(frame_kinds)) frame = deck%is_choice(frame_kinds)
     if (marker%body == 0) then
       call check_point(deck, d, suffix, marker%body, node, frame)
     else if (deck%body_known(marker%body)) then

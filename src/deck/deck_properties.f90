@@ -109,7 +109,7 @@ contains
     outer = 0.0_wp
     inner = 0.0_wp
     call get_choice(deck, 'shape', shape, [character(9) :: 'rectangle', 'circle', 'tube'])
-    plain = deck%is_choice('')
+    plain = deck%choice_known .and. shape == ''
     call get(deck, 'width', width, required, above=0.0_wp, kinds='rectangle')
     call get(deck, 'height', height, required, above=0.0_wp, kinds='rectangle')
     call get(deck, 'diameter', outer, required, above=0.0_wp, kinds='circle')

@@ -45,7 +45,7 @@ contains
   subroutine check_name(deck, s)
     class(deck_source), intent(inout) :: deck
     type(sensor_record), intent(in) :: s
-    if (.not. deck%choice_in(angles)) return
+    if (.not. deck%is_choice(angles)) return
     if (any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &
       ''' is that of another column of the results, expected another one')
   end subroutine check_name
@@ -66,7 +66,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     type(sensor_record), intent(in) :: s
-    if (.not. (deck%choice_in(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
+    if (.not. (deck%is_choice(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
     if (.not. deck%body_known(s%marker%body)) return
     associate (b => d%bodies(s%marker%body))
       if (b%kind == 'rigid') then

@@ -63,14 +63,17 @@ contains
     end associate
   end function location_of
 
-  !> Number of the first assignment of a variable, 0: not given.
-  pure function assignment_of(self, name) result(assignment)
+  !> Number of the first assignment of a variable, or of the next one; 0: there is none.
+  pure function assignment_of(self, name, after) result(assignment)
     class(group_cursor), intent(in) :: self
     character(*), intent(in) :: name
+    integer, intent(in), optional :: after   !! an earlier assignment
     integer :: assignment
-    integer :: hash
+    integer :: first, hash
     hash = word_hash(name)
-    do assignment = 1, self%count
+    first = 1
+    if (present(after)) first = after + 1
+    do assignment = first, self%count
       associate (a => self%parts%assignments(self%head + assignment))
         if (a%hash /= hash) cycle
         if (lower(self%raw(a%first, a%last)) == name) return

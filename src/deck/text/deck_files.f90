@@ -106,13 +106,8 @@ contains
   subroutine append(self, number)
     class(group_list), intent(inout) :: self
     integer, intent(in) :: number   !! the group
-    integer, allocatable :: larger(:)
     if (.not. allocated(self%numbers)) allocate (self%numbers(256))
-    if (self%count == size(self%numbers)) then
-      allocate (larger(2*self%count))
-      larger(1:self%count) = self%numbers
-      call move_alloc(larger, self%numbers)
-    end if
+    if (self%count == size(self%numbers)) self%numbers = [self%numbers, self%numbers]
     self%count = self%count + 1
     self%numbers(self%count) = number
   end subroutine append

@@ -2,7 +2,7 @@
 !> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
 !> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
-  use text, only: lower, to_text, word_hash, nearest_word, printable
+  use text, only: lower, to_text, nearest_word, printable
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
   use deck_cursor, only: group_cursor, quoted
@@ -31,7 +31,7 @@ module deck_input
     type(variable_list), private :: known               ! variables asked for
     character(longest), private :: selector = ''        ! the variable that decides what applies
     character(longest), private :: choice = ''          ! its value
-    logical, private :: choice_known = .true.
+    logical :: choice_known = .true.           !! it is known what applies
   contains
     procedure :: open => open_group
     procedure :: close => close_group
@@ -40,10 +40,9 @@ module deck_input
     procedure :: mark_faulty
     procedure :: choose
     procedure :: is_choice
-    procedure :: choice_in
-    procedure :: choice_is_known
     procedure :: is_given
     procedure :: is_set
+    procedure :: is_known
     procedure :: is_clean
     procedure :: complain
     procedure :: note_missing
@@ -70,7 +69,7 @@ contains
     do k = 1, self%count
       self%marks(k)%state = unknown
     end do
-    call self%known%clear()
+    self%known%count = 0
     self%selector = ''
     self%choice = ''
     self%choice_known = .true.
@@ -80,18 +79,16 @@ contains
   !> Closes the group: reports the variables that nobody asked for, those that do not apply, and those that are missing.
   subroutine close_group(self)
     class(deck_source), intent(inout) :: self
-    character(:), allocatable :: message
     integer :: k
     do k = 1, self%count
       if (self%marks(k)%state == unknown) call report_unknown(self, k)
       if (self%marks(k)%state == elsewhere) call report_elsewhere(self, k)
     end do
     if (.not. self%parts%groups(self%current)%whole) return
-    k = 0
-    do
-      call self%known%next_missing(k, message)
-      if (k == 0) exit
-      call self%complain('', message)
+    do k = 1, self%known%count
+      associate (v => self%known%items(k))
+        if (v%missing /= '') call self%complain('', trim(v%name)//' is missing, expected '//v%missing)
+      end associate
     end do
   end subroutine close_group
 
@@ -112,16 +109,13 @@ contains
         meant = name(1:index(name, '(') - 1)
         near = self%known%position_of(meant)
         message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
-        if (near > 0) call self%known%drop_missing(near, meant)
       else
         near = self%known%nearest_variable(name)
         message = 'expected one of '//self%known%applicable()
-        if (near > 0) then
-          call self%known%drop_missing(near, meant)
-          message = 'did you mean '//meant//'?'
-        end if
+        if (near > 0) message = 'did you mean '//trim(self%known%items(near)%name)//'?'
         message = 'unknown variable '//printable(name, 40)//', '//message
       end if
+      if (near > 0) self%known%items(near)%missing = ''
       call self%add_fault(a%line, message)
     end associate
   end subroutine report_unknown
@@ -165,23 +159,23 @@ contains
     t = selector//'='//t
   end function kinds_text
 
-  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read: not given, given in an
-  !> unusable way (then reported), or given although it does not apply. `absent`: it is required, applies and is not given.
-  subroutine look_up(self, name, need, kinds, assignment, absent)
+  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read: not given (noted as missing
+  !> where it is required and applies), given in an unusable way (then reported), or given although it does not apply.
+  subroutine look_up(self, name, need, kinds, expected, assignment)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name              !! variable, lower case
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! values of the selecting variable that it applies to
-    integer, intent(out) :: assignment                 !! number of the assignment in the group
-    logical, intent(out) :: absent
+    character(*), intent(in) :: expected          !! what is expected where it is missing
+    integer, intent(out) :: assignment            !! number of the assignment in the group
     logical :: here
     here = .true.
     if (present(kinds)) here = applies(self, kinds)
     call find_assignment(self, name, assignment)
     call self%known%declare(name, here, assignment > 0)
-    absent = .false.
     if (assignment == 0) then
-      if (present(need)) absent = need .and. here .and. (self%choice_known .or. .not. present(kinds))
+      if (.not. (present(need) .and. here)) return
+      if (need .and. (self%choice_known .or. .not. present(kinds))) call self%note_missing(name, expected, kinds)
     else if (.not. here) then
       if (self%marks(assignment)%state == unknown) self%marks(assignment)%applies = ''
       if (self%marks(assignment)%state <= elsewhere) then
@@ -209,21 +203,16 @@ contains
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name
     integer, intent(out) :: assignment   !! 0: not given
-    integer :: k, hash
-    assignment = 0
-    hash = word_hash(name)
-    do k = 1, self%count
-      associate (a => self%parts%assignments(self%head + k))
-        if (a%hash /= hash) cycle
-        if (lower(self%raw(a%first, a%last)) /= name) cycle
-        if (assignment == 0) then
-          assignment = k
-        else if (self%marks(k)%state == unknown) then
-          self%marks(k)%state = taken
-          call self%add_fault(a%line, name//' is set twice, first in line '// &
-            to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
-        end if
-      end associate
+    integer :: k
+    assignment = self%assignment_of(name)
+    k = assignment
+    do while (k > 0)
+      k = self%assignment_of(name, k)
+      if (k == 0) exit
+      if (self%marks(k)%state /= unknown) cycle
+      self%marks(k)%state = taken
+      call self%add_fault(self%parts%assignments(self%head + k)%line, name//' is set twice, first in line '// &
+        to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
     end do
   end subroutine find_assignment
 
@@ -253,10 +242,10 @@ contains
   end subroutine mark_good
 
   !> Takes back that the value of a variable is good.
-  subroutine mark_faulty(self, assignment)
+  subroutine mark_faulty(self, name)
     class(deck_source), intent(inout) :: self
-    integer, intent(in) :: assignment   !! number of the assignment in the group
-    self%marks(assignment)%state = taken
+    character(*), intent(in) :: name   !! the variable, which the group gives
+    self%marks(self%assignment_of(name))%state = taken
   end subroutine mark_faulty
 
   !> Sets the variable that decides which others apply.
@@ -277,28 +266,13 @@ contains
     end do
   end subroutine choose
 
-  !> Whether the selecting variable is known to have this value.
-  pure function is_choice(self, choice) result(yes)
-    class(deck_source), intent(in) :: self
-    character(*), intent(in) :: choice
-    logical :: yes
-    yes = self%choice_known .and. self%choice == choice
-  end function is_choice
-
-  !> Whether it is known what applies.
-  pure function choice_is_known(self) result(yes)
-    class(deck_source), intent(in) :: self
-    logical :: yes
-    yes = self%choice_known
-  end function choice_is_known
-
   !> Whether the selecting variable is known to have one of these values.
-  pure function choice_in(self, kinds) result(yes)
+  pure function is_choice(self, kinds) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: kinds   !! blanks between them
     logical :: yes
     yes = self%choice_known .and. applies(self, kinds)
-  end function choice_in
+  end function is_choice
 
   !> Whether the group gives a variable, well or not.
   pure function is_given(self, name) result(yes)
@@ -318,6 +292,14 @@ contains
     yes = k > 0
     if (yes) yes = self%marks(k)%state == usable
   end function is_set
+
+  !> Whether the value of a variable that applies is known: given well, or not given, so that the default counts.
+  pure function is_known(self, name) result(yes)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    logical :: yes
+    yes = self%is_set(name) .or. .not. self%is_given(name)
+  end function is_known
 
   !> Whether the group has shown no fault yet.
   pure function is_clean(self) result(yes)

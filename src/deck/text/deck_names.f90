@@ -9,12 +9,17 @@ module deck_names
   integer, parameter, public :: not_there = 0     !! no such name
   integer, parameter, public :: doubtful = -1     !! the name may belong to something that could not be read
 
+  !> One name.
+  type :: known_name
+    character(name_length) :: text = ''   ! in lower case
+    integer :: number = 0                 ! what it stands for
+    integer :: group = 0                  ! the group that has it
+  end type known_name
+
   !> A table of names; case does not matter.
   type, public :: name_table
     private
-    character(name_length), allocatable :: names(:)   ! in lower case, in the order added
-    integer, allocatable :: numbers(:)                ! what each stands for
-    integer, allocatable :: groups(:)                 ! the groups that have the names
+    type(known_name), allocatable :: names(:)         ! in the order added
     integer, allocatable :: slots(:)                  ! open hash table: position in names, 0 free
     integer :: count = 0
     integer :: comparisons = 0                        ! spent on nearest names so far
@@ -42,16 +47,14 @@ contains
     slot = slot_of(self, lower(name))
     earlier = 0
     if (self%slots(slot) > 0) then
-      associate (known => self%slots(slot))
-        if (number /= doubtful .and. self%numbers(known) /= doubtful) earlier = self%groups(known)
-        if (self%numbers(known) == doubtful) self%numbers(known) = number
+      associate (known => self%names(self%slots(slot)))
+        if (number /= doubtful .and. known%number /= doubtful) earlier = known%group
+        if (known%number == doubtful) known%number = number
       end associate
       return
     end if
     self%count = self%count + 1
-    self%names(self%count) = lower(name)
-    self%numbers(self%count) = number
-    self%groups(self%count) = group
+    self%names(self%count) = known_name(lower(name), number, group)
     self%slots(slot) = self%count
   end subroutine add
 
@@ -64,7 +67,7 @@ contains
     number = merge(not_there, doubtful, self%complete)
     if (self%count == 0 .or. len_trim(name) > name_length) return
     slot = slot_of(self, lower(name))
-    if (self%slots(slot) > 0) number = self%numbers(self%slots(slot))
+    if (self%slots(slot) > 0) number = self%names(self%slots(slot))%number
   end function find
 
   !> Whether there is no name of this kind, not even one that could not be read.
@@ -86,11 +89,11 @@ contains
     if (self%comparisons > most_comparisons .or. letters > 2*name_length) return
     self%comparisons = self%comparisons + self%count
     do k = 1, self%count
-      if (abs(len_trim(self%names(k)) - letters) >= least) cycle
-      distance = edit_distance(lower(trim(name)), trim(self%names(k)))
+      if (abs(len_trim(self%names(k)%text) - letters) >= least) cycle
+      distance = edit_distance(lower(trim(name)), trim(self%names(k)%text))
       if (distance >= least) cycle
       least = distance
-      best = trim(self%names(k))
+      best = trim(self%names(k)%text)
     end do
   end subroutine nearest
 
@@ -102,7 +105,7 @@ contains
     slot = modulo(word_hash(name), size(self%slots)) + 1
     do
       if (self%slots(slot) == 0) return
-      if (self%names(self%slots(slot)) == name) return
+      if (self%names(self%slots(slot))%text == name) return
       slot = modulo(slot, size(self%slots)) + 1
     end do
   end function slot_of
@@ -110,27 +113,16 @@ contains
   !> Makes room for one more name; at most half of the slots are ever taken.
   subroutine reserve(self)
     class(name_table), intent(inout) :: self
-    character(name_length), allocatable :: names(:)
-    integer, allocatable :: numbers(:), groups(:)
-    integer :: k, room
+    integer :: k
     if (.not. allocated(self%names)) then
-      allocate (self%names(16), self%numbers(16), self%groups(16), self%slots(32))
-      self%slots = 0
+      allocate (self%names(16))
+      allocate (self%slots(32), source=0)
     end if
     if (self%count < size(self%names)) return
-    room = 2*self%count
-    allocate (names(room), numbers(room), groups(room))
-    names(1:self%count) = self%names
-    numbers(1:self%count) = self%numbers
-    groups(1:self%count) = self%groups
-    call move_alloc(names, self%names)
-    call move_alloc(numbers, self%numbers)
-    call move_alloc(groups, self%groups)
-    deallocate (self%slots)
-    allocate (self%slots(2*room))
-    self%slots = 0
+    self%names = [self%names, self%names]
+    self%slots = spread(0, 1, 2*size(self%names))
     do k = 1, self%count
-      self%slots(slot_of(self, trim(self%names(k)))) = k
+      self%slots(slot_of(self, trim(self%names(k)%text))) = k
     end do
   end subroutine reserve
 end module deck_names

@@ -78,30 +78,18 @@ contains
     character(*), intent(in) :: path   !! as shown in messages
     character(*), intent(in) :: text   !! whole text
     integer, intent(in) :: parent      !! number of the file that includes it
-    type(source), allocatable :: larger(:)
     if (.not. allocated(self%sources)) allocate (self%sources(4))
-    if (self%source_count == size(self%sources)) then
-      allocate (larger(2*self%source_count))
-      larger(1:self%source_count) = self%sources
-      call move_alloc(larger, self%sources)
-    end if
+    if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
-    self%sources(self%source_count)%path = path
-    self%sources(self%source_count)%text = text
-    self%sources(self%source_count)%parent = parent
+    self%sources(self%source_count) = source(path, text, parent)
   end subroutine add_source
 
   !> Appends a group; assignments that are appended after it belong to it.
   subroutine add_group(self, new)
     class(syntax), intent(inout) :: self
     type(group), intent(in) :: new   !! its own count of assignments is 0
-    type(group), allocatable :: larger(:)
     if (.not. allocated(self%groups)) allocate (self%groups(64))
-    if (self%group_count == size(self%groups)) then
-      allocate (larger(2*self%group_count))
-      larger(1:self%group_count) = self%groups
-      call move_alloc(larger, self%groups)
-    end if
+    if (self%group_count == size(self%groups)) self%groups = [self%groups, self%groups]
     self%group_count = self%group_count + 1
     self%groups(self%group_count) = new
     self%groups(self%group_count)%first_assignment = self%assignment_count + 1
@@ -111,37 +99,23 @@ contains
   subroutine add_assignment(self, new)
     class(syntax), intent(inout) :: self
     type(setting), intent(in) :: new   !! its own count of values is 0
-    type(setting), allocatable :: larger(:)
     if (.not. allocated(self%assignments)) allocate (self%assignments(256))
-    if (self%assignment_count == size(self%assignments)) then
-      allocate (larger(2*self%assignment_count))
-      larger(1:self%assignment_count) = self%assignments
-      call move_alloc(larger, self%assignments)
-    end if
+    if (self%assignment_count == size(self%assignments)) self%assignments = [self%assignments, self%assignments]
     self%assignment_count = self%assignment_count + 1
     self%assignments(self%assignment_count) = new
     self%assignments(self%assignment_count)%first_value = self%value_count + 1
-    associate (g => self%groups(self%group_count))
-      g%assignments = g%assignments + 1
-    end associate
+    self%groups(self%group_count)%assignments = self%groups(self%group_count)%assignments + 1
   end subroutine add_assignment
 
   !> Appends a value to the last assignment.
   subroutine add_value(self, new)
     class(syntax), intent(inout) :: self
     type(value_token), intent(in) :: new
-    type(value_token), allocatable :: larger(:)
     if (.not. allocated(self%values)) allocate (self%values(512))
-    if (self%value_count == size(self%values)) then
-      allocate (larger(2*self%value_count))
-      larger(1:self%value_count) = self%values
-      call move_alloc(larger, self%values)
-    end if
+    if (self%value_count == size(self%values)) self%values = [self%values, self%values]
     self%value_count = self%value_count + 1
     self%values(self%value_count) = new
-    associate (a => self%assignments(self%assignment_count))
-      a%values = a%values + 1
-    end associate
+    self%assignments(self%assignment_count)%values = self%assignments(self%assignment_count)%values + 1
   end subroutine add_value
 
   !> `group/name` of a group, for messages; only `group` if its name cannot be read.

@@ -2,11 +2,11 @@
 module deck_words
   use text, only: lower, to_text, nearest_word, joined, printable
   use deck_input, only: deck_source, quoted, required
-  use deck_get, only: get
+  use deck_get, only: get, text_of
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
   use deck_names, only: doubtful
   use deck_records, only: name_length
-  use deck_syntax, only: value_token, string_value, bare_value, null_value
+  use deck_syntax, only: value_token
   implicit none (type, external)
   private
   public :: get_word, get_choice, get_name, get_reference, get_references, get_letters, get_input, &
@@ -30,18 +30,12 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds it applies to
     character(:), allocatable :: value
-    integer :: assignment
-    logical :: absent
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, word_list(words), kinds)
-    if (assignment == 0) return
-    call get(deck, name, value, kinds=kinds)
+    call get(deck, name, value, need, kinds, word_list(words))
     if (.not. deck%is_set(name)) return
     if (len_trim(value) > 0 .and. any(words == lower(value))) then
       word = lower(value)
     else
       call wrong_word(deck, name, value, words)
-      call deck%mark_faulty(assignment)
     end if
   end subroutine get_word
 
@@ -55,7 +49,7 @@ contains
     logical, intent(in), optional :: need    !! whether it is required
     logical :: known
     call get_word(deck, name, word, words, need)
-    known = deck%is_set(name) .or. .not. deck%is_given(name)
+    known = deck%is_known(name)
     if (present(need)) known = known .and. (deck%is_set(name) .or. .not. need)
     call deck%choose(name, trim(word), known)
   end subroutine get_choice
@@ -68,19 +62,15 @@ contains
     character(*), intent(in) :: words(:)                  !! the words that may be
     character(*), intent(in), optional :: kinds           !! kinds it applies to
     character(name_length), allocatable :: values(:)
-    integer :: k, assignment
-    call text_list(deck, name, values, assignment, word_list(words), .false., kinds)
-    allocate (found(0))
-    do k = 1, size(values)
-      if (any(words == lower(values(k)))) cycle
-      call wrong_word(deck, name, trim(values(k)), words)
-      call deck%mark_faulty(assignment)
-      return
-    end do
-    deallocate (found)
+    integer :: k
+    call text_list(deck, name, values, word_list(words), .false., kinds)
     allocate (found(size(values)))
     do k = 1, size(values)
       found(k) = lower(values(k)(1:1))
+      if (any(words == lower(values(k)))) cycle
+      call wrong_word(deck, name, trim(values(k)), words)
+      found = found(:0)
+      return
     end do
   end subroutine get_letters
 
@@ -125,19 +115,12 @@ contains
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds of the group that it applies to
     character(:), allocatable :: value
-    integer :: assignment, found
-    logical :: absent, good
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, 'the name of a &'//trim(group_names(kind)), kinds)
-    if (assignment == 0) return
-    call get(deck, name, value, kinds=kinds)
+    integer :: found
+    logical :: good
+    call get(deck, name, value, need, kinds, 'the name of a &'//trim(group_names(kind)))
     if (.not. deck%is_set(name)) return
     call resolve(deck, name, value, kind, found, good)
-    if (good) then
-      number = found
-    else
-      call deck%mark_faulty(assignment)
-    end if
+    if (good) number = found
   end subroutine get_reference
 
   !> A list of references to named things.
@@ -149,9 +132,9 @@ contains
     logical, intent(in) :: need                      !! whether it is required
     character(*), intent(in), optional :: kinds      !! kinds of the group that it applies to
     character(name_length), allocatable :: values(:)
-    integer :: k, assignment
+    integer :: k
     logical :: good, all_good
-    call text_list(deck, name, values, assignment, 'the name of a &'//trim(group_names(kind)), need, kinds)
+    call text_list(deck, name, values, 'the name of a &'//trim(group_names(kind)), need, kinds)
     allocate (numbers(size(values)))
     all_good = .true.
     do k = 1, size(values)
@@ -162,41 +145,38 @@ contains
       call resolve(deck, name, trim(values(k)), kind, numbers(k), good)
       all_good = all_good .and. good
     end do
-    if (all_good) return
-    numbers = [integer ::]
-    call deck%mark_faulty(assignment)
+    if (.not. all_good) numbers = [integer ::]
   end subroutine get_references
 
   !> A list of names or words in quotes.
-  subroutine text_list(deck, name, values, assignment, expected, need, kinds)
+  subroutine text_list(deck, name, values, expected, need, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name                                  !! variable
     character(name_length), allocatable, intent(out) :: values(:)     !! the texts, size 0 if faulty
-    integer, intent(out) :: assignment                                     !! number of the assignment in the group
     character(*), intent(in) :: expected                              !! what is expected if it is missing
     logical, intent(in) :: need                                       !! whether it is required
     character(*), intent(in), optional :: kinds                       !! kinds it applies to
     character(name_length), allocatable :: list(:)
     type(value_token) :: token
     character(:), allocatable :: problem
-    integer :: k, n
-    logical :: absent
+    integer :: assignment, k, n
+    logical :: good
     allocate (values(0))
-    call deck%look_up(name, need, kinds, assignment, absent)
-    if (absent) call deck%note_missing(name, expected, kinds)
+    call deck%look_up(name, need, kinds, expected, assignment)
     if (assignment == 0) return
     allocate (list(deck%values(assignment)))
     n = 0
     do k = 1, deck%tokens(assignment)
       token = deck%token(assignment, k)
-        problem = ''
-        if (token%form == bare_value) problem = 'is not in quotes, expected '//quoted(deck%written(token))
-        if (token%form == string_value) call valid_name(deck%word(token), problem)
-        if (token%form == null_value) problem = 'is empty, expected text in quotes'
-        if (len(problem) > 0) call deck%complain(name, name//'='//deck%written(token)//' '//problem)
-        if (len(problem) > 0 .or. (token%form /= string_value)) return
-        list(n + 1:n + token%repeats) = deck%word(token)
-        n = n + token%repeats
+      call text_of(deck, name, token, '', good)
+      if (.not. good) return
+      call valid_name(deck%word(token), problem)
+      if (len(problem) > 0) then
+        call deck%complain(name, name//'='//deck%written(token)//' '//problem)
+        return
+      end if
+      list(n + 1:n + token%repeats) = deck%word(token)
+      n = n + token%repeats
     end do
     call move_alloc(list, values)
     call deck%mark_good(assignment)
@@ -209,12 +189,8 @@ contains
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     character(:), allocatable :: value, best, expected
-    integer :: as_force, as_drive, assignment
-    logical :: absent
-    call deck%look_up(name, required, assignment=assignment, absent=absent)
-    if (absent) call deck%note_missing(name, 'the name of a &force or &drive')
-    if (assignment == 0) return
-    call get(deck, name, value)
+    integer :: as_force, as_drive
+    call get(deck, name, value, required, expected='the name of a &force or &drive')
     if (.not. deck%is_set(name)) return
     as_force = deck%names(in_force)%find(value)
     as_drive = deck%names(in_drive)%find(value)
@@ -233,7 +209,7 @@ contains
     end if
   end subroutine get_input
 
-  !> Finds what a reference names; reports one that names nothing, but not one that may name what could not be read.
+  !> Finds what a reference names; one that names nothing is faulty, and reported where it cannot name what could not be read.
   subroutine resolve(deck, name, value, kind, number, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name      !! variable
@@ -247,7 +223,9 @@ contains
     if (good) return
     number = deck%names(kind)%find(value)
     good = number > 0
-    if (good .or. number == doubtful) return
+    if (good) return
+    call deck%mark_faulty(name)
+    if (number == doubtful) return
     call deck%names(kind)%nearest(value, best)
     expected = 'expected the name of a &'//trim(group_names(kind))
     if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
@@ -263,7 +241,7 @@ contains
     yes = kind == in_body .and. lower(value) == 'ground'
   end function is_ground
 
-  !> Reports a word that is not in its list.
+  !> Reports a word that is not in its list; its variable is then faulty.
   subroutine wrong_word(deck, name, value, words)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name        !! variable
@@ -271,6 +249,7 @@ contains
     character(*), intent(in) :: words(:)    !! the words that may be
     character(:), allocatable :: expected
     integer :: near, k
+    call deck%mark_faulty(name)
     near = 0
     do k = 1, size(synonyms, 2)
       if (synonyms(1, k) == lower(value)) near = max(near, findloc(words == synonyms(2, k), .true., 1))
