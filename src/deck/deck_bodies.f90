@@ -168,8 +168,8 @@ contains
     call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
     call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
     call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
-    if (deck%is_set('reference') .and. b%reference == 'free' .and. b%modes == 0 .and. deck%is_known('modes')) &
-      call deck%complain('reference', 'reference=''free'' '// &
-      'with nodal coordinates (modes=0): nothing would fix the body''s frame, expected modes > 0')
+    if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. b%modes > 0) return
+    if (b%reference == 'free') call deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): '// &
+      'nothing would fix the body''s frame, expected modes > 0')
   end subroutine read_reference
 end module deck_bodies
