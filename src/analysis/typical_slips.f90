@@ -272,7 +272,7 @@ contains
     type(history_record), intent(in) :: r
     integer, intent(in) :: i
     real(wp), intent(out) :: miss              !! [unit]
-    real(wp) :: g(0:2)
+    real(wp) :: g(-1:2)
     integer :: k
     miss = 0.0_wp
     do k = 1, 7

@@ -27,7 +27,7 @@ contains
   pure real(wp) function present_factor(self, with) result(s)
     class(load_model), intent(in) :: self
     type(conditions), intent(in) :: with
-    real(wp) :: h(0:2)
+    real(wp) :: h(-1:2)
     s = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     s = with%factor

@@ -1,11 +1,11 @@
-!> Histories: functions of time that scale loads and lead drives (input/README.md, &history). A kind is a file: its value and
-!> two derivatives, an antiderivative in closed form, and the times at which it is not smooth.
+!> Histories: functions of time that scale loads and lead drives (input/README.md, &history). A kind is a file: an antiderivative
+!> in closed form, its value and two derivatives, and the times at which it is not smooth.
 module history
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_breakpoints, evaluate_shifted, rounding_of, reached, merged, &
-      breakpoint_order
+  public :: history_model, history_box, breakpoint, drive_breakpoints, drive_values, evaluate_shifted, rounding_of, reached, &
+      merged, breakpoint_order
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -22,9 +22,7 @@ module history
     type(breakpoint), allocatable :: breaks(:) !! times at which it is not smooth, ascending; not allocated: none
     real(wp) :: period = 0.0_wp              !! after which it, and they, repeat; 0: never [s]
   contains
-    procedure(value_and_slopes), deferred :: evaluate
-    procedure(area_function), deferred :: antiderivative
-    procedure :: integral
+    procedure(values_at_time), deferred :: evaluate
     procedure :: breakpoints => repeated_breaks
   end type history_model
 
@@ -34,33 +32,17 @@ module history
   end type history_box
 
   abstract interface
-    !> Value and two derivatives at t. With left = .true. a jump at t (of the value or a derivative) is not yet felt: the limit
-    !> from below.
-    pure subroutine value_and_slopes(self, t, left_limit, h)
+    !> An antiderivative that is continuous in time, value and two derivatives at t.
+    pure subroutine values_at_time(self, t, left_limit, h)
       import :: history_model, wp
       class(history_model), intent(in) :: self
       real(wp), intent(in) :: t           !! [s]
-      logical, intent(in) :: left_limit   !! limit from below
-      real(wp), intent(out) :: h(0:2)     !! value, first and second derivative [unit, unit/s, unit/s2]
-    end subroutine value_and_slopes
-    !> An antiderivative, continuous in time.
-    pure function area_function(self, t) result(f)
-      import :: history_model, wp
-      class(history_model), intent(in) :: self
-      real(wp), intent(in) :: t           !! [s]
-      real(wp) :: f                       !! [unit s]
-    end function area_function
+      logical, intent(in) :: left_limit   !! the limit from below: a jump at t (of the value or a derivative) is not yet felt
+      real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
+    end subroutine values_at_time
   end interface
 
 contains
-
-  !> Integral of the history from 0 to t.
-  pure recursive function integral(self, t) result(area)
-    class(history_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: area                    !! [unit s]
-    area = self%antiderivative(t) - self%antiderivative(0.0_wp)
-  end function integral
 
   !> Breakpoints inside (0, until), ascending.
   pure function repeated_breaks(self, until) result(list)
@@ -91,6 +73,22 @@ contains
     list%order = max(0, list%order - merge(1, 2, rate))
   end function drive_breakpoints
 
+  !> What a drive imposes: the history, or by rate the deck's own value plus the integral since t = 0, with two derivatives.
+  pure subroutine drive_values(self, rate, origin, t, left_limit, h)
+    class(history_model), intent(in) :: self
+    logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
+    real(wp), intent(in) :: origin      !! by rate: the quantity at t = 0 [unit]
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left_limit   !! limit from below
+    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp) :: now(-1:2), at_start(-1:2)
+    call self%evaluate(t, left_limit, now)
+    h = now(0:2)
+    if (.not. rate) return
+    call self%evaluate(0.0_wp, .false., at_start)
+    h = [origin + (now(-1) - at_start(-1)), now(0:1)]
+  end subroutine drive_values
+
   !> What a time that is a sum of steps may be off by [s].
   elemental function rounding_of(t) result(slack)
     real(wp), intent(in) :: t           !! [s]
@@ -113,12 +111,11 @@ contains
     real(wp), intent(in) :: t           !! in the part's own time [s]
     real(wp), intent(in) :: slack       !! what t may be off by [s]
     logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! value, first and second derivative [unit, unit/s, unit/s2]
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     real(wp) :: shift
     shift = merge(-slack, slack, left_limit)
     call part%evaluate(t + shift, left_limit, h)
-    h(0) = h(0) - shift*h(1)
-    h(1) = h(1) - shift*h(2)
+    h(:1) = h(:1) - shift*h(0:)
   end subroutine evaluate_shifted
 
   !> Order of the lowest derivative that differs between two sides of a breakpoint.

@@ -10,36 +10,24 @@ module polynomial_history
     real(wp), allocatable :: c(:)       !! coefficients [unit/s^k]
   contains
     procedure :: evaluate => polynomial_value
-    procedure :: antiderivative => polynomial_area
   end type polynomial_model
 
 contains
 
-  !> Value and two derivatives.
+  !> Horner's scheme.
   pure subroutine polynomial_value(self, t, left_limit, h)
     class(polynomial_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below: the same
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     integer :: k
     h = 0.0_wp
     do k = size(self%c), 1, -1
       h(2) = h(2)*t + 2*h(1)
       h(1) = h(1)*t + h(0)
       h(0) = h(0)*t + self%c(k)
+      h(-1) = h(-1)*t + self%c(k)/k
     end do
+    h(-1) = h(-1)*t
   end subroutine polynomial_value
-
-  !> An antiderivative.
-  pure function polynomial_area(self, t) result(f)
-    class(polynomial_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: f                       !! [unit s]
-    integer :: k
-    f = 0.0_wp
-    do k = size(self%c), 1, -1
-      f = f*t + self%c(k)/k
-    end do
-    f = f*t
-  end function polynomial_area
 end module polynomial_history

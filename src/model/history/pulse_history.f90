@@ -13,7 +13,6 @@ module pulse_history
   contains
     procedure :: set => set_pulse
     procedure :: evaluate => pulse_value
-    procedure :: antiderivative => pulse_area
   end type pulse_model
 
 contains
@@ -30,21 +29,14 @@ contains
     self%remedy = 'a ramp or a cycloid instead of the pulse'
   end subroutine set_pulse
 
-  !> Value; the derivatives are zero on both sides of the jumps.
+  !> The derivatives are zero on both sides of the jumps.
   pure subroutine pulse_value(self, t, left_limit, h)
     class(pulse_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     h = 0.0_wp
+    h(-1) = self%value*(min(max(t, self%start), self%finish) - self%start)
     if (reached(t, self%start, left_limit) .and. .not. reached(t, self%finish, left_limit)) h(0) = self%value
   end subroutine pulse_value
-
-  !> An antiderivative.
-  pure function pulse_area(self, t) result(f)
-    class(pulse_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: f                       !! [unit s]
-    f = self%value*(min(max(t, self%start), self%finish) - self%start)
-  end function pulse_area
 end module pulse_history

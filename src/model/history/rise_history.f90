@@ -15,7 +15,6 @@ module rise_history
     procedure(shape_of_rise), deferred, nopass :: shape
     procedure :: set => set_rise
     procedure :: evaluate => rise_value
-    procedure :: antiderivative => rise_area
   end type rise_model
 
   abstract interface
@@ -41,34 +40,17 @@ contains
     self%breaks = [breakpoint(start, 3), breakpoint(finish, 3)]
   end subroutine set_rise
 
-  !> Value and two derivatives, both continuous.
+  !> Value and first two derivatives are continuous.
   pure subroutine rise_value(self, t, left_limit, h)
     class(rise_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below: the same
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: f(-1:2), width
-    width = self%finish - self%start
-    h = 0.0_wp
-    if (t <= self%start) then
-      h(0) = self%low
-    else if (t >= self%finish) then
-      h(0) = self%high
-    else
-      call self%shape((t - self%start)/width, f)
-      h = (self%high - self%low)*f(0:2)/[1.0_wp, width, width**2]
-      h(0) = self%low + h(0)
-    end if
-  end subroutine rise_value
-
-  !> An antiderivative.
-  pure function rise_area(self, t) result(area)
-    class(rise_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: area                    !! [unit s]
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     real(wp) :: f(-1:2), width
     width = self%finish - self%start
     call self%shape(min(max((t - self%start)/width, 0.0_wp), 1.0_wp), f)
-    area = self%low*(t - self%start) + (self%high - self%low)*(width*f(-1) + max(t - self%finish, 0.0_wp))
-  end function rise_area
+    h = (self%high - self%low)*[width*f(-1) + max(t - self%finish, 0.0_wp), f(0), f(1)/width, f(2)/width**2]
+    h(-1:0) = h(-1:0) + self%low*[t - self%start, 1.0_wp]
+    if (t >= self%finish) h(0:2) = [self%high, 0.0_wp, 0.0_wp]
+  end subroutine rise_value
 end module rise_history

@@ -9,13 +9,12 @@ module sequence_history
   type, extends(history_model), public :: sequence_model
     type(history_box), allocatable :: parts(:)
     real(wp), allocatable :: begins(:)       !! times at which parts begin, and the end of the last [s]
-    real(wp), allocatable :: area(:)         !! integral up to each of them [unit s]
+    real(wp), allocatable :: area(:)         !! added to each part's antiderivative; the last: integral of all parts [unit s]
+    real(wp) :: held(2) = 0.0_wp             !! value before the first part and after the last one [unit]
   contains
     procedure :: set => set_sequence
     procedure :: evaluate => sequence_value
-    procedure :: antiderivative => sequence_area
     procedure, private :: locate
-    procedure, private :: ends_of
   end type sequence_model
 
 contains
@@ -26,7 +25,8 @@ contains
     real(wp), intent(in) :: start            !! when the first part begins [s]
     real(wp), intent(in) :: durations(:)     !! of the parts [s]
     logical, intent(in) :: periodic          !! after the last part the first one comes again
-    real(wp), dimension(0:2) :: before, after, size_of
+    real(wp), dimension(-1:2, size(durations) + 1) :: before, after   ! limits from below and above where parts begin
+    real(wp) :: middle(-1:2), size_of(0:2)
     type(breakpoint), allocatable :: list(:)
     integer :: k, n
     n = size(durations)
@@ -34,26 +34,28 @@ contains
     self%begins(1) = start
     if (periodic) self%period = sum(durations)
     if (periodic) self%begins(1) = modulo(start, self%period)   ! in the first turn: later ones keep their digits
-    self%area(1) = 0.0_wp
+    self%area(n + 1) = 0.0_wp
     size_of = 0.0_wp
     do k = 1, n
       associate (part => self%parts(k)%item)
         self%begins(k + 1) = self%begins(k) + durations(k)
-        self%area(k + 1) = self%area(k) + part%integral(durations(k))
-        call part%evaluate(0.5_wp*durations(k), .false., after)
-        size_of(0) = max(size_of(0), abs(after(0)))
+        call part%evaluate(0.0_wp, .false., after(:, k))
+        call part%evaluate(0.5_wp*durations(k), .false., middle)
+        call part%evaluate(durations(k), .true., before(:, k + 1))
+        self%area(k) = self%area(n + 1) - after(-1, k)
+        self%area(n + 1) = self%area(n + 1) + (before(-1, k + 1) - after(-1, k))
+        size_of(0) = max(size_of(0), abs(after(0, k)), abs(middle(0)), abs(before(0, k + 1)))
       end associate
     end do
-    do k = 1, n + 1
-      call self%ends_of(k, before, after)
-      size_of(0) = max(size_of(0), abs(before(0)), abs(after(0)))
-    end do
     size_of(1:2) = size_of(0)/minval(durations)**[1, 2]
+    self%held = [after(0, 1), before(0, n + 1)]
+    before(:, 1) = [0.0_wp, self%held(1), 0.0_wp, 0.0_wp]
+    after(:, n + 1) = [0.0_wp, self%held(2), 0.0_wp, 0.0_wp]
+    if (periodic) before(:, 1) = before(:, n + 1)
     allocate (self%breaks(0))
     do k = 1, n + 1
-      call self%ends_of(k, before, after)
-      list = [breakpoint(self%begins(k), breakpoint_order(before, after, size_of))]
       if (periodic .and. k > n) exit
+      list = [breakpoint(self%begins(k), breakpoint_order(before(0:, k), after(0:, k), size_of))]
       self%breaks = merged(self%breaks, list)
       if (k > n) exit
       list = self%parts(k)%item%breakpoints(durations(k))
@@ -61,22 +63,6 @@ contains
       self%breaks = merged(self%breaks, list)
     end do
   end subroutine set_sequence
-
-  !> Value and derivatives on both sides of the time at which part k begins; outside all parts they stay.
-  pure recursive subroutine ends_of(self, k, before, after)
-    class(sequence_model), intent(in) :: self
-    integer, intent(in) :: k                      !! part, or one more: the end of the last
-    real(wp), intent(out) :: before(0:2), after(0:2)    !! [unit, unit/s, unit/s2]
-    integer :: n, last, next
-    n = size(self%parts)
-    last = merge(n, k - 1, k == 1)
-    next = merge(1, k, k > n)
-    call self%parts(last)%item%evaluate(self%begins(last + 1) - self%begins(last), .true., before)
-    call self%parts(next)%item%evaluate(0.0_wp, .false., after)
-    if (self%period > 0.0_wp) return
-    if (k == 1) before = [after(0), 0.0_wp, 0.0_wp]
-    if (k > n) after = [before(0), 0.0_wp, 0.0_wp]
-  end subroutine ends_of
 
   !> The part that counts at a time, and the time in it; 0: before the first one, the number of parts + 1: after the last.
   pure subroutine locate(self, t, shift, turn, k, x)
@@ -94,43 +80,24 @@ contains
     x = x - self%begins(max(k, 1))
   end subroutine locate
 
-  !> Value and two derivatives.
+  !> Those of the part that counts, its antiderivative moved to where the part before ends.
   pure recursive subroutine sequence_value(self, t, left_limit, h)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: x, before(0:2)
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
+    real(wp) :: x
     integer(ip) :: turn
     integer :: k
     call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
     if (k < 1) then
-      call self%ends_of(1, h, before)
+      h = self%held(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
     else if (k > size(self%parts)) then
-      call self%ends_of(k, before, h)
+      h = self%held(2)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
+      h(-1) = h(-1) + self%area(k)
     else
       call evaluate_shifted(self%parts(k)%item, x, 2*rounding_of(t), left_limit, h)
+      h(-1) = h(-1) + self%area(k) + turn*self%area(size(self%area))
     end if
   end subroutine sequence_value
-
-  !> An antiderivative.
-  pure recursive function sequence_area(self, t) result(f)
-    class(sequence_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: f                       !! [unit s]
-    real(wp) :: x, h(0:2), before(0:2)
-    integer(ip) :: turn
-    integer :: k
-    call self%locate(t, 0.0_wp, turn, k, x)
-    f = turn*self%area(size(self%area)) + self%area(max(k, 1))
-    if (k < 1) then
-      call self%ends_of(1, h, before)
-      f = f + h(0)*x
-    else if (k > size(self%parts)) then
-      call self%ends_of(k, before, h)
-      f = f + h(0)*x
-    else
-      f = f + self%parts(k)%item%integral(x)
-    end if
-  end function sequence_area
 end module sequence_history

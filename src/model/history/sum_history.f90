@@ -11,19 +11,18 @@ module sum_history
     real(wp), allocatable :: factors(:)      !! [-]
   contains
     procedure :: evaluate => sum_value
-    procedure :: antiderivative => sum_area
     procedure :: breakpoints => sum_breakpoints
   end type sum_model
 
 contains
 
-  !> Value and two derivatives.
+  !> The same sum of the parts' values.
   pure recursive subroutine sum_value(self, t, left_limit, h)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: g(0:2)
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
+    real(wp) :: g(-1:2)
     integer :: k
     h = 0.0_wp
     do k = 1, size(self%parts)
@@ -32,24 +31,12 @@ contains
     end do
   end subroutine sum_value
 
-  !> An antiderivative.
-  pure recursive function sum_area(self, t) result(f)
-    class(sum_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: f                       !! [unit s]
-    integer :: k
-    f = 0.0_wp
-    do k = 1, size(self%parts)
-      f = f + self%factors(k)*self%parts(k)%item%antiderivative(t)
-    end do
-  end function sum_area
-
   !> Breakpoints of all parts; where two of them cancel, what is left of them.
   pure recursive function sum_breakpoints(self, until) result(list)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
     type(breakpoint), allocatable :: list(:)
-    real(wp), dimension(0:2) :: before, after, one, other, most
+    real(wp), dimension(-1:2) :: before, after, one, other, most
     integer :: i, k
     allocate (list(0))
     do k = 1, size(self%parts)
@@ -66,7 +53,7 @@ contains
         after = after + self%factors(k)*other
         most = max(most, abs(self%factors(k))*max(abs(one), abs(other)))
       end do
-      list(i)%order = max(list(i)%order, breakpoint_order(before, after, most))
+      list(i)%order = max(list(i)%order, breakpoint_order(before(0:), after(0:), most(0:)))
     end do
   end function sum_breakpoints
 end module sum_history

@@ -13,7 +13,6 @@ module table_history
   contains
     procedure :: set => set_table
     procedure :: evaluate => table_value
-    procedure :: antiderivative => table_area
     procedure, private :: locate
   end type table_model
 
@@ -26,7 +25,8 @@ contains
     real(wp), intent(in) :: y(:)             !! values [unit]
     real(wp), intent(in) :: slopes(:, :)     !! (2, points - 1) at both ends of each piece [unit/s]
     logical, intent(in) :: periodic          !! the last point is the first of the next turn
-    real(wp) :: w, chord, before(0:2), after(0:2), size_of(0:2)
+    real(wp) :: w, chord, size_of(0:2)
+    real(wp), dimension(-1:2) :: before, after
     integer :: i, n
     n = size(t)
     self%t = t
@@ -42,7 +42,8 @@ contains
       chord = (y(i + 1) - y(i))/w
       self%c(:, i) = [y(i), slopes(1, i), (3*chord - 2*slopes(1, i) - slopes(2, i))/w, &
                       (slopes(1, i) + slopes(2, i) - 2*chord)/w**2]
-      self%area(i + 1) = self%area(i) + piece_area(self%c(:, i), w)
+      after = piece(self%c(:, i), w)
+      self%area(i + 1) = self%area(i) + after(-1)
     end do
     size_of(0) = maxval(abs(y))
     size_of(1) = maxval(abs(y - y(1)))/(t(n) - t(1))
@@ -53,7 +54,7 @@ contains
       after = piece(self%c(:, i), 0.0_wp)
       if (periodic .and. i == 1) before = piece(self%c(:, n - 1), t(n) - t(n - 1))
       if (periodic .and. i == n) after = piece(self%c(:, 1), 0.0_wp)
-      self%breaks(i) = breakpoint(self%t(i), breakpoint_order(before, after, size_of))
+      self%breaks(i) = breakpoint(self%t(i), breakpoint_order(before(0:), after(0:), size_of))
     end do
     if (periodic) self%breaks = self%breaks(1:n - 1)
   end subroutine set_table
@@ -87,44 +88,26 @@ contains
     x = x - self%t(max(1, i))
   end subroutine locate
 
-  !> Value and two derivatives.
+  !> Those of the piece.
   pure subroutine table_value(self, t, left_limit, h)
     class(table_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
+    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     real(wp) :: x
     integer(ip) :: turn
     integer :: i
     call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
     h = piece(self%c(:, i), x)
+    h(-1) = h(-1) + self%area(max(1, i)) + turn*self%area(size(self%area))
   end subroutine table_value
 
-  !> An antiderivative.
-  pure function table_area(self, t) result(f)
-    class(table_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: f                       !! [unit s]
-    real(wp) :: x
-    integer(ip) :: turn
-    integer :: i
-    call self%locate(t, 0.0_wp, turn, i, x)
-    f = turn*self%area(size(self%area)) + self%area(max(1, i)) + piece_area(self%c(:, i), x)
-  end function table_area
-
-  !> Value and two derivatives of a cubic.
+  !> Integral from 0, value and two derivatives of a cubic.
   pure function piece(c, x) result(h)
     real(wp), intent(in) :: c(4)        !! coefficients [unit/s^k]
     real(wp), intent(in) :: x           !! [s]
-    real(wp) :: h(0:2)                  !! [unit, unit/s, unit/s2]
-    h = [c(1) + x*(c(2) + x*(c(3) + x*c(4))), c(2) + x*(2*c(3) + 3*x*c(4)), 2*c(3) + 6*x*c(4)]
+    real(wp) :: h(-1:2)                 !! [unit s, unit, unit/s, unit/s2]
+    h = [x*(c(1) + x*(c(2)/2 + x*(c(3)/3 + x*c(4)/4))), &
+         c(1) + x*(c(2) + x*(c(3) + x*c(4))), c(2) + x*(2*c(3) + 3*x*c(4)), 2*c(3) + 6*x*c(4)]
   end function piece
-
-  !> Integral of a cubic from 0 to x.
-  pure function piece_area(c, x) result(f)
-    real(wp), intent(in) :: c(4)        !! coefficients [unit/s^k]
-    real(wp), intent(in) :: x           !! [s]
-    real(wp) :: f                       !! [unit s]
-    f = x*(c(1) + x*(c(2)/2 + x*(c(3)/3 + x*c(4)/4)))
-  end function piece_area
 end module table_history

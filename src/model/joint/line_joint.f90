@@ -3,7 +3,7 @@
 module line_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, marker_stiffness
-  use history, only: history_model, breakpoint, drive_breakpoints
+  use history, only: history_model, breakpoint, drive_breakpoints, drive_values
   use marker, only: marker_states, turn
   implicit none (type, external)
   private
@@ -47,7 +47,7 @@ contains
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     om = p%rate(self%ib)
     h = 0.0_wp
-    if (self%drive) call follow(self, t, r%left_limit, h)
+    if (self%drive) call drive_values(self%target, self%rate, self%origin, t, r%left_limit, h)
     r%na(:, i) = n
     r%nb(:, i) = -n
     r%sa(i) = 0.0_wp
@@ -67,21 +67,6 @@ contains
     self%prismatic = .false.
     self%rows = 1
   end subroutine prismatic_release
-
-  !> Target of a position drive and its two derivatives.
-  pure subroutine follow(self, t, left_limit, h)
-    class(line_model), intent(in) :: self
-    real(wp), intent(in) :: t             !! [s]
-    logical, intent(in) :: left_limit     !! a jump at t is not yet felt
-    real(wp), intent(out) :: h(0:2)       !! [m, m/s, m/s2]
-    real(wp) :: g(0:2)
-    call self%target%evaluate(t, left_limit, g)
-    if (self%rate) then
-      h = [self%origin + self%target%integral(t), g(0), g(1)]
-    else
-      h = g
-    end if
-  end subroutine follow
 
   !> lambda n(psi_b).(r_a - r_b): the direction turns with section b.
   pure subroutine line_second(self, p, lambda, k)

@@ -2,7 +2,7 @@
 module rotation_drive
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows
-  use history, only: history_model, breakpoint, drive_breakpoints
+  use history, only: history_model, breakpoint, drive_breakpoints, drive_values
   use marker, only: marker_states
   implicit none (type, external)
   private
@@ -39,12 +39,10 @@ contains
     real(wp), intent(in) :: t   !! [s]
     type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    real(wp) :: h(0:2), g(0:2)
+    real(wp) :: h(0:2)
     integer :: i
     i = self%first
-    call self%target%evaluate(t, r%left_limit, g)
-    h = g
-    if (self%rate) h = [self%origin + self%target%integral(t), g(0), g(1)]
+    call drive_values(self%target, self%rate, self%origin, t, r%left_limit, h)
     r%na(:, i) = 0.0_wp
     r%nb(:, i) = 0.0_wp
     r%sa(i) = self%size
