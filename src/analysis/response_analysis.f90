@@ -10,6 +10,7 @@ module response_analysis
   use linearisation, only: marker_jacobian
   use evaluation_results, only: conditions_of
   use scene_run, only: run_state
+  use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
   use summary, only: add_line
   use summary_text, only: summary_record
@@ -40,7 +41,7 @@ contains
     associate (r => run%d%response, y => run%y)
       if (r%drive > 0) call check_drive(run, ds, fail)
       if (fail%happened()) return
-      call read_sensors(run%list, run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:), now)
+      call read_sensors(run%list, run%sys%m, run%sys%ev, y, now)
       call file%open(run%folder//'/frequency_response.txt')
       call write_header(run, file)
       do k = 1, r%points
@@ -124,7 +125,7 @@ contains
     lambda = 0.0_wp
     lambda(ds%active) = x(ds%n + 1:)
     if (size(ds%active) < size(lambda)) call share_reactions(run, lambda)
-    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), s, x(1:nq), lambda, values)
+    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y, harmonic_motion(s, x(1:nq), lambda), values)
   end subroutine respond
 
   !> Redundant joints share their reactions as in the time domain: least multipliers.

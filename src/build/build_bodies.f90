@@ -4,10 +4,11 @@ module build_bodies
   use build_law, only: law_of
   use viscoelastic_law, only: viscoelastic_terms
   use errors, only: fault_list
-  use deck_records, only: deck, body_record, lump_record
+  use deck_geometry, only: removed_coordinates
+  use deck_records, only: deck, body_record
   use beam_element, only: beam_geometry
   use body, only: body_model, lump, viscoelastic_segment
-  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, &
+  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, &
                         factor_mass, finish_elastic, allocate_work, body_length, sort_segments
   use loaded_coordinates, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
@@ -49,9 +50,8 @@ contains
       else
         if (.not. allocated(b%segments)) allocate (b%segments(0))
         if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
-          call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the mass matrix is not positive definite: '// &
-                          'the body has no rotary inertia about its mass centre; expected inertia > 0 or a lump '// &
-                          'away from the mass centre')
+          call refuse(r, faults, 'the mass matrix is not positive definite: the body has no rotary inertia about '// &
+                      'its mass centre; expected inertia > 0 or a lump away from the mass centre')
         end if
       end if
     end associate
@@ -93,9 +93,8 @@ contains
       real(wp), parameter :: most = 1.0e150_wp   ! its square is finite, that of its reciprocal is not yet 0
       if (beyond .or. (x >= 1.0_wp/most .and. x <= most) .or. abs(x) <= 0.0_wp) return
       beyond = .true.
-      call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the '//what//' would be '// &
-                      to_text(x)//' '//unit//', too far from 1 to compute with in double precision; '// &
-                      'expected 1e-150 to 1e150 (check units of lengths, masses and stiffness)')
+      call refuse(r, faults, 'the '//what//' would be '//to_text(x)//' '//unit//', too far from 1 to compute with in '// &
+                  'double precision; expected 1e-150 to 1e150 (check units of lengths, masses and stiffness)')
     end subroutine check_range
   end function beyond_numbers
 
@@ -195,11 +194,11 @@ contains
         law = law_of(d%materials(b%material(e))%law)
         viscoelastic(e) = r%viscoelastic .and. law%order() > 0
       end do
-      call remove_coordinates(r, b, removed, faults)
+      removed = removed_coordinates(r)
+      b%extra_references = max(count(removed) - 3, 0)
       call number_coordinates(b, removed)
       if (b%nf == 0) then
-        call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                        'no elastic coordinate remains; expected more elements, or flexible=.false.')
+        call refuse(r, faults, 'no elastic coordinate remains; expected more elements, or flexible=.false.')
         return
       end if
       call elastic_integrals(b)
@@ -212,9 +211,8 @@ contains
         end do
         call factor_mass(b, bad)
         if (bad > 0) then
-          call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                          'the mass matrix is not positive definite; expected positive density, area and element lengths '// &
-                          'of comparable size')
+          call refuse(r, faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
+                      'element lengths of comparable size')
           return
         end if
       end if
@@ -224,39 +222,13 @@ contains
     end associate
   end subroutine make_flexible
 
-  !> Which nodal coordinates the reference conditions remove; they must stop exactly the rigid motions.
-  subroutine remove_coordinates(r, b, removed, faults)
+  !> Reports what is wrong with a body.
+  subroutine refuse(r, faults, why)
     type(body_record), intent(in) :: r
-    type(body_model), intent(inout) :: b
-    logical, allocatable, intent(out) :: removed(:, :)   !! (3, nn)
     type(fault_list), intent(inout) :: faults
-    real(wp) :: free(3)
-    integer :: k, rank
-    character(:), allocatable :: motions
-    allocate (removed(3, b%nn), source=.false.)
-    select case (r%reference)
-    case ('pinned')
-      removed(1:2, 1) = .true.
-      removed(2, b%nn) = .true.
-    case ('clamped')
-      removed(:, 1) = .true.
-    case ('explicit')
-      do k = 1, size(r%reference_node)
-        removed(index('uvr', r%reference_dof(k)), r%reference_node(k)) = .true.
-      end do
-    case default
-      return
-    end select
-    call reference_rank(b, removed, rank, free)
-    b%extra_references = max(count(removed) - 3, 0)
-    if (rank == 3) return
-    motions = ''
-    if (free(1) > 0) motions = motions//' translation along body x,'
-    if (free(2) > 0) motions = motions//' translation along body y,'
-    if (free(3) > 0) motions = motions//' rotation,'
-    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'the reference conditions leave a rigid motion free:'// &
-                    motions//' expected removed coordinates that stop all three')
-  end subroutine remove_coordinates
+    character(*), intent(in) :: why
+    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), why)
+  end subroutine refuse
 
   !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
   subroutine reduce(d, k, b, viscoelastic, faults)
@@ -272,8 +244,8 @@ contains
       available = b%nf
       if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
       if (r%modes > available) then
-        call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), 'modes is larger than the number of elastic modes of '// &
-                        'the mesh; expected at most '//to_text(available))
+        call refuse(r, faults, 'modes is larger than the number of elastic modes of the mesh; expected at most '// &
+                    to_text(available))
         return
       end if
       allocate (segments(b%ne))
@@ -286,8 +258,7 @@ contains
         segments(n)%law = law_of(d%materials(b%material(e))%law)
       end do
       call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), segments(1:n), bad)
-      if (bad) call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), &
-                               'the modes could not be computed: the mass matrix is not positive definite')
+      if (bad) call refuse(r, faults, 'the modes could not be computed: the mass matrix is not positive definite')
     end associate
   end subroutine reduce
 end module build_bodies

@@ -19,7 +19,7 @@ module build_markers
 
 contains
 
-  !> A marker of the model from a deck's place.
+  !> A marker of the model from that of the deck.
   function make_marker(s, r) result(p)
     type(scene), intent(in) :: s
     type(marker_record), intent(in) :: r

@@ -7,6 +7,7 @@ module build_scene
   use build_loads, only: build_forces
   use build_markers, only: marker_table, scene_size, list_loaded, sort_by_body
   use deck_records, only: deck
+  use internal_variables, only: internal_state
   use scene_model, only: scene
   implicit none (type, external)
   private
@@ -78,33 +79,30 @@ contains
   !> the length of the state follows.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
-    integer :: k, r
-    s%nz = 0
-    do k = 1, size(s%bodies)
-      do r = 1, size(s%bodies(k)%segments)
-        associate (segment => s%bodies(k)%segments(r))
-          segment%offset = s%nz
-          s%nz = s%nz + segment%law%second*segment%width
-        end associate
+    integer :: k, r, pass
+    s%nzd = 0
+    do pass = 1, 2                  ! the first one counts those of second order, behind which the others begin
+      s%nz = s%nzd
+      s%nzd = 0
+      do k = 1, size(s%bodies)
+        do r = 1, size(s%bodies(k)%segments)
+          call number_terms(s, s%bodies(k)%segments(r))
+        end do
       end do
-    end do
-    do k = 1, size(s%forces)
-      s%forces(k)%item%offset = s%nz
-      s%nz = s%nz + s%forces(k)%item%law%second
-    end do
-    s%nzd = s%nz
-    do k = 1, size(s%bodies)
-      do r = 1, size(s%bodies(k)%segments)
-        associate (segment => s%bodies(k)%segments(r))
-          segment%first_order = s%nz
-          s%nz = s%nz + segment%law%first*segment%width
-        end associate
+      do k = 1, size(s%forces)
+        call number_terms(s, s%forces(k)%item)
       end do
-    end do
-    do k = 1, size(s%forces)
-      s%forces(k)%item%first_order = s%nz
-      s%nz = s%nz + s%forces(k)%item%law%first
     end do
     s%ny = 2*s%nq + s%nz + s%nzd + 2
   end subroutine number_internal
+
+  !> Gives the variables of one owner the next numbers.
+  pure subroutine number_terms(s, variables)
+    type(scene), intent(inout) :: s
+    class(internal_state), intent(inout) :: variables
+    variables%offset = s%nzd
+    variables%first_order = s%nz
+    s%nzd = s%nzd + variables%law%second*variables%width
+    s%nz = s%nz + variables%law%first*variables%width
+  end subroutine number_terms
 end module build_scene

@@ -7,7 +7,7 @@ module deck_geometry
   use deck_records, only: body_record
   implicit none (type, external)
   private
-  public :: check_frame, check_reference
+  public :: check_frame, check_reference, removed_coordinates
 
   real(wp), parameter :: singular = 1.0e-12_wp     !! smaller determinants count as zero [-]
   integer, parameter :: most_shown = 10            !! faults of one list that are shown one by one
@@ -157,6 +157,26 @@ contains
     call report_rest(deck, 'reference_dof', faulty)
   end subroutine check_lists
 
+  !> Nodal coordinates (u, v, r of each node) that belong to the body's frame.
+  pure function removed_coordinates(b) result(removed)
+    type(body_record), intent(in) :: b
+    logical :: removed(3, b%nodes)
+    integer :: k
+    removed = .false.
+    select case (b%reference)
+    case ('pinned')
+      removed(1:2, 1) = .true.
+      removed(2, b%nodes) = .true.
+    case ('clamped')
+      removed(:, 1) = .true.
+    case ('explicit')
+      do k = 1, size(b%reference_node)
+        removed(index('uvr', b%reference_dof(k)), b%reference_node(k)) = .true.
+      end do
+    case default   ! 'free': with modes
+    end select
+  end function removed_coordinates
+
   !> Reports in words a rigid motion that the removed coordinates do not stop.
   subroutine check_rank(deck, b)
     class(deck_source), intent(inout) :: deck
@@ -165,25 +185,19 @@ contains
     real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
     real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
     real(wp) :: extent                     ! largest distance of a node from node 1 [m]
+    logical :: removed(3, b%nodes)
     character(:), allocatable :: name, what
-    integer :: k
+    integer :: k, dof
     call node_markers(b, x, y)
     extent = maxval(hypot(x - x(1), y - y(1)))
     if (extent <= 0.0_wp) return
     normal = 0.0_wp
-    associate (xs => (x - x(1))/extent, ys => (y - y(1))/extent)
-      if (b%reference == 'explicit') then
-        do k = 1, size(b%reference_node)
-          call add_row(normal, b%reference_dof(k), xs(b%reference_node(k)), ys(b%reference_node(k)))
-        end do
-      else if (b%reference == 'pinned') then
-        call add_row(normal, 'u', xs(1), ys(1))
-        call add_row(normal, 'v', xs(1), ys(1))
-        call add_row(normal, 'v', xs(b%nodes), ys(b%nodes))
-      else
-        return                             ! clamped: always sufficient
-      end if
-    end associate
+    removed = removed_coordinates(b)
+    do k = 1, b%nodes
+      do dof = 1, 3
+        if (removed(dof, k)) call add_row(normal, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
+      end do
+    end do
     if (determinant(normal) > singular*max(normal(1, 1) + normal(2, 2) + normal(3, 3), 1.0_wp)**3) return
     call free_motion(normal, motion)
     name = 'reference'
@@ -197,17 +211,12 @@ contains
   !> Adds the row of one removed coordinate: u = tx - ω y, v = ty + ω x, r = ω for the motion (tx, ty, ω).
   pure subroutine add_row(normal, dof, x, y)
     real(wp), intent(inout) :: normal(3, 3)   !! [-]
-    character(1), intent(in) :: dof           !! 'u', 'v' or 'r'
+    integer, intent(in) :: dof                !! 1: u, 2: v, 3: r
     real(wp), intent(in) :: x, y              !! the node, over the size [-]
     real(wp) :: row(3)
-    select case (dof)
-    case ('u')
-      row = [1.0_wp, 0.0_wp, -y]
-    case ('v')
-      row = [0.0_wp, 1.0_wp, x]
-    case default
-      row = [0.0_wp, 0.0_wp, 1.0_wp]
-    end select
+    row = [0.0_wp, 0.0_wp, 1.0_wp]
+    if (dof == 1) row = [1.0_wp, 0.0_wp, -y]
+    if (dof == 2) row = [0.0_wp, 1.0_wp, x]
     normal = normal + spread(row, 1, 3)*spread(row, 2, 3)
   end subroutine add_row
 

@@ -5,6 +5,7 @@ module deck_sensors
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
   use deck_kinds, only: in_joint, in_drive, in_spring
+  use deck_geometry, only: removed_coordinates
   use deck_marker, only: read_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
   implicit none (type, external)
@@ -91,22 +92,9 @@ contains
     type(body_record), intent(in) :: b
     integer :: n
     logical :: kept(3, b%nodes)
-    integer :: k
     n = b%modes
     if (n > 0) return
-    kept = .true.
-    select case (b%reference)
-    case ('pinned')
-      kept(1:2, 1) = .false.
-      kept(2, b%nodes) = .false.
-    case ('clamped')
-      kept(:, 1) = .false.
-    case ('explicit')
-      do k = 1, size(b%reference_node)
-        kept(index('uvr', b%reference_dof(k)), b%reference_node(k)) = .false.
-      end do
-    case default   ! 'free': with modes
-    end select
+    kept = .not. removed_coordinates(b)
     if (.not. b%axial) kept(1, :) = .false.
     n = count(kept)
   end function elastic_coordinates

@@ -183,7 +183,7 @@ contains
     do r = 1, repetitions
       seconds(r) = -clock()
       do i = 1, steps
-        call read_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:2*nq + nz), files%values)
+        call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, files%values)
         call balance%read(run%sys%m, run%sys%ev, 0.0_wp, run%y, i == 1)
         call balance%count()
         call files%write_row(0.0_wp, balance%row)

@@ -207,11 +207,10 @@ contains
     type(result_file), intent(inout) :: file
     type(equilibrium_report), intent(in) :: report
     real(wp), allocatable :: values(:)
-    integer :: nq
-    nq = run%sys%m%s%nq
     allocate (values(run%list%columns))
     call evaluate_state(run%sys, options, run%y)
-    call read_sensors(run%list, run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), run%y(2*nq + 1:), values)
-    call file%row([options%load_factor, report%residual, real(report%steps, wp), values, motion_row(run%sys%m, run%y(1:nq))])
+    call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, values)
+    call file%row([options%load_factor, report%residual, real(report%steps, wp), values, &
+                   motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))])
   end subroutine write_row
 end module static_analysis

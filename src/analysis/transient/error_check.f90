@@ -111,8 +111,7 @@ contains
     if (outcome == lost) self%lost_at = self%method%tried
     if (outcome /= reached) return
     associate (m => self%sys%m, ev => self%sys%ev)
-      call read_sensors(list, m, ev, self%y(1:m%s%nq), self%y(m%s%nq + 1:2*m%s%nq), self%y(2*m%s%nq + 1:2*m%s%nq + m%s%nz), &
-                        self%values)
+      call read_sensors(list, m, ev, self%y, self%values)
       call self%balance%read(m, ev, to, self%y, .false.)
     end associate
     if (self%balance%lost()) self%lost_at = to

@@ -215,7 +215,7 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip) :: every
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
-      call read_sensors(run%list, run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), files%values)
+      call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
       call march%balance%read(run%sys%m, run%sys%ev, t, y, k == 0)
       if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
       call judge(run, march, t, fail)

@@ -11,7 +11,7 @@ module body_setup
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
-  public :: add_rigid_element, add_rigid_lump, number_coordinates, reference_rank, elastic_integrals, factor_mass
+  public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, factor_mass
   public :: finish_elastic, allocate_work, body_length, sort_segments
 
 contains
@@ -59,52 +59,6 @@ contains
       b%edof(4:6, e) = b%dof(:, b%en(2, e))
     end do
   end subroutine number_coordinates
-
-  !> Rank of the reference conditions on the rigid motions of the body, and the motion that they leave free.
-  pure subroutine reference_rank(b, removed, rank, free)
-    type(body_model), intent(in) :: b
-    logical, intent(in) :: removed(:, :)   !! (3, nn)
-    integer, intent(out) :: rank           !! 3: sufficient
-    real(wp), intent(out) :: free(3)       !! a rigid motion (x, y, rotation times length) left free [-]
-    real(wp) :: g(3, 3), row(3), scale, best
-    integer :: k, c, step, p, i
-    g = 0.0_wp
-    scale = max(b%length, tiny(1.0_wp))
-    do k = 1, b%nn
-      do c = 1, 3
-        if (.not. removed(c, k)) cycle
-        row = 0.0_wp
-        row(c) = 1.0_wp
-        if (c == 1) row(3) = -b%x(2, k)/scale
-        if (c == 2) row(3) = b%x(1, k)/scale
-        do i = 1, 3
-          g(:, i) = g(:, i) + row*row(i)
-        end do
-      end do
-    end do
-    rank = 0
-    free = 0.0_wp
-    do step = 1, 3     ! complete pivoting on the 3 x 3 Gram matrix
-      p = 0
-      best = 1.0e-10_wp
-      do i = 1, 3
-        if (g(i, i) > best) then
-          best = g(i, i)
-          p = i
-        end if
-      end do
-      if (p == 0) exit
-      rank = rank + 1
-      row = g(:, p)/g(p, p)
-      do i = 1, 3
-        if (i /= p) g(:, i) = g(:, i) - row*g(p, i)
-      end do
-      g(:, p) = 0.0_wp
-      g(p, :) = 0.0_wp
-      free(p) = 1.0_wp     ! marks the motions that are stopped
-    end do
-    free = merge(0.0_wp, 1.0_wp, free > 0.0_wp)
-  end subroutine reference_rank
 
   !> S-bar, I1f and c0 of the nodal coordinates (theory.md, section 2), lumps included.
   pure subroutine elastic_integrals(b)

@@ -4,7 +4,7 @@ module angle_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, marker_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -30,13 +30,12 @@ contains
   end subroutine columns
 
   !> Frame and elastic rotation.
-  subroutine read_angle(self, m, ev, p, q, v, z, x)
+  subroutine read_angle(self, m, ev, p, y, x)
     class(angle_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [rad], [rad/s] or [rad/s2]
     real(wp) :: u(3)
     if (self%order == 0) x(1) = p%angle(self%number)
@@ -48,16 +47,16 @@ contains
   end subroutine read_angle
 
   !> In a plane, turns are the same in all axes.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(angle_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [rad], [rad/s] or [rad/s2]
-    y(1) = w(3)*s**self%order
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [rad], [rad/s] or [rad/s2]
+    complex(wp) :: w(3)
+    w = marker_motion(m, self%marker, p%rho(:, self%number), motion%x)
+    x(1) = w(3)*motion%s**self%order
   end subroutine respond
 end module angle_sensor

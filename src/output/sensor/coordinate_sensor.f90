@@ -4,7 +4,7 @@ module coordinate_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -37,30 +37,27 @@ contains
   end subroutine columns
 
   !> From the state.
-  subroutine read_coordinate(self, m, ev, p, q, v, z, x)
+  subroutine read_coordinate(self, m, ev, p, y, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [m, rad] and per second
     associate (i => m%s%qo(self%marker%body) + 3 + self%index)
-      x(1:3) = [q(i), v(i), ev%a(i)]
+      x(1:3) = [y(i), y(m%s%nq + i), ev%a(i)]
     end associate
   end subroutine read_coordinate
 
   !> From the unknowns.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [m, rad] and per second
-    y(1:3) = x(m%s%qo(self%marker%body) + 3 + self%index)*[(1.0_wp, 0.0_wp), s, s**2]
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [m, rad] and per second
+    x(1:3) = motion%x(m%s%qo(self%marker%body) + 3 + self%index)*motion%s**[0, 1, 2]
   end subroutine respond
 end module coordinate_sensor

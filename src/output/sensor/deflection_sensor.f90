@@ -4,7 +4,7 @@ module deflection_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, elastic_motion, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, elastic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -27,28 +27,25 @@ contains
   end subroutine columns
 
   !> From the elastic coordinates.
-  subroutine read_deflection(self, m, ev, p, q, v, z, x)
+  subroutine read_deflection(self, m, ev, p, y, x)
     class(deflection_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [m], [m], [rad]
-    x(1:3) = self%elastic_part(m, q)
+    x(1:3) = self%elastic_part(m, y)
   end subroutine read_deflection
 
   !> Linear in them.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(deflection_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [m], [m], [rad]
-    y(1:3) = elastic_motion(m, self%marker, x)
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [m], [m], [rad]
+    x(1:3) = elastic_motion(m, self%marker, motion%x)
   end subroutine respond
 end module deflection_sensor

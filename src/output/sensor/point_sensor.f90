@@ -5,7 +5,7 @@ module point_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states, turn
-  use sensor, only: sensor_model, suffix_length, vector_to_global
+  use sensor, only: sensor_model, harmonic_motion, marker_motion, suffix_length, vector_to_global
   implicit none (type, external)
   private
 
@@ -31,13 +31,12 @@ contains
   end subroutine columns
 
   !> Of the moving point.
-  subroutine read_point(self, m, ev, p, q, v, z, x)
+  subroutine read_point(self, m, ev, p, y, x)
     class(point_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [m], [m/s] or [m/s2]
     real(wp) :: u(3)
     integer :: i
@@ -55,31 +54,32 @@ contains
   end subroutine read_point
 
   !> w, its rate w' + theta' H w, or w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(point_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [m], [m/s] or [m/s2]
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [m], [m/s] or [m/s2]
+    complex(wp) :: w(3), turned(2)
     real(wp) :: rate, change                  ! theta', theta'' [1/s], [1/s2]
+    w = marker_motion(m, self%marker, p%rho(:, self%number), motion%x)
+    turned = [-w(2), w(1)]
     rate = 0.0_wp
     change = 0.0_wp
-    associate (b => self%marker%body, turned => [-w(2), w(1)])
-      if (b > 0) rate = v(m%s%qo(b) + 3)
+    associate (b => self%marker%body, s => motion%s)
+      if (b > 0) rate = y(m%s%nq + m%s%qo(b) + 3)
       if (b > 0) change = ev%a(m%s%qo(b) + 3)
       select case (self%order)
       case (0)
-        y(1:2) = w(1:2)
+        x(1:2) = w(1:2)
       case (1)
-        y(1:2) = s*w(1:2) + rate*turned
+        x(1:2) = s*w(1:2) + rate*turned
       case default
-        y(1:2) = s**2*w(1:2) + (2*rate*s + change)*turned - rate**2*w(1:2)
+        x(1:2) = s**2*w(1:2) + (2*rate*s + change)*turned - rate**2*w(1:2)
       end select
-      y(1:2) = vector_to_global(ev, b, y(1:2))
+      x(1:2) = vector_to_global(ev, b, x(1:2))
     end associate
   end subroutine respond
 end module point_sensor

@@ -5,7 +5,7 @@ module reaction_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, scene_motion, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, scene_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -29,13 +29,12 @@ contains
   end subroutine columns
 
   !> From the multipliers.
-  subroutine read_reaction(self, m, ev, p, q, v, z, x)
+  subroutine read_reaction(self, m, ev, p, y, x)
     class(reaction_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [N], [N], [N m]
     integer :: i
     x(1:3) = 0.0_wp
@@ -48,23 +47,22 @@ contains
   end subroutine read_reaction
 
   !> With the change of its direction.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(reaction_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [N], [N], [N m]
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [N], [N], [N m]
     type(marker_stiffness) :: t
     integer :: i
     associate (c => m%s%constraints(self%constraint)%item)
       call c%geometric(ev%p, ev%lambda, t)
-      y(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, ev, c%ia, x)) - matmul(t%k(1:3, 4:6), scene_motion(m, ev, c%ib, x))
+      x(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, ev, c%ia, motion%x)) &
+               - matmul(t%k(1:3, 4:6), scene_motion(m, ev, c%ib, motion%x))
       do i = c%first, c%first + c%rows - 1
-        y(1:3) = y(1:3) - [ev%rows%na(:, i), ev%rows%sa(i)]*lambda(i)
+        x(1:3) = x(1:3) - [ev%rows%na(:, i), ev%rows%sa(i)]*motion%lambda(i)
       end do
     end associate
   end subroutine respond

@@ -7,7 +7,7 @@ module section_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -32,20 +32,19 @@ contains
   end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
-  subroutine read_section(self, m, ev, p, q, v, z, x)
+  subroutine read_section(self, m, ev, p, y, x)
     class(section_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
     real(wp) :: d(3), n, m1, m2
     integer :: i
     associate (b => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
       i = m%s%qo(self%marker%body) + 3
       if (b%modal) then
-        d = modal_strain(b, e, q(i + 1:i + b%nf), z)
+        d = modal_strain(b, e, y(i + 1:i + b%nf), y(2*m%s%nq + 1:))
       else
         d = 0.0_wp
         if (size(b%segments) > 0) then
@@ -54,7 +53,7 @@ contains
           d(4 - b%nd:3) = b%d(:, e)
         end if
       end if
-      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, v(i + 1:i + b%nf)))
+      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, y(m%s%nq + i + 1:m%s%nq + i + b%nf)))
       n = 0.0_wp
       if (b%axial) n = g%ea_l*d(1)
       m1 = g%ei_l*(4*d(2) + 2*d(3))
@@ -65,32 +64,31 @@ contains
   end subroutine read_section
 
   !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(section_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [N], [N m] and [Pa], as in read_section
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [N], [N m] and [Pa], as in read_section
     complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
     real(wp) :: b(3, 6)
     integer :: i
     associate (body => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
       i = m%s%qo(self%marker%body) + 3
-      a = nodal(body, e, x(i + 1:i + body%nf))
+      a = nodal(body, e, motion%x(i + 1:i + body%nf))
       b = deformation_matrix(g)
-      d = g%ray_k*s*matmul(b, a) + (1 + element_ratio(body, e, s))*matmul(tangent(body, e, q(i + 1:i + body%nf), b), a)
+      d = g%ray_k*motion%s*matmul(b, a) + (1 + element_ratio(body, e, motion%s))* &
+          matmul(tangent(body, e, y(i + 1:i + body%nf), b), a)
       n = 0.0_wp
       if (body%axial) n = g%ea_l*d(1)
       m1 = g%ei_l*(4*d(2) + 2*d(3))
       m2 = g%ei_l*(2*d(2) + 4*d(3))
-      y(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
+      x(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
       if (.not. body%fibre(e) > 0.0_wp) return
       fibre = n/body%area(e) + [m1, -m1, m2, -m2]*body%fibre(e)/body%second(e)
-      y(5) = fibre(maxloc(abs(fibre), 1))
+      x(5) = fibre(maxloc(abs(fibre), 1))
     end associate
   end subroutine respond
 

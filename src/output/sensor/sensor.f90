@@ -1,5 +1,5 @@
-!> What all sensors have in common: columns with units, their values at an evaluated state, and their rows in the linear response
-!> (complex amplitudes for a harmonic motion x exp(s t) with multipliers lambda exp(s t), about the present state).
+!> What all sensors have in common: columns with units, their values at an evaluated state, and their complex amplitudes in the
+!> linear response about it.
 module sensor
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -10,6 +10,13 @@ module sensor
   public :: elastic_motion, marker_motion, scene_motion, vector_to_global, suffix_length
 
   integer, parameter :: suffix_length = 20
+
+  !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
+  type, public :: harmonic_motion
+    complex(wp) :: s = 0.0_wp                 !! [1/s]
+    complex(wp), allocatable :: x(:)          !! (nq) unknowns of the linearisation [m, rad]
+    complex(wp), allocatable :: lambda(:)     !! (rows) multipliers [N]
+  end type harmonic_motion
 
   !> A sensor.
   type, abstract, public :: sensor_model
@@ -37,28 +44,25 @@ module sensor
       character(suffix_length), allocatable, intent(out) :: list(:)
     end subroutine columns_of
     !> Values of the columns; m holds the accelerations and multipliers of the state.
-    subroutine values_at(self, m, ev, p, q, v, z, x)
+    subroutine values_at(self, m, ev, p, y, x)
       import :: sensor_model, mechanism_model, evaluation, marker_states, wp
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
       type(evaluation), intent(in) :: ev
       type(marker_states), intent(in) :: p    !! of all sensors' markers
-      real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad] and per second
-      real(wp), intent(in) :: z(:)            !! (nz) dissipative coordinates [m, rad]
+      real(wp), intent(in) :: y(:)            !! state [m, rad] and per second
       real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
     end subroutine values_at
     !> Amplitudes of the columns, vectors in global axes; m holds the evaluation of the present state.
-    subroutine amplitudes_of(self, m, ev, w, q, v, s, x, lambda, y)
-      import :: sensor_model, mechanism_model, evaluation, wp
+    subroutine amplitudes_of(self, m, ev, p, y, motion, x)
+      import :: sensor_model, mechanism_model, evaluation, marker_states, harmonic_motion, wp
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
       type(evaluation), intent(in) :: ev
-      complex(wp), intent(in) :: w(3)         !! displacement of its marker, body axes, and turn of the section [m, rad]
-      real(wp), intent(in) :: q(:), v(:)      !! (nq) present state [m, rad] and per second
-      complex(wp), intent(in) :: s            !! [1/s]
-      complex(wp), intent(in) :: x(:)         !! (nq) unknowns of the linearisation [m, rad]
-      complex(wp), intent(in) :: lambda(:)    !! (rows) multipliers [N]
-      complex(wp), intent(inout) :: y(:)      !! from its first column on [the columns' units]
+      type(marker_states), intent(in) :: p    !! of all sensors' markers
+      real(wp), intent(in) :: y(:)            !! present state [m, rad] and per second
+      type(harmonic_motion), intent(in) :: motion
+      complex(wp), intent(inout) :: x(:)      !! from its first column on [the columns' units]
     end subroutine amplitudes_of
   end interface
 

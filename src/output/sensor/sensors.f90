@@ -14,7 +14,7 @@ module sensors
   use point_sensor, only: point_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use section_sensor, only: section_sensor_model
-  use sensor, only: sensor_box, sensor_model, marker_motion, suffix_length
+  use sensor, only: sensor_box, sensor_model, harmonic_motion, suffix_length
   use spring_sensor, only: spring_sensor_model
   implicit none (type, external)
   private
@@ -83,45 +83,41 @@ contains
   end subroutine make_sensor
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
-  subroutine read_sensors(list, m, ev, q, v, z, values)
+  subroutine read_sensors(list, m, ev, y, values)
     type(sensor_list), intent(inout) :: list
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad] and per second
-    real(wp), intent(in), contiguous :: z(:)          !! (nz) [m, rad]
+    real(wp), intent(in), contiguous :: y(:)          !! state [m, rad] and per second
     real(wp), intent(out), contiguous :: values(:)    !! (columns) [their units]
-    integer :: k, b, i, n
+    integer :: k, b, i, j, n
     do k = 1, size(list%sensors)
       associate (s => list%sensors(k)%item)
         b = s%marker%body
         if (b > 0) then
           i = m%s%qo(b)
+          j = m%s%nq + i
           n = m%s%bodies(b)%nf
-          call one_marker(s%marker, ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
-                          q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), list%p, k)
+          call one_marker(s%marker, ev%frame%cos(b), ev%frame%sin(b), y(i + 1:i + 3), y(j + 1:j + 3), n, &
+                          y(i + 4:i + 3 + n), y(j + 4:j + 3 + n), list%p, k)
         else
           list%p%r(:, k) = s%marker%x
         end if
-        call s%read(m, ev, list%p, q, v, z, values(list%first(k):))
+        call s%read(m, ev, list%p, y, values(list%first(k):))
       end associate
     end do
   end subroutine read_sensors
 
   !> Amplitudes of all columns for a harmonic motion. m holds the evaluation of the present state; list has read it.
-  subroutine read_linear_sensors(list, m, ev, q, v, s, x, lambda, values)
+  subroutine read_linear_sensors(list, m, ev, y, motion, values)
     type(sensor_list), intent(in) :: list
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:), v(:)            !! (nq) present state [m, rad] and per second
-    complex(wp), intent(in) :: s                  !! [1/s]
-    complex(wp), intent(in) :: x(:)               !! (nq) unknowns of the linearisation [m, rad]
-    complex(wp), intent(in) :: lambda(:)          !! (rows) multipliers [N]
+    real(wp), intent(in) :: y(:)                  !! present state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(out) :: values(:)         !! (columns) [their units]
     integer :: k
     do k = 1, size(list%sensors)
-      associate (item => list%sensors(k)%item)
-        call item%respond(m, ev, marker_motion(m, item%marker, list%p%rho(:, k), x), q, v, s, x, lambda, values(list%first(k):))
-      end associate
+      call list%sensors(k)%item%respond(m, ev, list%p, y, motion, values(list%first(k):))
     end do
   end subroutine read_linear_sensors
 end module sensors

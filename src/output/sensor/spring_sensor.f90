@@ -4,7 +4,7 @@ module spring_sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_states
-  use sensor, only: sensor_model, scene_motion, suffix_length
+  use sensor, only: sensor_model, harmonic_motion, scene_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -29,13 +29,12 @@ contains
   end subroutine columns
 
   !> As evaluated.
-  subroutine read_spring(self, m, ev, p, q, v, z, x)
+  subroutine read_spring(self, m, ev, p, y, x)
     class(spring_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad]
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
     real(wp) :: rate, e(3)
     x(1) = ev%action(self%element)%force
@@ -46,21 +45,19 @@ contains
   end subroutine read_spring
 
   !> With its stiffness at s.
-  subroutine respond(self, m, ev, w, q, v, s, x, lambda, y)
+  subroutine respond(self, m, ev, p, y, motion, x)
     class(spring_sensor_model), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: w(3)           !! [m, rad]
-    real(wp), intent(in) :: q(:), v(:)        !! (nq) [m, rad] and per second
-    complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp), intent(in) :: lambda(:)      !! (rows) [N]
-    complex(wp), intent(inout) :: y(:)        !! [N], [m] or [N m], [rad]
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [N], [m] or [N m], [rad]
     real(wp) :: d, rate, e(3)
     associate (f => m%s%forces(self%element)%item)
       call f%deformation(ev%p, d, rate, e)
-      y(2) = sum(e*(scene_motion(m, ev, f%ia, x) - scene_motion(m, ev, f%ib, x)))
-      y(1) = (f%stiffness*(1 + f%law%ratio(s)) + s*f%damping)*y(2)
+      x(2) = sum(e*(scene_motion(m, ev, f%ia, motion%x) - scene_motion(m, ev, f%ib, motion%x)))
+      x(1) = (f%stiffness*(1 + f%law%ratio(motion%s)) + motion%s*f%damping)*x(2)
     end associate
   end subroutine respond
 end module spring_sensor
