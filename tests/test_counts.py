@@ -76,7 +76,7 @@ def counters(tmp_path_factory):
 
 
 def counts(program: Path, library: Path, folder: Path, text: str):
-    """Allocations and factorisations of one run of the solver."""
+    """Allocations, factorisations and sines of one run of the solver."""
     deck = folder / "deck.nml"
     deck.write_text(text)
     done = subprocess.run(
@@ -84,8 +84,8 @@ def counts(program: Path, library: Path, folder: Path, text: str):
         env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False,
     )
     assert done.returncode == 0, done.stderr
-    found = dict(re.findall(r"^(allocations|factorisations) (\d+)$", done.stderr, re.MULTILINE))
-    return int(found["allocations"]), int(found["factorisations"])
+    found = dict(re.findall(r"^(allocations|factorisations|angles) (\d+)$", done.stderr, re.MULTILINE))
+    return int(found["allocations"]), int(found["factorisations"]), int(found["angles"])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -116,11 +116,12 @@ def test_implicit_steps_and_their_changes_allocate_nothing(biela, counters, tmp_
         assert long[1] == short[1]
 
 
-@pytest.mark.parametrize("name", ["ghm", "modal"])
-def test_no_allocation_in_a_row(biela, counters, tmp_path, name):
+@pytest.mark.parametrize("name", ["ghm", "modal", "flexible chain"])
+def test_no_allocation_and_no_kinematics_in_a_row(biela, counters, tmp_path, name):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
     scene = SCENES[name]
     few, many = (counts(biela, counters, tmp_path, scene(scenes.transient(STEP, 2000, every=n))) for n in (1000, 1))
     assert abs(many[0] - few[0]) < 100  # 1,998 rows more
     assert many[1] == few[1]
+    assert many[2] == few[2] > 1000

@@ -137,19 +137,14 @@ contains
     y = max(part(1), part(2), part(3), part(4))
   end function largest
 
-  !> Largest violations of positions and velocities at a state (angle rows count times the scene's size) [m], [m/s].
-  subroutine violations(self, ev, t, q, v, position, velocity)
+  !> Largest violations of positions and velocities at the state of an evaluation (angle rows count times the scene's size).
+  subroutine violations(self, ev, position, velocity)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: t   !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: position, velocity      !! largest of all rows [m], [m/s]
     position = 0.0_wp
     velocity = 0.0_wp
     if (self%s%rows == 0) return
-    call set_frames(self, ev, q)
-    call marker_kinematics(self, ev, q, v)
-    call constraint_values(self, ev, ev%options, t)
     call row_rates(self, ev, ev%schur%r)
     position = largest(self%s%rows, ev%rows%phi)
     velocity = largest(self%s%rows, ev%schur%r)

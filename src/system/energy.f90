@@ -2,7 +2,6 @@
 module energy
   use kinds, only: wp
   use body_energy, only: kinetic_energy, strain_energy
-  use dynamics, only: set_frames, marker_kinematics
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -11,26 +10,24 @@ module energy
 
 contains
 
-  !> Kinetic and potential energy at a state [J], and what of the latter the deformation of each body stores.
+  !> Kinetic and potential energy at the state of an evaluation, and what of the latter the deformation of each body stores.
   subroutine energies(self, ev, q, v, z, zd, kinetic, potential, strain)
     type(mechanism_model), intent(inout) :: self
-    type(evaluation), intent(inout) :: ev
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables, (nzd) rates [m, rad] and per second
     real(wp), intent(out) :: kinetic, potential !! [J]
     real(wp), intent(out) :: strain(:)                !! (nb) [J]
     real(wp) :: p(2)
     integer :: b, i, n, k
-    call set_frames(self, ev, q)
-    call marker_kinematics(self, ev, q, v)
     kinetic = 0.0_wp
     potential = 0.0_wp
     do b = 1, size(self%s%bodies)
       associate (body => self%s%bodies(b))
         i = self%s%qo(b)
         n = body%nf
-        kinetic = kinetic + kinetic_energy(body, ev%frame%cos(b), ev%frame%sin(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), v(i &
-            + 4:i + 3 + n))
+        kinetic = kinetic + kinetic_energy(body, ev%frame%cos(b), ev%frame%sin(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
+                                           v(i + 4:i + 3 + n))
         p = body%i1
         do k = 1, n
           p(1) = p(1) + body%sbar(k, 1)*q(i + 3 + k)

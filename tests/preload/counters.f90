@@ -1,13 +1,13 @@
 !> A library to be preloaded (LD_PRELOAD): counts what a program allocates and how often it factors a band matrix, and says
 !> so on standard error when it ends. The tests assert with it that a step does neither.
 module counters
-  use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_size_t, c_int, c_long, c_char, c_intptr_t, &
+  use, intrinsic :: iso_c_binding, only: c_ptr, c_funptr, c_size_t, c_int, c_long, c_char, c_double, c_intptr_t, &
                                          c_null_char, c_f_procpointer
   implicit none (type, external)
   private
-  public :: count_malloc, count_calloc, count_realloc, count_dpbtrf, report_counts
+  public :: count_malloc, count_calloc, count_realloc, count_dpbtrf, count_sincos, report_counts
 
-  integer(c_long) :: allocations = 0, bytes = 0, factorisations = 0   !! since the start of the program
+  integer(c_long) :: allocations = 0, bytes = 0, factorisations = 0, angles = 0   !! since the start of the program
 
   abstract interface
     !> DPBTRF as C sees it.
@@ -16,6 +16,12 @@ module counters
       type(c_ptr), value :: uplo, n, kd, ab, ldab, info
       integer(c_size_t), value :: length
     end subroutine band_factoriser
+    !> sincos(3).
+    subroutine sine_and_cosine(x, s, c) bind(c)
+      import :: c_double
+      real(c_double), value :: x
+      real(c_double), intent(out) :: s, c
+    end subroutine sine_and_cosine
   end interface
 
   interface
@@ -96,11 +102,23 @@ contains
     call original(uplo, n, kd, ab, ldab, info, length)
   end subroutine count_dpbtrf
 
+  !> sincos, counted: the kinematics of frames take one for each.
+  subroutine count_sincos(x, s, c) bind(c, name='sincos')
+    real(c_double), value :: x
+    real(c_double), intent(out) :: s, c
+    integer(c_intptr_t), parameter :: next = -1
+    procedure(sine_and_cosine), pointer, save :: original => null()
+    angles = angles + 1
+    if (.not. associated(original)) call c_f_procpointer(dlsym(next, 'sincos'//c_null_char), original)
+    call original(x, s, c)
+  end subroutine count_sincos
+
   !> Called when the program ends.
   subroutine report_counts() bind(c, name='report_counts')
     call say('allocations ', allocations)
     call say('bytes ', bytes)
     call say('factorisations ', factorisations)
+    call say('angles ', angles)
   end subroutine report_counts
 
   !> Writes a name and a number without the help of any run-time library.

@@ -49,18 +49,17 @@ contains
     allocate (self%strain(nb), self%strain_low(nb), self%strain_high(nb), source=0.0_wp)
   end subroutine begin
 
-  !> Reads the energies and violations of a state; first: the one at t = 0.
-  subroutine read(self, m, ev, t, y, first)
+  !> Reads the energies and violations of the state of an evaluation; first: the one at t = 0.
+  subroutine read(self, m, ev, y, first)
     class(balance_watch), intent(inout) :: self
     type(mechanism_model), intent(inout) :: m
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: first
     associate (nq => m%s%nq, nz => m%s%nz, nzd => m%s%nzd, x => self%row)
       call energies(m, ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), x(1), x(2), &
                     self%strain)
-      call violations(m, ev, t, y(1:nq), y(nq + 1:2*nq), x(6), x(7))
+      call violations(m, ev, x(6), x(7))
       x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
       if (first) then
         self%start = x(1:2)

@@ -80,15 +80,14 @@ contains
   end subroutine begin
 
   !> The row of t = 0, which both runs share.
-  subroutine start(self, values, in_reach)
+  subroutine start(self, values, balance)
     class(error_watch), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
-    real(wp), intent(in) :: in_reach          !! what the forces could do until the first row [J]
+    type(balance_watch), intent(in) :: balance
     self%values = values
     self%low = values
     self%high = values
-    call self%balance%read(self%sys%m, self%sys%ev, 0.0_wp, self%y, .true.)
-    self%balance%in_reach = in_reach
+    self%balance = balance
     self%done = 0
   end subroutine start
 
@@ -112,7 +111,7 @@ contains
     if (outcome /= reached) return
     associate (m => self%sys%m, ev => self%sys%ev)
       call read_sensors(list, m, ev, self%y, self%values)
-      call self%balance%read(m, ev, to, self%y, .false.)
+      call self%balance%read(m, ev, self%y, .false.)
     end associate
     if (self%balance%lost()) self%lost_at = to
     call self%balance%count()

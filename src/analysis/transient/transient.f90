@@ -216,12 +216,12 @@ contains
     integer(ip) :: every
     associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
       call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
-      call march%balance%read(run%sys%m, run%sys%ev, t, y, k == 0)
+      call march%balance%read(run%sys%m, run%sys%ev, y, k == 0)
       if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count()
-      if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance%in_reach)
+      if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row)
