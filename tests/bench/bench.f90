@@ -184,7 +184,7 @@ contains
       seconds(r) = -clock()
       do i = 1, steps
         call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, files%values)
-        call balance%read(run%sys%m, run%sys%ev, 0.0_wp, run%y, i == 1)
+        call balance%read(run%sys%m, run%sys%ev, run%y, i == 1)
         call balance%count()
         call files%write_row(0.0_wp, balance%row)
       end do

@@ -214,7 +214,7 @@ contains
     integer(ip), intent(in) :: k               !! number of the output
     type(failure), intent(inout) :: fail
     integer(ip) :: every
-    associate (y => run%y, nq => run%sys%m%s%nq, nz => run%sys%m%s%nz, files => march%files, r => run%d%transient)
+    associate (y => run%y, nq => run%sys%m%s%nq, files => march%files, r => run%d%transient)
       call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
       call march%balance%read(run%sys%m, run%sys%ev, y, k == 0)
       if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
