@@ -19,6 +19,7 @@ FAMILIES = {
     "elements, 4 modes": (lambda n: scenes.slider_crank(n, RUN, modes=4), 300),
     "redundant links": (lambda n: scenes.truss(n, 4, RUN), 12),
     "materials": (lambda n: scenes.many_materials(n, RUN), 100),
+    "materials, static": (lambda n: scenes.many_materials(n, "&static load_steps=1 /\n"), 300),
     "bodies": (lambda n: scenes.chain(n, RUN), 100),
     "loops": (lambda n: scenes.lattice(n, RUN), 40),
 }
@@ -62,10 +63,11 @@ def test_the_joints_of_many_redundant_sets_are_named(run_deck):
         name = names[a, b] = f"d{a[0]}_{a[1]}_{b[0]}_{b[1]}"
         deck += f"&joint name='{name}' type='distance' body_a='p{a[0]}_{a[1]}' body_b='p{b[0]}_{b[1]}' "
         deck += f"length={math.dist(a, b)!r} /\n"
-    summary = run_deck(deck + RUN).summary
-    line = re.search(r"redundant constraints: (\d+) at the start, among (.*?);", summary)
+    run = run_deck(deck + RUN)
+    line = re.search(r"redundant constraints: (\d+) at the start, among (.*?);", run.summary)
     assert int(line.group(1)) == len(crossed)
     assert set(re.findall(r'"(\w+)"', line.group(2))) == {names[link] for link in expected}
+    assert re.search(rf'redundant constraints at the start among( "\w+"){{3}} and {len(expected) - 3} more;', run.stderr)
 
 
 @pytest.mark.parametrize(("elements", "omega"), [(80, 2.0e4), (6, 3.0e6)], ids=["a mode limits", "a pole limits"])

@@ -53,6 +53,15 @@ def test_deflection_and_frequency_of_a_cantilever_of_any_length(length, run_deck
     assert "missing" not in (run.folder / "modes.txt").read_text()
 
 
+@pytest.mark.parametrize("elements", [2000, 5000])
+def test_a_fine_mesh_is_not_taken_for_a_free_body(elements, run_deck):
+    """Its lowest frequency is small beside what rounding of the largest one is."""
+    held = f"&joint name='one' type='{{}}' body_a='b' node_a={elements + 1} point_b={LENGTH},0.0 /\n"
+    deck = beam(elements, "pinned-pinned").split("&joint")[0] + "{}&static load_steps=1 /\n"
+    run_deck(deck.format(held.format("weld")), "--check")
+    assert "left free to move" in run_deck(deck.format(held.format("revolute")), "--check", expect=2).stderr
+
+
 def test_bodies_that_rounding_cannot_tell_from_free_ones_are_refused(run_deck):
     """A beam so short that its stiffness in tension is lost beside that in bending."""
     run = run_deck(cantilever("").replace(f"length={LENGTH}", "length=1e-30"), expect=2)

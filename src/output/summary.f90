@@ -182,25 +182,29 @@ contains
     type(summary_record), intent(inout) :: text
     if (report%rank == m%s%rows) return
     call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%rows - report%rank)
-    call text%line(' at the start, among'//undetermined(m, report))
+    call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
   end subroutine redundancy
 
   !> The joints of redundant sets and what becomes of their reactions.
-  function undetermined(m, report) result(text)
+  function undetermined(m, report, most) result(text)
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
+    integer, intent(in) :: most                      !! joints that are named
     character(:), allocatable :: text
     character(32) :: name
-    integer :: k, length
-    allocate (character(count(report%dependent)*(len(name) + 3)) :: text)
+    integer :: k, length, told
+    allocate (character(min(count(report%dependent), most)*(len(name) + 3)) :: text)
     length = 0
+    told = 0
     do k = 1, size(m%s%constraints)
-      if (.not. report%dependent(k)) cycle
+      if (.not. report%dependent(k) .or. told == most) cycle
+      told = told + 1
       name = m%s%constraints(k)%item%name
       text(length + 1:length + len_trim(name) + 3) = ' "'//trim(name)//'"'
       length = length + len_trim(name) + 3
     end do
     text = text(:length)
+    if (count(report%dependent) > most) text = text//' and '//to_text(count(report%dependent) - most)//' more'
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined
 
@@ -214,7 +218,7 @@ contains
     do k = 1, size(report%warnings)
       text = text//'warning: '//trim(report%warnings(k))//new_line('a')
     end do
-    if (report%rank < m%s%rows) text = text//'warning: redundant constraints at the start among'//undetermined(m, report)// &
+    if (report%rank < m%s%rows) text = text//'warning: redundant constraints at the start among'//undetermined(m, report, 3)// &
                                        new_line('a')
     do k = 1, size(m%s%bodies)
       if (m%s%bodies(k)%extra_references > 0) text = text//'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &

@@ -243,7 +243,7 @@ def analyses(table, quick):
 
 
 def set_ups(table, quick):
-    """Whole processes of one step, in which the set-up is nearly all: how it grows with what a deck asks for."""
+    """Whole processes of one step or a static analysis, where the set-up is nearly all: its growth with what a deck asks for."""
     table.add()
     run = scenes.transient(1e-9, 1, "generalized_alpha")
     families = {
@@ -251,6 +251,7 @@ def set_ups(table, quick):
         "elements, 50 modes": (lambda n: scenes.slider_crank(n, run, modes=50), 2500),
         "columns of a truss": (lambda n: scenes.truss(n, 5, run), 84),
         "materials": (lambda n: scenes.many_materials(n, run), 500),
+        "materials, with a static analysis": (lambda n: scenes.many_materials(n, "&static load_steps=1 /\n"), 500),
         "bodies of a chain": (lambda n: scenes.chain(n, run), 1024),
         "loops of a lattice": (lambda n: scenes.lattice(n, run), 200),
     }

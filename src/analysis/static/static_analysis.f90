@@ -38,7 +38,7 @@ contains
     type(stiffness_system) :: ds
     type(linear_mechanism) :: lin
     real(wp), allocatable :: omega2(:), x(:, :), y(:), a(:), lambda(:)
-    logical, allocatable :: free(:)
+    logical, allocatable :: free(:), flexible(:)
     character(:), allocatable :: names
     integer :: j, b
     logical :: ok
@@ -59,8 +59,9 @@ contains
     call even_masses(run, ds)
     call natural_subspace(ds, 4, omega2, x, ok)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
-    do j = 1, merge(size(omega2), 0, ok)
-      if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
+    flexible = [(elastic(run, j), j=1, ds%n)]
+    do j = 1, merge(size(omega2), 0, ok)              ! elasticity holds all that bends: in a free motion frames alone move
+      if (abs(omega2(j)) <= rounding_level(ds, merge(0.0_wp, x(:, j), flexible))) call mark(run, x(:, j), free)
     end do
     names = ''
     do b = 1, size(free)

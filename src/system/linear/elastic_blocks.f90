@@ -51,11 +51,8 @@ contains
     call lin%mass%add_block(f, f, one)
     call lin%damping%add_block(f, f, body%cmodal - 2*thetad*body%zmodal)
     call lin%stiffness%add_block(f, f, k - thetad**2*(one - body%jmodal) - thetadd*body%zmodal)
-    r = 0
-    do i = 1, size(lin%segments)
-      if (lin%segments(i)%body /= b) cycle
-      r = r + 1
-      call lin%segments(i)%stiffness%add_block(f, f, body%segments(r)%stiffness)
+    do r = 1, size(body%segments)
+      call lin%segments(lin%before(b) + r)%stiffness%add_block(f, f, body%segments(r)%stiffness)
     end do
   end subroutine modal_block
 
@@ -66,7 +63,8 @@ contains
     real(wp), intent(in) :: thetad, thetadd, qf(:)   !! of the frame angle [rad/s], [rad/s2]; elastic coordinates [m, rad]
     type(linear_mechanism), intent(inout) :: lin
     real(wp) :: mass(6, 6), z(6, 6), k(6, 6), g(6, 6)
-    integer :: e, d(6), l, i, j, segment, r
+    integer :: e, d(6), l, i, j, r
+    r = 1
     do e = 1, body%ne
       d = merge(t + body%edof(:, e), 0, body%edof(:, e) > 0)
       mass = element_mass(body%elements(e))
@@ -76,12 +74,9 @@ contains
       call lin%damping%add_block(d, d, body%elements(e)%ray_m*mass + body%elements(e)%ray_k*element_stiffness(body%elements(e)) &
                                  - 2*thetad*z)
       call lin%stiffness%add_block(d, d, k + g - thetad**2*mass - thetadd*z)
-      r = 0
-      do segment = 1, size(lin%segments)
-        if (lin%segments(segment)%body /= b) cycle
-        r = r + 1
-        if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) call lin%segments(segment)%stiffness%add_block(d, d, k)
-      end do
+      if (r > size(body%segments)) cycle
+      if (e >= body%segments(r)%first) call lin%segments(lin%before(b) + r)%stiffness%add_block(d, d, k)
+      if (e == body%segments(r)%last) r = r + 1
     end do
     do l = 1, size(body%lumps)
       d(1:3) = merge(t + body%dof(:, body%lumps(l)%node), 0, body%dof(:, body%lumps(l)%node) > 0)

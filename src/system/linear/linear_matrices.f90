@@ -24,6 +24,7 @@ module linear_matrices
     type(triplet_matrix) :: mass, damping, stiffness   !! n x n
     type(triplet_matrix) :: jacobian         !! rows x n
     type(linear_segment), allocatable :: segments(:)
+    integer, allocatable :: before(:)        !! (bodies) segments of the bodies before
   end type linear_mechanism
 
 contains
@@ -40,9 +41,10 @@ contains
     do k = 1, size(m%s%forces)
       if (m%s%forces(k)%item%law%order() > 0) n = n + 1
     end do
-    allocate (lin%segments(n))
+    allocate (lin%segments(n), lin%before(size(m%s%bodies)))
     n = 0
     do b = 1, size(m%s%bodies)
+      lin%before(b) = n
       do r = 1, size(m%s%bodies(b)%segments)
         n = n + 1
         associate (segment => m%s%bodies(b)%segments(r))
