@@ -58,32 +58,21 @@ contains
     type(deck), intent(in) :: d
     type(joint_record), intent(in) :: r
     class(constraint_model), allocatable, intent(out) :: item
-    type(pin_model) :: pin
-    type(line_model) :: line
-    type(distance_model) :: distance
+    real(wp) :: angle                         ! between the bodies [rad]
+    angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
     select case (r%type)
-    case ('revolute', 'weld')
-      pin%name = r%name
-      pin%welded = r%type == 'weld'
-      pin%rows = merge(3, 2, pin%welded)
-      pin%angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
-      allocate (item, source=pin)
-    case ('slider', 'prismatic')
-      line%name = r%name
-      line%prismatic = r%type == 'prismatic'
-      line%rows = merge(2, 1, line%prismatic)
-      line%direction = r%direction + pi/2
-      line%fixed = r%b%body == 0
-      line%normal = [cos(line%direction), sin(line%direction)]
-      line%angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
-      allocate (item, source=line)
+    case ('revolute')
+      item = pin_model(rows=2)
+    case ('weld')
+      item = pin_model(rows=3, welded=.true., angle=angle)
+    case ('slider')
+      item = line_model(rows=1, direction=r%direction + pi/2, fixed=r%b%body == 0)
+    case ('prismatic')
+      item = line_model(rows=2, direction=r%direction + pi/2, fixed=r%b%body == 0, prismatic=.true., angle=angle)
     case default
-      distance%name = r%name
-      distance%rows = 1
-      distance%length = r%length
-      distance%pending = .not. r%has_length
-      allocate (item, source=distance)
+      item = distance_model(rows=1, length=r%length, pending=.not. r%has_length)
     end select
+    item%name = r%name
   end subroutine make_joint
 
   !> Angle of a body in the deck, 0 for the ground [rad].
@@ -101,29 +90,15 @@ contains
     type(drive_record), intent(in) :: r
     class(constraint_model), allocatable, intent(out) :: item
     type(fault_list), intent(inout) :: faults
-    type(rotation_model) :: rotation
-    type(line_model) :: line
     class(history_model), allocatable :: h
     call make_history(d, r%history, h)
     call check_smooth(d, r, h, faults)
     if (r%type == 'rotation') then
-      rotation%name = r%name
-      rotation%rows = 1
-      rotation%drive = .true.
-      rotation%rate = r%rate
-      rotation%target = h
-      allocate (item, source=rotation)
+      item = rotation_model(rows=1, drive=.true., rate=r%rate, target=h)
     else
-      line%name = r%name
-      line%rows = 1
-      line%drive = .true.
-      line%rate = r%rate
-      line%target = h
-      line%direction = r%direction
-      line%fixed = r%b%body == 0
-      line%normal = [cos(line%direction), sin(line%direction)]
-      allocate (item, source=line)
+      item = line_model(rows=1, drive=.true., rate=r%rate, target=h, direction=r%direction, fixed=r%b%body == 0)
     end if
+    item%name = r%name
   end subroutine make_drive
 
   !> A drive cannot follow a jump, nor a jump of slope where the quantity itself is driven.

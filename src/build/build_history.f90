@@ -3,7 +3,7 @@ module build_history
   use kinds, only: wp, pi
   use cycloid_history, only: cycloid_model
   use deck_records, only: deck, history_record
-  use history, only: history_model
+  use history, only: breakpoint, history_model
   use polynomial_history, only: polynomial_model
   use pulse_history, only: pulse_model
   use ramp_history, only: ramp_model
@@ -23,33 +23,21 @@ contains
     type(deck), intent(in) :: d
     integer, intent(in) :: number                         !! of the record
     class(history_model), allocatable, intent(out) :: h
-    type(polynomial_model) :: polynomial
-    type(sine_model) :: sine
-    type(ramp_model) :: ramp
-    type(cycloid_model) :: cycloid
-    type(pulse_model) :: pulse
     associate (r => d%histories(number))
       select case (r%kind)
       case ('polynomial')
-        polynomial%c = r%coefficients
-        allocate (h, source=polynomial)
+        h = polynomial_model(c=r%coefficients)
       case ('sine')
-        sine%offset = r%offset
-        sine%amplitude = r%amplitude
-        sine%omega = 2*pi*r%frequency
-        sine%phase = mod(r%phase, 2*pi)
-        allocate (h, source=sine)
+        h = sine_model(offset=r%offset, amplitude=r%amplitude, omega=2*pi*r%frequency, phase=mod(r%phase, 2*pi))
       case ('ramp')
-        call ramp%set(r%start_value, r%end_value, r%start, r%finish)
-        allocate (h, source=ramp)
+        h = ramp_model(low=r%start_value, high=r%end_value, start=r%start, finish=r%finish, breaks=ends(r, 3))
       case ('cycloid')
-        call cycloid%set(r%start_value, r%end_value, r%start, r%finish)
-        allocate (h, source=cycloid)
+        h = cycloid_model(low=r%start_value, high=r%end_value, start=r%start, finish=r%finish, breaks=ends(r, 3))
       case ('table')
         call make_table(r, h)
       case ('pulse')
-        call pulse%set(r%value, r%start, r%finish)
-        allocate (h, source=pulse)
+        h = pulse_model(value=r%value, start=r%start, finish=r%finish, breaks=ends(r, 0), &
+                        remedy='a ramp or a cycloid instead of the pulse')
       case ('sum')
         call make_sum(d, r, h)
       case default
@@ -59,6 +47,14 @@ contains
       if (.not. allocated(h%remedy)) h%remedy = ''
     end associate
   end subroutine make_history
+
+  !> Breakpoints at the start and at the finish.
+  pure function ends(r, order) result(list)
+    type(history_record), intent(in) :: r
+    integer, intent(in) :: order                          !! derivative that jumps
+    type(breakpoint) :: list(2)
+    list = [breakpoint(r%start, order), breakpoint(r%finish, order)]
+  end function ends
 
   !> A table.
   subroutine make_table(r, h)

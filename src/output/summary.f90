@@ -231,11 +231,13 @@ contains
   subroutine frame_notes(m, text)
     type(mechanism_model), intent(in) :: m
     type(summary_record), intent(inout) :: text
+    logical :: acts(6)
     integer :: k
     do k = m%s%joints + 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        if (c%uses_angle_a()) call note(c%ia, 'drive "'//trim(c%name)//'"')
-        if (c%uses_angle_b()) call note(c%ib, 'drive "'//trim(c%name)//'"')
+        acts = c%acts_on()
+        if (acts(3)) call note(c%ia, 'drive "'//trim(c%name)//'"')
+        if (acts(6)) call note(c%ib, 'drive "'//trim(c%name)//'"')
       end associate
     end do
     do k = 1, size(m%s%forces)

@@ -1,7 +1,7 @@
 !> A value between two times, nothing otherwise.
 module pulse_history
   use kinds, only: wp
-  use history, only: history_model, breakpoint, reached
+  use history, only: history_model, reached
   implicit none (type, external)
   private
 
@@ -11,23 +11,10 @@ module pulse_history
     real(wp) :: start = 0.0_wp          !! [s]
     real(wp) :: finish = 0.0_wp         !! [s]
   contains
-    procedure :: set => set_pulse
     procedure :: evaluate => pulse_value
   end type pulse_model
 
 contains
-
-  !> Its value and times.
-  subroutine set_pulse(self, value, start, finish)
-    class(pulse_model), intent(inout) :: self
-    real(wp), intent(in) :: value            !! [unit]
-    real(wp), intent(in) :: start, finish    !! [s]
-    self%value = value
-    self%start = start
-    self%finish = finish
-    self%breaks = [breakpoint(start, 0), breakpoint(finish, 0)]
-    self%remedy = 'a ramp or a cycloid instead of the pulse'
-  end subroutine set_pulse
 
   !> The derivatives are zero on both sides of the jumps.
   pure subroutine pulse_value(self, t, left_limit, h)

@@ -1,7 +1,7 @@
 !> A smooth rise from one value to another: what ramp and cycloid have in common. Their shapes differ.
 module rise_history
   use kinds, only: wp
-  use history, only: history_model, breakpoint
+  use history, only: history_model
   implicit none (type, external)
   private
 
@@ -13,7 +13,6 @@ module rise_history
     real(wp) :: finish = 1.0_wp         !! [s]
   contains
     procedure(shape_of_rise), deferred, nopass :: shape
-    procedure :: set => set_rise
     procedure :: evaluate => rise_value
   end type rise_model
 
@@ -27,18 +26,6 @@ module rise_history
   end interface
 
 contains
-
-  !> Its values and times.
-  subroutine set_rise(self, low, high, start, finish)
-    class(rise_model), intent(inout) :: self
-    real(wp), intent(in) :: low, high        !! values before and after [unit]
-    real(wp), intent(in) :: start, finish    !! [s]
-    self%low = low
-    self%high = high
-    self%start = start
-    self%finish = finish
-    self%breaks = [breakpoint(start, 3), breakpoint(finish, 3)]
-  end subroutine set_rise
 
   !> Value and first two derivatives are continuous.
   pure subroutine rise_value(self, t, left_limit, h)

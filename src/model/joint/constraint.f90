@@ -38,11 +38,9 @@ module constraint
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
-    procedure :: uses_angle_a => never_turns !! whether rows can act on the section angle of marker a
-    procedure :: uses_angle_b => never_turns
+    procedure :: acts_on => both_positions    !! whether rows can act on x, y, section angle of marker a, then of b
     procedure :: init_from_deck => keep_as_is !! told the markers as the deck states them
     procedure :: init_from_assembly => keep_as_is !! told the markers as assembled
-    procedure :: uses_position => always_moves !! whether rows can act on positions
     procedure :: breakpoints => no_breakpoints !! times at which accelerations are not smooth, with the order of their jump
     procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
     procedure :: input => no_input             !! what a unit of its history adds to its row
@@ -78,12 +76,12 @@ contains
     k%k = 0.0_wp
   end subroutine no_geometric
 
-  !> Most rows do not see a section's angle.
-  pure function never_turns(self) result(yes)
+  !> Most rows see positions and no angle.
+  pure function both_positions(self) result(yes)
     class(constraint_model), intent(in) :: self
-    logical :: yes
-    yes = .false.
-  end function never_turns
+    logical :: yes(6)
+    yes = [.true., .true., .false., .true., .true., .false.]
+  end function both_positions
 
   !> Most rows are linear in positions and angles.
   pure function no_components(self, grounded) result(list)
@@ -115,13 +113,6 @@ contains
     class(constraint_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
   end subroutine keep_as_is
-
-  !> Most rows see positions.
-  pure function always_moves(self) result(yes)
-    class(constraint_model), intent(in) :: self
-    logical :: yes
-    yes = .true.
-  end function always_moves
 
   !> Joints do not depend on time.
   pure function no_breakpoints(self, until) result(list)

@@ -25,8 +25,7 @@ module line_joint
     procedure :: components => line_components
     procedure :: input => line_input
     procedure :: release_angle => prismatic_release
-    procedure :: uses_angle_a => prismatic_turns
-    procedure :: uses_angle_b => line_turns
+    procedure :: acts_on => line_acts_on
     procedure :: breakpoints => line_breakpoints
   end type line_model
 
@@ -104,28 +103,21 @@ contains
     rate = self%rate
   end subroutine line_input
 
-  !> A prismatic joint keeps section a's angle.
-  pure function prismatic_turns(self) result(yes)
+  !> The line turns with section b; a prismatic joint keeps section a's angle.
+  pure function line_acts_on(self) result(yes)
     class(line_model), intent(in) :: self
-    logical :: yes
-    yes = self%prismatic
-  end function prismatic_turns
+    logical :: yes(6)
+    yes = [.true., .true., self%prismatic, .true., .true., .true.]
+  end function line_acts_on
 
-  !> The line turns with section b.
-  pure function line_turns(self) result(yes)
-    class(line_model), intent(in) :: self
-    logical :: yes
-    yes = .true.
-  end function line_turns
-
-  !> A drive by rate starts from the deck's own value.
+  !> The direction where it never turns, and the deck's own value, from which a drive by rate starts.
   subroutine line_begin(self, p)
     class(line_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp) :: angle
-    if (.not. self%rate) return
     angle = p%angle(self%ib) + self%direction
-    self%origin = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
+    self%normal = [cos(angle), sin(angle)]
+    self%origin = dot_product(self%normal, p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine line_begin
 
   !> Breakpoints of a position drive's history; joints have none.

@@ -13,8 +13,7 @@ module pin_joint
   contains
     procedure :: evaluate => pin_rows
     procedure :: release_angle => weld_release
-    procedure :: uses_angle_a => weld_turns
-    procedure :: uses_angle_b => weld_turns
+    procedure :: acts_on => pin_acts_on
   end type pin_model
 
 contains
@@ -28,14 +27,10 @@ contains
     integer :: i, j
     i = self%first
     j = i + 1
-    r%na(1, i) = 1.0_wp
-    r%na(2, i) = 0.0_wp
-    r%na(1, j) = 0.0_wp
-    r%na(2, j) = 1.0_wp
-    r%nb(1, i) = -1.0_wp
-    r%nb(2, i) = 0.0_wp
-    r%nb(1, j) = 0.0_wp
-    r%nb(2, j) = -1.0_wp
+    r%na(:, i) = [1.0_wp, 0.0_wp]
+    r%na(:, j) = [0.0_wp, 1.0_wp]
+    r%nb(:, i) = [-1.0_wp, 0.0_wp]
+    r%nb(:, j) = [0.0_wp, -1.0_wp]
     r%sa(i) = 0.0_wp
     r%sa(j) = 0.0_wp
     r%sb(i) = 0.0_wp
@@ -58,10 +53,10 @@ contains
     self%rows = 2
   end subroutine weld_release
 
-  !> A weld acts on section angles.
-  pure function weld_turns(self) result(yes)
+  !> A weld acts on section angles, too.
+  pure function pin_acts_on(self) result(yes)
     class(pin_model), intent(in) :: self
-    logical :: yes
-    yes = self%welded
-  end function weld_turns
+    logical :: yes(6)
+    yes = [.true., .true., self%welded, .true., .true., self%welded]
+  end function pin_acts_on
 end module pin_joint

@@ -15,9 +15,7 @@ module rotation_drive
   contains
     procedure :: evaluate => rotation_rows
     procedure :: init_from_deck => rotation_begin
-    procedure :: uses_angle_a => rotation_turns
-    procedure :: uses_angle_b => rotation_turns
-    procedure :: uses_position => rotation_moves
+    procedure :: acts_on => rotation_acts_on
     procedure :: breakpoints => rotation_breakpoints
     procedure :: input => rotation_input
   end type rotation_model
@@ -52,19 +50,12 @@ contains
     r%acceleration_bias(i) = -self%size*h(2)
   end subroutine rotation_rows
 
-  !> It acts on section angles.
-  pure function rotation_turns(self) result(yes)
+  !> It acts on section angles alone.
+  pure function rotation_acts_on(self) result(yes)
     class(rotation_model), intent(in) :: self
-    logical :: yes
-    yes = .true.
-  end function rotation_turns
-
-  !> It does not act on positions.
-  pure function rotation_moves(self) result(yes)
-    class(rotation_model), intent(in) :: self
-    logical :: yes
-    yes = .false.
-  end function rotation_moves
+    logical :: yes(6)
+    yes = [.false., .false., .true., .false., .false., .true.]
+  end function rotation_acts_on
 
   !> A drive by rate starts from the deck's own value.
   subroutine rotation_begin(self, p)

@@ -22,9 +22,7 @@ contains
     allocate (acts(3, size(self%s%markers)), source=.false.)
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
-        if (c%uses_position()) acts(1:2, [c%ia, c%ib]) = .true.
-        if (c%uses_angle_a()) acts(3, c%ia) = .true.
-        if (c%uses_angle_b()) acts(3, c%ib) = .true.
+        acts(:, [c%ia, c%ib]) = acts(:, [c%ia, c%ib]) .or. reshape(c%acts_on(), [3, 2])
       end associate
     end do
     do b = 1, size(self%s%bodies)

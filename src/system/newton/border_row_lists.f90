@@ -135,7 +135,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(in) :: list
     integer, allocatable :: fill(:)
-    logical, allocatable :: moves(:), uses_angle_a(:), uses_angle_b(:)
+    logical, allocatable :: acts(:, :)        ! (6, rows)
     integer :: nb, n, k, i
     nb = size(m%s%bodies)
     n = list%n
@@ -143,12 +143,10 @@ contains
     allocate (r%marker_row(3, n), r%marker_column(3, n), r%frame_row(3, n), r%frame_column(3, n), source=0.0_wp)
     allocate (r%solved_column(3, n), source=0.0_wp)
     allocate (r%acts(3, n), source=.false.)
-    allocate (moves(r%nc), uses_angle_a(r%nc), uses_angle_b(r%nc))
+    allocate (acts(6, r%nc))
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        moves(c%first:c%first + c%rows - 1) = c%uses_position()
-        uses_angle_a(c%first:c%first + c%rows - 1) = c%uses_angle_a()
-        uses_angle_b(c%first:c%first + c%rows - 1) = c%uses_angle_b()
+        acts(:, c%first:c%first + c%rows - 1) = spread(c%acts_on(), 2, c%rows)
       end associate
     end do
     do k = 1, n
@@ -167,9 +165,9 @@ contains
       r%kind(i) = list%kind(k)
       select case (r%kind(i))
       case (-1)
-        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), uses_angle_a(r%row(i))]
+        r%acts(:, i) = acts(1:3, r%row(i))
       case (-2)
-        r%acts(:, i) = [moves(r%row(i)), moves(r%row(i)), uses_angle_b(r%row(i))]
+        r%acts(:, i) = acts(4:6, r%row(i))
       case (3)
         r%acts(3, i) = .true.
       case default
