@@ -38,7 +38,7 @@ contains
     call deck%parts%add_source(path, content, parent)
     file = deck%parts%source_count
     first = deck%parts%group_count + 1
-    call split_groups(deck%parts, file, deck%faults)
+    call split_groups(deck, file)
     last = deck%parts%group_count
     do k = first, last
       if (group_number(deck%group_word(k)) == in_include) then

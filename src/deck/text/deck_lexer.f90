@@ -3,11 +3,10 @@
 !> nothing but comments stands between groups.
 module deck_lexer
   use text, only: lower, to_text, word_hash, printable
-  use errors, only: fault_list
+  use deck_cursor, only: group_cursor
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer
-  use deck_syntax, only: syntax, group, setting, value_token, bare_value, string_value, null_value, bad_value, &
-    group_subject, shown
+  use deck_syntax, only: group, setting, value_token, bare_value, string_value, null_value, bad_value, shown
   use deck_scanner, only: scanner, is_letter, lf, tab, single, double
   implicit none (type, external)
   private
@@ -18,40 +17,38 @@ module deck_lexer
 
 contains
 
-  !> Appends the groups of one file to `list` and its faults to `faults`.
-  subroutine split_groups(list, file, faults)
-    type(syntax), intent(inout) :: list        !! receives the groups
-    integer, intent(in) :: file                !! number of a file of `list`
-    type(fault_list), intent(inout) :: faults  !! receives the faults
+  !> Appends the groups and the faults of one file.
+  subroutine split_groups(deck, file)
+    class(group_cursor), intent(inout) :: deck   !! receives both
+    integer, intent(in) :: file                  !! number of the file
     type(scanner) :: s
     character(:), allocatable :: word
-    s%text = list%sources(file)%text
-    s%path = list%sources(file)%path
+    s%text = deck%parts%sources(file)%text
+    s%path = deck%parts%sources(file)%path
     s%file = file
     do
       call s%skip_blanks()
       if (s%at_end()) exit
       if (s%next() == '&') then
         s%position = s%position + 1
-        call read_group(s, list, faults)
+        call read_group(s, deck)
         cycle
       end if
       if (s%next() == '$') s%position = s%position + 1
       word = s%word_ahead()
       if (group_number(word) > 0) then
-        call faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
-        call read_group(s, list, faults)
+        call deck%faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
+        call read_group(s, deck)
       else
-        call skip_stray(s, list, faults)
+        call skip_stray(s, deck)
       end if
     end do
   end subroutine split_groups
 
   !> Reads one group; the scanner stands on its name and ends behind its slash.
-  subroutine read_group(s, list, faults)
+  subroutine read_group(s, deck)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     type(group) :: new
     character(:), allocatable :: word
     word = s%word_ahead()
@@ -63,15 +60,16 @@ contains
     s%open = .false.
     s%expecting = .false.
     s%semicolon = .false.
-    call list%add_group(new)
+    call deck%parts%add_group(new)
+    deck%current = deck%parts%group_count
     if (len(word) == 0) then
-      list%groups(list%group_count)%readable = .false.
-      call faults%add(s%path, s%line, '', '& without the name of a group, expected one such as &body')
+      deck%parts%groups(deck%current)%readable = .false.
+      call deck%faults%add(s%path, s%line, '', '& without the name of a group, expected one such as &body')
     end if
     do
       call s%skip_blanks()
       if (s%at_end()) then
-        call missing_slash(s, list, 'the end of the file', faults)
+        call missing_slash(s, deck, 'the end of the file')
         exit
       end if
       if (s%next() == '/') then
@@ -79,50 +77,46 @@ contains
         s%position = s%position + 1
         exit
       else if (s%next() == '&') then
-        call close_at_group(s, list, faults)
+        call close_at_group(s, deck)
         exit
       end if
-      call read_part(s, list, faults)
+      call read_part(s, deck)
     end do
   end subroutine read_group
 
   !> Reads the next part of a group: a comma, a string, or a word, which is a value or the name of a variable.
-  subroutine read_part(s, list, faults)
+  subroutine read_part(s, deck)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     select case (s%next())
     case (',')
       s%position = s%position + 1
       if (.not. s%open) return
-      if (s%expecting) call list%add_value(value_token(form=null_value, line=s%line))
+      if (s%expecting) call deck%parts%add_value(value_token(form=null_value, line=s%line))
       s%expecting = .true.
     case ('=')
-      call faults%add(s%path, s%line, group_subject(list, list%group_count), &
-        '= without the name of a variable before it, expected name=value')
+      call deck%add_fault(s%line, '= without the name of a variable before it, expected name=value')
       s%position = s%position + 1
-      list%groups(list%group_count)%whole = .false.
-      call list%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
+      deck%parts%groups(deck%current)%whole = .false.
+      call deck%parts%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
       s%open = .true.
       s%expecting = .true.
     case (';')
-      if (.not. s%semicolon) call faults%add(s%path, s%line, group_subject(list, list%group_count), &
-        '; does not separate anything, expected a blank, a comma or a new line')
+      if (.not. s%semicolon) call deck%add_fault(s%line, '; does not separate anything, expected a blank, a comma or a new line')
       s%semicolon = .true.
       s%position = s%position + 1
     case (single, double)
-      call read_string(s, 1, list, faults)
+      call read_string(s, 1, deck)
     case default
-      call read_word(s, list, faults)
+      call read_word(s, deck)
     end select
   end subroutine read_part
 
   !> Reads a string, which ends on its line; a doubled quote stands for one.
-  subroutine read_string(s, repeats, list, faults)
+  subroutine read_string(s, repeats, deck)
     type(scanner), intent(inout) :: s
     integer, intent(in) :: repeats             !! repeat count in front of it
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     character(1) :: quote
     integer :: first, i
     quote = s%next()
@@ -130,10 +124,9 @@ contains
     i = first
     do
       if (s%text(i:i) == lf) then
-        if (list%groups(list%group_count)%readable) call faults%add(s%path, s%line, &
-          group_subject(list, list%group_count), 'a quote is not closed on its line: '// &
+        if (deck%parts%groups(deck%current)%readable) call deck%add_fault(s%line, 'a quote is not closed on its line: '// &
           quote//printable(s%text(first:i - 1), shown)//', expected a closing '//quote)
-        list%groups(list%group_count)%readable = .false.
+        deck%parts%groups(deck%current)%readable = .false.
         s%position = i
         return
       end if
@@ -144,14 +137,13 @@ contains
       i = i + 1
     end do
     s%position = i + 1
-    call append_value(s, list, value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
+    call append_value(s, deck, value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
   end subroutine read_string
 
   !> Reads a word: the name of a variable if an equals sign follows, a value otherwise.
-  subroutine read_word(s, list, faults)
+  subroutine read_word(s, deck)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     character(:), allocatable :: word
     type(setting) :: new
     integer :: first, line
@@ -162,25 +154,24 @@ contains
     s%position = first + len(word)
     equals = .false.
     if (is_letter(word(1:1))) equals = s%skip_equals()
-    if (equals .or. begins_assignment(s, list, word)) then
+    if (equals .or. begins_assignment(s, deck, word)) then
       new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
       new%hash = word_hash(lower(word))
-      call list%add_assignment(new)
+      call deck%parts%add_assignment(new)
       s%open = .true.
       s%expecting = .true.
     else
-      call read_bare(s, word, first, line, list, faults)
+      call read_bare(s, word, first, line, deck)
     end if
   end subroutine read_word
 
   !> Takes a word without quotes as a value, its repeat count split off.
-  subroutine read_bare(s, word, first, line, list, faults)
+  subroutine read_bare(s, word, first, line, deck)
     type(scanner), intent(inout) :: s
     character(*), intent(in) :: word           !! the word, the scanner stands behind it
     integer, intent(in) :: first               !! its first character
     integer, intent(in) :: line                !! its line
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     type(value_token) :: new
     integer :: star
     new = value_token(form=bare_value, first=first, last=first + len(word) - 1, line=line)
@@ -190,20 +181,20 @@ contains
         new%first = first + star
         call read_repeats(word(1:star - 1), new%repeats)
         if (new%repeats == 0) then
-          call faults%add(s%path, line, group_subject(list, list%group_count), 'repeat count '// &
+          call deck%add_fault(line, 'repeat count '// &
             printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
           new%form = bad_value
           new%repeats = 1
         else if (star == len(word)) then
           new%form = null_value
           if (scan(s%next(), single//double) > 0) then
-            call read_string(s, new%repeats, list, faults)
+            call read_string(s, new%repeats, deck)
             return
           end if
         end if
       end if
     end if
-    call append_value(s, list, new)
+    call append_value(s, deck, new)
   end subroutine read_bare
 
   !> A repeat count, 0 if it is out of range.
@@ -216,23 +207,23 @@ contains
   end subroutine read_repeats
 
   !> Appends a value to the open assignment; a value before any variable starts one without a name.
-  subroutine append_value(s, list, new)
+  subroutine append_value(s, deck, new)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(inout) :: list
+    class(group_cursor), intent(inout) :: deck
     type(value_token), intent(in) :: new
     if (.not. s%open) then
-      call list%add_assignment(setting(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
+      call deck%parts%add_assignment(setting(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
       s%open = .true.
     end if
-    call list%add_value(new)
+    call deck%parts%add_value(new)
     s%expecting = .false.
   end subroutine append_value
 
   !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
   !> value is due.
-  pure function begins_assignment(s, list, word) result(yes)
+  pure function begins_assignment(s, deck, word) result(yes)
     class(scanner), intent(in) :: s
-    type(syntax), intent(in) :: list
+    class(group_cursor), intent(in) :: deck
     character(*), intent(in) :: word
     logical :: yes
     yes = .false.
@@ -244,27 +235,24 @@ contains
     select case (lower(word))
     case ('t', 'f', 'true', 'false', 'nan', 'inf', 'infinity')
     case default
-      yes = list%assignments(list%assignment_count)%values > 0 .and. .not. s%expecting
+      yes = deck%parts%assignments(deck%parts%assignment_count)%values > 0 .and. .not. s%expecting
     end select
   end function begins_assignment
 
   !> Reports a group without its closing slash.
-  subroutine missing_slash(s, list, before, faults)
+  subroutine missing_slash(s, deck, before)
     type(scanner), intent(in) :: s
-    type(syntax), intent(in) :: list
+    class(group_cursor), intent(inout) :: deck
     character(*), intent(in) :: before         !! where the group ends instead
-    type(fault_list), intent(inout) :: faults
-    associate (g => list%groups(list%group_count))
-      if (g%readable) call faults%add(s%path, g%line, group_subject(list, list%group_count), &
-        'no closing slash before '//before//', expected /')
+    associate (g => deck%parts%groups(deck%current))
+      if (g%readable) call deck%add_fault(g%line, 'no closing slash before '//before//', expected /')
     end associate
   end subroutine missing_slash
 
   !> Ends a group where the next one starts, or at an old-style &end.
-  subroutine close_at_group(s, list, faults)
+  subroutine close_at_group(s, deck)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(in) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     character(:), allocatable :: word
     s%position = s%position + 1
     word = s%word_ahead()
@@ -274,19 +262,18 @@ contains
     else
       s%position = s%position - 1
     end if
-    call missing_slash(s, list, '&'//printable(word, shown)//' in line '//to_text(s%line), faults)
+    call missing_slash(s, deck, '&'//printable(word, shown)//' in line '//to_text(s%line))
   end subroutine close_at_group
 
   !> Reports text between groups, once, and goes on at the next group.
-  subroutine skip_stray(s, list, faults)
+  subroutine skip_stray(s, deck)
     type(scanner), intent(inout) :: s
-    type(syntax), intent(inout) :: list
-    type(fault_list), intent(inout) :: faults
+    class(group_cursor), intent(inout) :: deck
     integer :: last
     last = s%position + index(s%text(s%position:), lf) - 2
-    call faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
+    call deck%faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
       ''', expected a group such as &body or a comment after !')
-    if (s%line == s%slash_line) list%groups(list%group_count)%whole = .false.   ! its slash came too early
+    if (s%line == s%slash_line) deck%parts%groups(deck%current)%whole = .false.   ! its slash came too early
     do while (.not. s%at_end())
       if (s%next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
       if (s%next() == '!') then
