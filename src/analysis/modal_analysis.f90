@@ -10,7 +10,7 @@ module modal_analysis
   use mode_list, only: mode_set
   use posix, only: remove_file
   use scene_run, only: run_state
-  use summary, only: add_line, add_warnings, number
+  use summary, only: add_warnings
   use summary_text, only: json_text, summary_record
   use text, only: to_text
   implicit none (type, external)
@@ -92,16 +92,16 @@ contains
     character(12), parameter :: names(0:3) = [character(12) :: 'undamped', 'damped', 'further pole', 'real pole']
     real(wp) :: x(9)
     integer :: k
-    call add_line(text, '')
-    call add_line(text, 'modes')
-    if (wanted > ds%n - ds%rows) call add_line(text, '  only '//number(ds%n - ds%rows)//' degrees of freedom for '// &
-                                               number(wanted)//' modes')
+    call text%line('')
+    call text%line('modes')
+    if (wanted > ds%n - ds%rows) call text%line('  only '//to_text(ds%n - ds%rows)//' degrees of freedom for '// &
+                                               to_text(wanted)//' modes')
     call text%open('modes', '{')
     call text%open('poles', '[')
     do k = 1, modes%count
       x = mode_figures(modes, k)
       call text%open('', '{')
-      call text%figure(repeat(' ', max(2, 6 - len(number(modes%mode(k))))), 'mode', modes%mode(k))
+      call text%figure(repeat(' ', max(2, 6 - len(to_text(modes%mode(k))))), 'mode', modes%mode(k))
       call text%words%add('  '//names(modes%kind(k)))
       call text%member('kind', json_text(trim(names(modes%kind(k)))))
       call text%figure('  ', 'frequency', x(4), 8)

@@ -12,7 +12,6 @@ module response_analysis
   use scene_run, only: run_state
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
-  use summary, only: add_line
   use summary_text, only: summary_record
   use text, only: to_text
   use text_file, only: result_file
@@ -59,8 +58,8 @@ contains
       call file%close()
     end associate
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
-    call add_line(text, '')
-    call add_line(text, 'frequency response')
+    call text%line('')
+    call text%line('frequency response')
     call text%open('frequency_response', '{')
     call text%figure('  input: ', 'input', input_name(run))
     call text%figure(', points: ', 'points', k - 1)

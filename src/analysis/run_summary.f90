@@ -6,7 +6,7 @@ module run_summary
   use errors, only: failure, status_no_output
   use posix, only: host_name, remove_file, replace_file
   use scene_run, only: run_state
-  use summary, only: version, add_line
+  use summary, only: version
   use summary_text, only: json_number, json_text, summary_record
   use text, only: fixed_text, to_text
   use text_file, only: result_file
@@ -40,8 +40,8 @@ contains
     type(summary_record) :: text
     logical :: ok
     text = run%opening
-    call add_line(text, '')
-    call add_line(text, 'outcome: running; where biela is no longer at work in this folder, the run was killed: its last rows '// &
+    call text%line('')
+    call text%line('outcome: running; where biela is no longer at work in this folder, the run was killed: its last rows '// &
                   'may be missing, and biela --restart goes on from its checkpoint, if there is one')
     call text%member('outcome', json_text('running'))
     call write_summary(run, text, ok)
@@ -82,9 +82,9 @@ contains
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
     logical, intent(out) :: ok
-    call add_line(text, 'version: biela '//version//', '//compiler_version())
-    call add_line(text, '')
-    call add_line(text, 'deck text')
+    call text%line('version: biela '//version//', '//compiler_version())
+    call text%line('')
+    call text%line('deck text')
     call text%figure('', 'deck_text', run%d%text)
     call text%line('')
     call write_whole(run%folder//'/summary.json', text%json(), ok)

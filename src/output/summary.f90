@@ -10,18 +10,11 @@ module summary
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: model_lines, model_warnings, version, add_line, add_warnings, tell_warnings, number
+  public :: model_lines, model_warnings, version, add_warnings, tell_warnings
 
   character(*), parameter :: version = '0.1.0'   !! of the program
 
 contains
-
-  !> Appends a line to a summary.
-  subroutine add_line(text, line)
-    type(summary_record), intent(inout) :: text
-    character(*), intent(in) :: line
-    call text%line(line)
-  end subroutine add_line
 
   !> Adds lines of warnings to a summary, and tells them.
   subroutine add_warnings(text, path, warnings)
@@ -46,13 +39,6 @@ contains
       from = to + 2
     end do
   end subroutine tell_warnings
-
-  !> A count as text.
-  function number(n) result(text)
-    integer, intent(in) :: n
-    character(:), allocatable :: text
-    text = to_text(n)
-  end function number
 
   !> What was modelled: bodies and their coordinates, constraints, degrees of freedom, redundant joints.
   subroutine model_lines(d, m, report, text)
@@ -127,15 +113,15 @@ contains
       call text%figure(' of ', 'nodal_coordinates', b%nodal_nf)
       call text%words%add(' nodal coordinates')
     else
-      call text%words%add(' elastic coordinates ('//number(3*b%nn)//' nodal ones')
+      call text%words%add(' elastic coordinates ('//to_text(3*b%nn)//' nodal ones')
       if (.not. b%axial) call text%words%add(' without the axial ones')
       call text%words%add(' less the reference conditions)')
     end if
     if (b%modal .and. .not. b%axial) call text%words%add(', no axial deformation')
     if (b%stiffening) call text%words%add(', geometric stiffening')
-    call text%member('dissipative_coordinates', number(b%nz))
+    call text%member('dissipative_coordinates', to_text(b%nz))
     call text%figure(', ', 'damping', damping_words(d, b, k))
-    if (b%extra_references > 0) call text%words%add('; '//number(b%extra_references)// &
+    if (b%extra_references > 0) call text%words%add('; '//to_text(b%extra_references)// &
                                              ' reference conditions more than needed: stiffer than the structure')
     call text%line('')
     call text%close()
@@ -160,10 +146,10 @@ contains
     kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
     if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
     if (b%nz > 0 .and. b%modal) then
-      text = number(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
+      text = to_text(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
     else if (b%nz > 0) then
-      text = number(b%nz)//' dissipative coordinates ('//number(elements)//' viscoelastic elements, '//number(b%nd)// &
-             ' deformations each, '//number(ghm + maxwell)//' '//trim(kind)//trim(merge(' term) ', ' terms)', ghm + maxwell == 1))
+      text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//' viscoelastic elements, '//to_text(b%nd)// &
+             ' deformations each, '//to_text(ghm + maxwell)//' '//trim(kind)//trim(merge(' term) ', ' terms)', ghm + maxwell == 1))
     else if (d%bodies(k)%viscoelastic) then
       text = 'no dissipative coordinates (no viscoelastic terms in its materials)'
     else
@@ -255,7 +241,7 @@ contains
       b = m%s%markers(marker)%body
       if (b == 0 .or. m%s%markers(marker)%node > 0) return
       if (.not. m%s%bodies(b)%flexible) return
-      call add_line(text, '  note: '//what//' acts on the frame of flexible body "'//trim(m%s%bodies(b)%name)// &
+      call text%line('  note: '//what//' acts on the frame of flexible body "'//trim(m%s%bodies(b)%name)// &
                     '", whose angle depends on its reference conditions')
     end subroutine note
   end subroutine frame_notes

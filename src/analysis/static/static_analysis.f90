@@ -16,7 +16,7 @@ module static_analysis
   use results, only: motion_row
   use scene_run, only: run_state
   use sensors, only: read_sensors
-  use summary, only: add_line, add_warnings, number
+  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: to_text
   use text_file, only: result_file
@@ -130,8 +130,8 @@ contains
         if (fail%happened()) exit
         call refuse_uneven(run, 'static analysis', fail)
         if (fail%happened()) exit
-        call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//number(k)//' of '// &
-          number(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
+        call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(k)//' of '// &
+          to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
           'more load steps')
         exit
       end if
@@ -140,8 +140,8 @@ contains
     end do
     call file%close()
     if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
-    call add_line(text, '')
-    call add_line(text, 'static')
+    call text%line('')
+    call text%line('static')
     call text%open('static', '{')
     call text%figure('  load steps done: ', 'load_steps', k - 1)
     call text%figure(', Newton steps: ', 'newton_steps', steps)

@@ -6,7 +6,6 @@ module accuracy_words
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
-  use summary, only: add_line
   use summary_text, only: json_number, json_text, summary_record
   use text, only: es_text, to_text
   use transient, only: transient_march
@@ -43,14 +42,14 @@ contains
                        es_text(b%row(5) + march%method%removed, 3)//' J')
       end if
       if (lost) then
-        call add_line(text, '  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
+        call text%line('  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
         return
       end if
       call balance_lines(run, march, text)
       if (march%check%active) then
         call error_lines(run, march, text)
       else
-        call add_line(text, '  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
+        call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
                       'check_error=.true. in &transient estimates the error of every column')
       end if
     end associate
@@ -66,10 +65,10 @@ contains
     integer :: body
     associate (b => march%balance)
       if (.not. b%moved() > 0.0_wp) then
-        call add_line(text, '  energy balance: no energy moves in this scene, so that it says nothing')
+        call text%line('  energy balance: no energy moves in this scene, so that it says nothing')
         return
       end if
-      call add_line(text, '  energy balance: closed to '//short(b%share())//' of the energy that moved')
+      call text%line('  energy balance: closed to '//short(b%share())//' of the energy that moved')
       call text%member('energy_balance', json_number(b%share()))
       if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short(b%share())// &
         ' of the energy that moved: the results cannot be trusted; use a smaller step or tolerance'// &
@@ -77,7 +76,7 @@ contains
       call b%body_share(body, x, exchanged)
       if (body == 0) return
       name = trim(run%sys%m%s%bodies(body)%name)
-      call add_line(text, '  energy balance: closed to '//short(x)//' of what the deformation of body "'//name// &
+      call text%line('  energy balance: closed to '//short(x)//' of what the deformation of body "'//name// &
                     '" took up and gave back, '//short(exchanged)//' J')
       if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short(x)//' of '// &
         'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
@@ -108,9 +107,9 @@ contains
       range = c%ranges(names, run%d%transient%t_end)
       x = [(0.0_wp, k=1, size(e))]
       where (range > 0.0_wp) x = e/range
-      call add_line(text, '  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
+      call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
         'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
-      call add_line(text, '    column, largest error, of its range')
+      call text%line('    column, largest error, of its range')
       call text%open('estimated_errors', '{')
       do k = 1, size(e)
         share = '  (constant but for rounding)'
@@ -119,15 +118,15 @@ contains
         call text%line(share)
       end do
       call text%close()
-      call add_line(text, '  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
+      call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
       if (len(doubt) > 0) call warn(run, doubt, text)
       if (size(x) == 0) return
       k = maxloc(x, 1)
       if (len(doubt) > 0) then
-        call add_line(text, '  accuracy: unknown, columns may err by more than was estimated')
+        call text%line('  accuracy: unknown, columns may err by more than was estimated')
       else
-        call add_line(text, '  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short(x(k))// &
+        call text%line('  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short(x(k))// &
                       ' of its range')
       end if
       call text%member('worst_column', json_text(trim(names(k))))

@@ -5,7 +5,7 @@ module transient_summary
   use errors, only: status_failed
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
-  use summary, only: add_line, add_warnings
+  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: es_text, fixed_text
   use transient, only: transient_march
@@ -23,8 +23,8 @@ contains
     type(summary_record), intent(inout) :: text
     if (.not. allocated(march%method)) return
     associate (r => run%d%transient, method => march%method, m => run%sys%m, ev => run%sys%ev)
-      call add_line(text, '')
-      call add_line(text, 'transient')
+      call text%line('')
+      call text%line('transient')
       call text%open('transient', '{')
       call text%figure('  method: ', 'method', trim(r%method))
       call text%figure(', stabilization: ', 'stabilization', trim(r%stabilization))
@@ -104,7 +104,7 @@ contains
     character(:), allocatable :: warnings
     warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')
     if (len(warnings) == 0) then
-      call add_line(text, '  validity: deflections, spins and excited frequencies stay within what the model can tell')
+      call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
     else
       call add_warnings(text, run%d%path, warnings)
     end if
