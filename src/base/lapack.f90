@@ -8,7 +8,7 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dpbtrs, dsbmv, dsyev, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
+  public :: dpbtrf, dsyev, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
   public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
@@ -23,23 +23,6 @@ module lapack
       real(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
       integer, intent(out) :: info
     end subroutine dpbtrf
-    !> Solves with the factor of dpbtrf.
-    subroutine dpbtrs(uplo, n, kd, nrhs, ab, ldab, b, ldb, info)
-      import :: wp
-      character, intent(in) :: uplo
-      integer, intent(in) :: n, kd, nrhs, ldab, ldb
-      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
-      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
-      integer, intent(out) :: info
-    end subroutine dpbtrs
-    !> y = alpha A x + beta y for a symmetric band matrix.
-    subroutine dsbmv(uplo, n, k, alpha, a, lda, x, incx, beta, y, incy)
-      import :: wp
-      character, intent(in) :: uplo
-      integer, intent(in) :: n, k, lda, incx, incy
-      real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)   !! [any]
-      real(wp), intent(inout) :: y(*)                        !! [any]
-    end subroutine dsbmv
     !> Eigenvalues and vectors of a symmetric matrix.
     subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
       import :: wp

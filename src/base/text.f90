@@ -31,9 +31,7 @@ contains
   pure function integer_text(n) result(t)
     integer, intent(in) :: n   !! any integer
     character(:), allocatable :: t
-    character(12) :: buffer
-    write (buffer, '(i0)') n
-    t = trim(buffer)
+    t = long_text(int(n, ip))
   end function integer_text
 
   !> An integer of 64 bits without blanks.

@@ -11,7 +11,7 @@ module build_history
   use sine_history, only: sine_model
   use sum_history, only: sum_model
   use table_history, only: table_model
-  use table_slopes, only: spline_slopes, monotone_slopes, chord_slopes, ends_free, ends_rest, ends_natural, ends_periodic
+  use table_slopes, only: spline_slopes, monotone_slopes, ends_free, ends_rest, ends_natural, ends_periodic
   implicit none (type, external)
   private
   public :: make_history
@@ -61,23 +61,26 @@ contains
     type(history_record), intent(in) :: r
     class(history_model), allocatable, intent(out) :: h
     type(table_model), allocatable :: table
-    real(wp) :: slopes(2, size(r%time) - 1)
-    integer :: ends
+    real(wp) :: w(size(r%time) - 1), chord(size(r%time) - 1), d(size(r%time)), slopes(2, size(r%time) - 1)
+    integer :: ends, n
+    n = size(r%time)
+    w = r%time(2:) - r%time(:n - 1)
+    chord = (r%values(2:) - r%values(:n - 1))/w
     ends = ends_free
     if (r%ends == 'rest') ends = ends_rest
     if (r%ends == 'natural') ends = ends_natural
     if (r%periodic) ends = ends_periodic
     allocate (table)
-    table%remedy = 'ends=''rest'', or periodic=.true. where the motion goes on'
-    select case (r%interpolation)
-    case ('spline')
-      call spline_slopes(r%time, r%values, ends, slopes)
-    case ('pchip')
-      call monotone_slopes(r%time, r%values, ends, slopes)
-    case default
-      call chord_slopes(r%time, r%values, slopes)
+    if (r%interpolation == 'linear') then
       table%remedy = 'interpolation=''pchip'' ends=''rest'''
-    end select
+      slopes = spread(chord, 1, 2)
+    else
+      table%remedy = 'ends=''rest'', or periodic=.true. where the motion goes on'
+      if (r%interpolation == 'spline') call spline_slopes(w, chord, ends, d)
+      if (r%interpolation == 'pchip') call monotone_slopes(w, chord, ends, d)
+      slopes(1, :) = d(:n - 1)
+      slopes(2, :) = d(2:)
+    end if
     call table%set(r%time, r%values, slopes, r%periodic)
     call move_alloc(table, h)
   end subroutine make_table

@@ -2,12 +2,13 @@
 module build_markers
   use kinds, only: wp
   use body_setup, only: body_length
+  use counting_sort, only: sort_by_number
   use deck_records, only: deck, marker_record
   use marker, only: marker_model
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: marker_table, make_marker, find_marker, scene_size, list_loaded, sort_by_body
+  public :: marker_table, make_marker, find_marker, scene_size, list_loaded
 
   !> Markers found so far, body by body, so that each is kept once.
   type :: marker_table
@@ -70,7 +71,7 @@ contains
     integer, allocatable :: first(:), sorted(:)
     integer :: b, k, n
     call list_points(d, list)
-    call sort_by_body(list%body, size(s%bodies), first, sorted)
+    call sort_by_number(list%body, size(s%bodies), first, sorted)
     size_s = 0.0_wp
     do b = 0, size(s%bodies)
       n = first(b + 1) - first(b)
@@ -130,29 +131,6 @@ contains
     end subroutine put
   end subroutine list_points
 
-  !> Numbers of the entries of each body (0: the ground), body after body.
-  pure subroutine sort_by_body(body, nb, first, sorted)
-    integer, intent(in) :: body(:), nb
-    integer, allocatable, intent(out) :: first(:)    !! (0:nb+1) first entry of each body in sorted
-    integer, allocatable, intent(out) :: sorted(:)
-    integer, allocatable :: fill(:)
-    integer :: k
-    allocate (first(0:nb + 1), source=0)
-    allocate (sorted(size(body)))
-    do k = 1, size(body)
-      first(body(k) + 1) = first(body(k) + 1) + 1
-    end do
-    first(0) = 1
-    do k = 1, nb + 1
-      first(k) = first(k) + first(k - 1)
-    end do
-    allocate (fill(0:nb), source=first(0:nb))
-    do k = 1, size(body)
-      sorted(fill(body(k))) = k
-      fill(body(k)) = fill(body(k)) + 1
-    end do
-  end subroutine sort_by_body
-
   !> Markers on bodies where springs and loads act, sorted by body.
   subroutine list_loaded(s)
     type(scene), intent(inout) :: s
@@ -164,7 +142,7 @@ contains
       acts([s%forces(k)%item%ia, s%forces(k)%item%ib]) = .true.
     end do
     associate (active => pack([(k, k=1, size(acts))], acts))
-      call sort_by_body(s%markers(active)%body, size(s%bodies), first, sorted)
+      call sort_by_number(s%markers(active)%body, size(s%bodies), first, sorted)
       s%loaded = active(sorted(first(1):))
     end associate
     s%loaded_first = first(1:) - first(1) + 1

@@ -5,7 +5,8 @@ module build_scene
   use build_bodies, only: build_body
   use build_constraints, only: build_all_constraints
   use build_loads, only: build_forces
-  use build_markers, only: marker_table, scene_size, list_loaded, sort_by_body
+  use build_markers, only: marker_table, scene_size, list_loaded
+  use counting_sort, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
   use scene_model, only: scene
@@ -44,7 +45,7 @@ contains
     type(fault_list), intent(inout) :: faults
     integer, allocatable :: first(:), list(:)
     integer :: k
-    call sort_by_body(d%lumps%marker%body, size(d%bodies), first, list)
+    call sort_by_number(d%lumps%marker%body, size(d%bodies), first, list)
     allocate (s%bodies(size(d%bodies)))
     do k = 1, size(d%bodies)
       call build_body(d, k, list(first(k):first(k + 1) - 1), s%bodies(k), faults)

@@ -1,6 +1,7 @@
 !> What can be checked only when the whole deck has been read, and the order of the faults.
 module deck_checks
   use kinds, only: wp
+  use counting_sort, only: sort_by_number
   use errors, only: fault_list
   use deck_input, only: deck_source
   use deck_records, only: deck
@@ -36,16 +37,16 @@ contains
   subroutine sort_faults(source, faults)
     type(deck_source), intent(in) :: source
     type(fault_list), intent(inout) :: faults      !! receives the faults
-    integer, allocatable :: order(:), file(:), line(:)
+    integer, allocatable :: file(:), first(:), by_line(:), by_file(:)
     integer :: k
-    allocate (file(source%faults%count), line(source%faults%count))
+    if (source%faults%count == 0) return
+    associate (found => source%faults%items(1:source%faults%count))
+      call sort_by_number(found%line, maxval(found%line), first, by_line)
+      file = [(file_number(source, found(by_line(k))%file), k=1, size(found))]
+      call sort_by_number(file, source%parts%source_count, first, by_file)
+    end associate
     do k = 1, source%faults%count
-      line(k) = source%faults%items(k)%line
-      file(k) = file_number(source, source%faults%items(k)%file)
-    end do
-    call merge_order(file, line, order)
-    do k = 1, source%faults%count
-      associate (f => source%faults%items(order(k)))
+      associate (f => source%faults%items(by_line(by_file(k))))
         call faults%add(f%file, f%line, f%subject, f%message)
       end associate
     end do
@@ -61,45 +62,4 @@ contains
     end do
     number = 1
   end function file_number
-
-  !> Stable order of pairs of whole numbers, by merging ever longer runs.
-  pure subroutine merge_order(major, minor, order)
-    integer, intent(in) :: major(:), minor(:)        !! the pairs
-    integer, allocatable, intent(out) :: order(:)    !! order(k): position of the k-th smallest
-    integer, allocatable :: merged(:)
-    integer :: n, run, start, middle, finish, i, j, k
-    logical :: left
-    n = size(major)
-    order = [(k, k=1, n)]
-    allocate (merged(n))
-    run = 1
-    do while (run < n)
-      do start = 1, n, 2*run
-        middle = min(start + run, n + 1)
-        finish = min(start + 2*run, n + 1)
-        i = start
-        j = middle
-        do k = start, finish - 1
-          left = j >= finish
-          if (.not. left .and. i < middle) left = .not. before(order(j), order(i))
-          if (left) then
-            merged(k) = order(i)
-            i = i + 1
-          else
-            merged(k) = order(j)
-            j = j + 1
-          end if
-        end do
-      end do
-      order = merged
-      run = 2*run
-    end do
-  contains
-    !> Whether pair a comes before pair b.
-    pure function before(a, b) result(yes)
-      integer, intent(in) :: a, b
-      logical :: yes
-      yes = major(a) < major(b) .or. (major(a) == major(b) .and. minor(a) < minor(b))
-    end function before
-  end subroutine merge_order
 end module deck_checks

@@ -1,6 +1,7 @@
 !> Checks of the geometry of beams and frames: nodes, elements, connection, and the coordinates that fix the frame.
 module deck_geometry
   use kinds, only: wp
+  use lapack, only: dsyev
   use text, only: to_text
   use deck_input, only: deck_source
   use deck_lists, only: same_length
@@ -185,9 +186,10 @@ contains
     real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
     real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
     real(wp) :: extent                     ! largest distance of a node from node 1 [m]
+    real(wp) :: part(3), work(9)           ! eigenvalues of that matrix [-], work space of LAPACK
     logical :: removed(3, b%nodes)
     character(:), allocatable :: name, what
-    integer :: k, dof
+    integer :: k, dof, info
     call node_markers(b, x, y)
     extent = maxval(hypot(x - x(1), y - y(1)))
     if (extent <= 0.0_wp) return
@@ -198,8 +200,11 @@ contains
         if (removed(dof, k)) call add_row(normal, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
       end do
     end do
-    if (determinant(normal) > singular*max(normal(1, 1) + normal(2, 2) + normal(3, 3), 1.0_wp)**3) return
-    call free_motion(normal, motion)
+    call dsyev('V', 'U', 3, normal, 3, part, work, size(work), info)
+    if (product(part) > singular*max(sum(part), 1.0_wp)**3) return
+    motion = normal(:, 1)
+    if (part(2) <= singular*sum(part)) motion = motion*normal(3, 2) - normal(:, 2)*normal(3, 1)   ! a translation among free ones
+    if (norm2(motion) <= singular) motion = normal(:, 1)
     name = 'reference'
     if (b%reference == 'explicit') name = 'reference_dof'
     what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves a '
@@ -219,38 +224,6 @@ contains
     if (dof == 2) row = [0.0_wp, 1.0_wp, x]
     normal = normal + spread(row, 1, 3)*spread(row, 2, 3)
   end subroutine add_row
-
-  !> Determinant of a 3 x 3 matrix.
-  pure function determinant(a) result(d)
-    real(wp), intent(in) :: a(3, 3)   !! [-]
-    real(wp) :: d
-    d = dot_product(a(:, 1), cross(a(:, 2), a(:, 3)))
-  end function determinant
-
-  !> Vector product.
-  pure function cross(a, b) result(c)
-    real(wp), intent(in) :: a(3), b(3)   !! [-]
-    real(wp) :: c(3)
-    c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
-  end function cross
-
-  !> A rigid motion in the null space of the matrix of removed coordinates. Of rank 2 it is normal to two columns; of rank
-  !> 1 or 0 some translation is free.
-  pure subroutine free_motion(normal, motion)
-    real(wp), intent(in) :: normal(3, 3)   !! symmetric, not negative [-]
-    real(wp), intent(out) :: motion(3)     !! translation and rotation [-]
-    real(wp) :: candidate(3)
-    integer :: k
-    motion = 0.0_wp
-    do k = 1, 3
-      candidate = cross(normal(:, k), normal(:, modulo(k, 3) + 1))
-      if (norm2(candidate) > norm2(motion)) motion = candidate
-    end do
-    if (norm2(motion) > singular*sum(normal**2)) return
-    k = maxloc([norm2(normal(:, 1)), norm2(normal(:, 2)), norm2(normal(:, 3))], 1)
-    motion = [-normal(2, k), normal(1, k), 0.0_wp]
-    if (norm2(motion) <= singular) motion = [1.0_wp, 0.0_wp, 0.0_wp]
-  end subroutine free_motion
 
   !> A rigid motion in words.
   pure function motion_text(motion, x, y, extent) result(t)

@@ -10,7 +10,7 @@ program bench
   use dynamics, only: evaluate
   use energy_balance, only: balance_watch
   use errors, only: failure, fault_list
-  use lapack, only: use_one_blas_thread, dpbtrf, dpbtrs, dsbmv, dgesv
+  use lapack, only: use_one_blas_thread, dpbtrf, dgesv
   use body_matrices, only: mass_triplets, stiffness_triplets
   use projection, only: project
   use results, only: result_set
@@ -19,6 +19,26 @@ program bench
   use time_stepper, only: stepper, reached
   use, intrinsic :: iso_fortran_env, only: error_unit
   implicit none (type, external)
+
+  interface
+    !> Solves with the factor of dpbtrf.
+    subroutine dpbtrs(uplo, n, kd, nrhs, ab, ldab, b, ldb, info)
+      import :: wp
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, kd, nrhs, ldab, ldb
+      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
+      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
+      integer, intent(out) :: info
+    end subroutine dpbtrs
+    !> y = alpha A x + beta y for a symmetric band matrix.
+    subroutine dsbmv(uplo, n, k, alpha, a, lda, x, incx, beta, y, incy)
+      import :: wp
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, k, lda, incx, incy
+      real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)   !! [any]
+      real(wp), intent(inout) :: y(*)                        !! [any]
+    end subroutine dsbmv
+  end interface
 
   integer, parameter :: repetitions = 9
   type(run_state) :: run

@@ -188,7 +188,7 @@ contains
     character(*), intent(in) :: name       !! variable
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
-    character(:), allocatable :: value, best, expected
+    character(:), allocatable :: value, best
     integer :: as_force, as_drive
     call get(deck, name, value, required, expected='the name of a &force or &drive')
     if (.not. deck%is_set(name)) return
@@ -203,9 +203,7 @@ contains
     else if (as_force /= doubtful .and. as_drive /= doubtful) then
       call deck%names(in_force)%nearest(value, best)
       if (len(best) == 0) call deck%names(in_drive)%nearest(value, best)
-      expected = 'expected the name of a &force or &drive'
-      if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
-      call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no force or drive, '//expected)
+      call names_nothing(deck, name, value, 'force or drive', 'force or &drive', best)
     end if
   end subroutine get_input
 
@@ -217,7 +215,7 @@ contains
     integer, intent(in) :: kind           !! what it names
     integer, intent(out) :: number        !! number of the thing, 0: the ground
     logical, intent(out) :: good          !! whether it names something
-    character(:), allocatable :: best, expected
+    character(:), allocatable :: best
     number = 0
     good = is_ground(value, kind)
     if (good) return
@@ -227,11 +225,22 @@ contains
     call deck%mark_faulty(name)
     if (number == doubtful) return
     call deck%names(kind)%nearest(value, best)
-    expected = 'expected the name of a &'//trim(group_names(kind))
-    if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
-    call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no '//trim(group_names(kind))//', '// &
-      expected)
+    call names_nothing(deck, name, value, trim(group_names(kind)), trim(group_names(kind)), best)
   end subroutine resolve
+
+  !> Reports a reference that names nothing, with the nearest name where there is one.
+  subroutine names_nothing(deck, name, value, what, groups, best)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name      !! variable
+    character(*), intent(in) :: value     !! the name it gives
+    character(*), intent(in) :: what      !! what it should name
+    character(*), intent(in) :: groups    !! words of the groups that define such things
+    character(*), intent(in) :: best      !! nearest name, empty: none
+    character(:), allocatable :: expected
+    expected = 'expected the name of a &'//groups
+    if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
+    call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no '//what//', '//expected)
+  end subroutine names_nothing
 
   !> Whether a name stands for the fixed body.
   pure function is_ground(value, kind) result(yes)

@@ -1,11 +1,11 @@
-!> Slopes at the points of a table, and so the curve between them: cubic splines, the monotone cubic of Fritsch and Butland
-!> (pchip), straight lines.
+!> Slopes at the points of a table, and so the curve between them: cubic splines, and the monotone cubic of Fritsch and Butland
+!> (pchip).
 module table_slopes
   use kinds, only: wp
   use lapack, only: dgtsv
   implicit none (type, external)
   private
-  public :: spline_slopes, monotone_slopes, chord_slopes
+  public :: spline_slopes, monotone_slopes
 
   !> What holds at both ends: nothing (spline: the third derivative is continuous at the second point), slope 0, curvature 0,
   !> the last point is the first of the next turn.
@@ -14,17 +14,14 @@ module table_slopes
 contains
 
   !> The cubic with continuous curvature: a tridiagonal system for the slopes.
-  subroutine spline_slopes(t, y, ends, slopes)
-    real(wp), intent(in) :: t(:)             !! (n) times, ascending [s]
-    real(wp), intent(in) :: y(:)             !! (n) values [unit]
+  subroutine spline_slopes(w, chord, ends, d)
+    real(wp), intent(in) :: w(:)             !! (n - 1) lengths of the pieces [s]
+    real(wp), intent(in) :: chord(:)         !! (n - 1) slopes of their chords [unit/s]
     integer, intent(in) :: ends              !! what holds at both ends
-    real(wp), intent(out) :: slopes(:, :)    !! (2, n - 1) at both ends of each piece [unit/s]
-    real(wp) :: d(size(t)), w(size(t) - 1), chord(size(t) - 1)
-    real(wp) :: low(size(t)), diag(size(t)), up(size(t)), rhs(size(t), 1)
+    real(wp), intent(out) :: d(:)            !! (n) slopes at the points [unit/s]
+    real(wp) :: low(size(d)), diag(size(d)), up(size(d)), rhs(size(d), 1)
     integer :: n, i, info
-    n = size(t)
-    w = t(2:) - t(:n - 1)
-    chord = (y(2:) - y(:n - 1))/w
+    n = size(d)
     if (ends == ends_periodic) then
       call periodic_spline(w, chord, d)
     else if (ends == ends_free .and. n == 2) then
@@ -45,8 +42,6 @@ contains
       call dgtsv(n, 1, low, diag, up, rhs, n, info)
       d = rhs(:, 1)
     end if
-    slopes(1, :) = d(:n - 1)
-    slopes(2, :) = d(2:)
   end subroutine spline_slopes
 
   !> The equation of the slope at an end, seen from that end.
@@ -105,16 +100,13 @@ contains
   end subroutine periodic_spline
 
   !> Slopes that keep the curve between neighbouring values: flat pieces stay flat, a rise never turns back.
-  subroutine monotone_slopes(t, y, ends, slopes)
-    real(wp), intent(in) :: t(:)             !! (n) times, ascending [s]
-    real(wp), intent(in) :: y(:)             !! (n) values [unit]
+  pure subroutine monotone_slopes(w, chord, ends, d)
+    real(wp), intent(in) :: w(:)             !! (n - 1) lengths of the pieces [s]
+    real(wp), intent(in) :: chord(:)         !! (n - 1) slopes of their chords [unit/s]
     integer, intent(in) :: ends              !! what holds at both ends
-    real(wp), intent(out) :: slopes(:, :)    !! (2, n - 1) at both ends of each piece [unit/s]
-    real(wp) :: d(size(t)), w(size(t) - 1), chord(size(t) - 1)
+    real(wp), intent(out) :: d(:)            !! (n) slopes at the points [unit/s]
     integer :: n, i
-    n = size(t)
-    w = t(2:) - t(:n - 1)
-    chord = (y(2:) - y(:n - 1))/w
+    n = size(d)
     do i = 2, n - 1
       d(i) = between(w(i - 1), w(i), chord(i - 1), chord(i))
     end do
@@ -128,8 +120,6 @@ contains
       d(1) = at_end(w(1), w(2), chord(1), chord(2))
       d(n) = at_end(w(n - 1), w(n - 2), chord(n - 1), chord(n - 2))
     end if
-    slopes(1, :) = d(:n - 1)
-    slopes(2, :) = d(2:)
   end subroutine monotone_slopes
 
   !> Slope at a point between two pieces: a weighted harmonic mean of the chords, 0 at a turning point.
@@ -153,13 +143,4 @@ contains
       d = 3*c1
     end if
   end function at_end
-
-  !> Straight lines.
-  subroutine chord_slopes(t, y, slopes)
-    real(wp), intent(in) :: t(:)             !! (n) times, ascending [s]
-    real(wp), intent(in) :: y(:)             !! (n) values [unit]
-    real(wp), intent(out) :: slopes(:, :)    !! (2, n - 1) at both ends of each piece [unit/s]
-    slopes(1, :) = (y(2:) - y(:size(y) - 1))/(t(2:) - t(:size(t) - 1))
-    slopes(2, :) = slopes(1, :)
-  end subroutine chord_slopes
 end module table_slopes

@@ -39,7 +39,7 @@ contains
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
-    real(wp) :: d(3), n, m1, m2
+    real(wp) :: d(3)
     integer :: i
     associate (b => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
       i = m%s%qo(self%marker%body) + 3
@@ -54,12 +54,8 @@ contains
         end if
       end if
       if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, y(m%s%nq + i + 1:m%s%nq + i + b%nf)))
-      n = 0.0_wp
-      if (b%axial) n = g%ea_l*d(1)
-      m1 = g%ei_l*(4*d(2) + 2*d(3))
-      m2 = g%ei_l*(2*d(2) + 4*d(3))
-      x(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
-      if (b%fibre(e) > 0.0_wp) x(5) = abs(n)/b%area(e) + max(abs(m1), abs(m2))*b%fibre(e)/b%second(e)
+      x(1:4) = real(section_forces(b, e, cmplx(d, kind=wp)))
+      if (b%fibre(e) > 0.0_wp) x(5) = abs(x(1))/b%area(e) + maxval(abs(x(3:4)))*b%fibre(e)/b%second(e)
     end associate
   end subroutine read_section
 
@@ -72,7 +68,7 @@ contains
     real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [N m] and [Pa], as in read_section
-    complex(wp) :: d(3), a(6), n, m1, m2, fibre(4)
+    complex(wp) :: d(3), a(6), fibre(4)
     real(wp) :: b(3, 6)
     integer :: i
     associate (body => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
@@ -81,16 +77,28 @@ contains
       b = deformation_matrix(g)
       d = g%ray_k*motion%s*matmul(b, a) + (1 + element_ratio(body, e, motion%s))* &
           matmul(tangent(body, e, y(i + 1:i + body%nf), b), a)
-      n = 0.0_wp
-      if (body%axial) n = g%ea_l*d(1)
-      m1 = g%ei_l*(4*d(2) + 2*d(3))
-      m2 = g%ei_l*(2*d(2) + 4*d(3))
-      x(1:4) = [n, -(m1 + m2)/g%length, -m1, m2]
+      x(1:4) = section_forces(body, e, d)
       if (.not. body%fibre(e) > 0.0_wp) return
-      fibre = n/body%area(e) + [m1, -m1, m2, -m2]*body%fibre(e)/body%second(e)
+      fibre = x(1)/body%area(e) + [x(3), -x(3), x(4), -x(4)]*body%fibre(e)/body%second(e)
       x(5) = fibre(maxloc(abs(fibre), 1))
     end associate
   end subroutine respond
+
+  !> N, Q and the end moments from an element's deformations.
+  pure function section_forces(b, e, d) result(x)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    complex(wp), intent(in) :: d(3)           !! stretch [m], turns of its ends [rad]
+    complex(wp) :: x(4)                       !! [N], [N m]
+    complex(wp) :: n, m1, m2
+    associate (g => b%elements(e))
+      n = 0.0_wp
+      if (b%axial) n = g%ea_l*d(1)
+      m1 = g%ei_l*(4*d(2) + 2*d(3))
+      m2 = g%ei_l*(2*d(2) + 4*d(3))
+      x = [n, -(m1 + m2)/g%length, -m1, m2]
+    end associate
+  end function section_forces
 
   !> Nodal coordinates of an element from elastic coordinates (6).
   pure function element_coordinates(b, e, qf) result(a)
