@@ -50,7 +50,7 @@ contains
     if (caught_signal() > 0) return
     call check_undamped(ds, [starts, twins], modes)
     if (.not. ds%damped) return
-    call model%take_apart(ds)
+    call model%take_apart()
     call list_vibrations(ds, model, starts, shapes, modes, unlisted)
     call list_others(ds, model, shapes, modes, unlisted)
   end subroutine find_modes
@@ -81,7 +81,7 @@ contains
       call turning_basis(ds, x, turned, rigid, ok)
       if (.not. ok) return
       call model%build(ds, turned, [(j <= rigid, j=1, p)])
-      call poles%find(model, ds, [(j, j=1, p)], .false., ok)
+      call poles%find(model, [(j, j=1, p)], .false., ok)
       if (.not. ok) return
       twins = pack(poles%lambda, decays(poles%lambda))
       call by_modulus(poles%lambda, order)
@@ -218,8 +218,7 @@ contains
     do part = 1, model%parts
       if (caught_signal() > 0) return
       members = pack([(j, j=1, model%p)], model%label == part)
-      poles = reduced_poles()
-      call poles%find(model, ds, members, .true., ok)
+      call poles%find(model, members, .true., ok)
       if (.not. ok) cycle
       ranks = ranks + poles%rank
       zeros = zeros + poles%zeros

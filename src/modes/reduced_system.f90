@@ -7,6 +7,7 @@ module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev, dgesdd, dgesv, dsyev
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: reduced_model, reduced_poles
@@ -26,6 +27,7 @@ module reduced_system
     real(wp), allocatable :: g(:, :)                   !! (p, p) gyroscopic terms [1/s]
     real(wp), allocatable :: c(:, :)                   !! (p, p) damping [1/s]
     real(wp), allocatable :: part(:, :, :)             !! (p, p, groups) of each set of terms [1/s2]
+    type(viscoelastic_terms), allocatable :: law(:)    !! (groups) the sets of terms
     real(wp), allocatable :: scale(:)                  !! (p) about the frequency of each motion [rad/s]
     integer, allocatable :: label(:)                   !! (p) which part each motion is in
     integer :: parts = 0
@@ -59,6 +61,7 @@ contains
     self%p = size(basis, 2)
     self%basis = basis
     self%rigid = rigid
+    self%law = [(ds%groups(r)%law, r=1, size(ds%groups))]
     associate (p => self%p)
       allocate (self%k(p, p), self%g(p, p), self%c(p, p), self%part(p, p, size(ds%groups)), self%scale(p))
     end associate
@@ -80,7 +83,7 @@ contains
       self%part(:, j, :) = 0.0_wp
       self%part(j, :, :) = 0.0_wp
     end do
-    call self%find_scale(ds)
+    call self%find_scale()
   contains
     !> Components of a force on the basis.
     function projected(force) result(y)
@@ -91,14 +94,13 @@ contains
   end subroutine build
 
   !> About the frequency of each motion.
-  subroutine find_scale(self, ds)
+  pure subroutine find_scale(self)
     class(reduced_model), intent(inout) :: self
-    type(stiffness_system), intent(in) :: ds
     integer :: j, r
     do j = 1, self%p
       self%scale(j) = abs(self%k(j, j))
-      do r = 1, size(ds%groups)
-        self%scale(j) = self%scale(j) + sum(ds%groups(r)%law%alpha)*self%part(j, j, r)
+      do r = 1, size(self%law)
+        self%scale(j) = self%scale(j) + sum(self%law(r)%alpha)*self%part(j, j, r)
       end do
       self%scale(j) = max(sqrt(max(self%scale(j), 0.0_wp)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
       if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
@@ -106,17 +108,16 @@ contains
   end subroutine find_scale
 
   !> Sorts the motions into parts that do not couple; parts too large are cut where they couple least.
-  subroutine take_apart(self, ds)
+  subroutine take_apart(self)
     class(reduced_model), intent(inout) :: self
-    type(stiffness_system), intent(in) :: ds
     real(wp) :: coupling(self%p, self%p), cut
     integer :: i, j, r, part, order
     do j = 1, self%p
       do i = 1, self%p
         associate (d => self%scale(i)*self%scale(j))
           coupling(i, j) = max(abs(self%k(i, j))/d, (abs(self%g(i, j)) + abs(self%c(i, j)))/sqrt(d))
-          do r = 1, size(ds%groups)
-            coupling(i, j) = max(coupling(i, j), sum(ds%groups(r)%law%alpha)*abs(self%part(i, j, r))/d)
+          do r = 1, size(self%law)
+            coupling(i, j) = max(coupling(i, j), sum(self%law(r)%alpha)*abs(self%part(i, j, r))/d)
           end do
         end associate
       end do
@@ -131,7 +132,7 @@ contains
         self%parts = self%parts + 1
         part = self%parts
         call spread_label(j)
-        order = order_of(self, ds, pack([(i, i=1, self%p)], self%label == part))
+        order = order_of(self, pack([(i, i=1, self%p)], self%label == part))
         if (order <= largest .or. count(self%label == part) == 1) exit
         where (self%label == part) self%label = 0      ! cut higher and try again
         self%parts = self%parts - 1
@@ -161,16 +162,15 @@ contains
   end subroutine take_apart
 
   !> Unknowns of first order of some motions.
-  integer function order_of(self, ds, members) result(order)
+  integer function order_of(self, members) result(order)
     type(reduced_model), intent(in) :: self
-    type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: members(:)
     real(wp), allocatable :: f(:, :)
     integer :: r
     order = 2*size(members)
-    do r = 1, size(ds%groups)
+    do r = 1, size(self%law)
       call deformation(self, members, r, f)
-      order = order + size(f, 2)*ds%groups(r)%law%order()
+      order = order + size(f, 2)*self%law(r)%order()
     end do
   end function order_of
 
@@ -195,10 +195,9 @@ contains
   end subroutine deformation
 
   !> All poles of one part, or those of its undamped system.
-  subroutine find(self, model, ds, members, damped, ok)
-    class(reduced_poles), intent(inout) :: self
+  subroutine find(self, model, members, damped, ok)
+    class(reduced_poles), intent(out) :: self
     type(reduced_model), intent(in) :: model
-    type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: members(:)                  !! the motions of the part
     logical, intent(in) :: damped
     logical, intent(out) :: ok
@@ -206,7 +205,7 @@ contains
     real(wp) :: left(1, 1)
     logical, allocatable :: kept(:)
     integer :: n, c, j, k, info
-    call first_order(self, model, ds, members, damped, a)
+    call first_order(self, model, members, damped, a)
     n = size(a, 1)
     c = size(members)
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
@@ -221,7 +220,7 @@ contains
     end do
     if (damped) then
       do j = 1, n
-        if (kept(j)) kept(j) = .not. unseen(ds, cmplx(wr(j), wi(j), wp))
+        if (kept(j)) kept(j) = .not. unseen(model, cmplx(wr(j), wi(j), wp))
       end do
     end if
     allocate (self%lambda(count(kept)), self%shape(model%p, count(kept)))
@@ -237,24 +236,23 @@ contains
   end subroutine find
 
   !> The matrix of first order for (scale x, x', then F^T-sized z and, of second order, z'/omega of each term of each group).
-  subroutine first_order(self, model, ds, members, damped, a)
+  subroutine first_order(self, model, members, damped, a)
     class(reduced_poles), intent(inout) :: self
     type(reduced_model), intent(in) :: model
-    type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: members(:)
     logical, intent(in) :: damped
     real(wp), allocatable, intent(out) :: a(:, :)      !! [1/s]
     real(wp), allocatable :: f(:, :), whole(:, :)
     real(wp) :: omega                                  ! of a term of second order [rad/s]
     integer :: c, r, k, i, j, m, n, groups
-    groups = merge(size(ds%groups), 0, damped)
+    groups = merge(size(model%law), 0, damped)
     c = size(members)
     n = 2*c
     allocate (self%rank(groups), source=0)
     do r = 1, groups
       call deformation(model, members, r, f)
       self%rank(r) = size(f, 2)
-      n = n + size(f, 2)*ds%groups(r)%law%order()
+      n = n + size(f, 2)*model%law(r)%order()
     end do
     allocate (a(n, n), source=0.0_wp)
     do j = 1, c
@@ -271,7 +269,7 @@ contains
       do j = 1, m
         whole(:, j) = f(:, j)*model%scale(members)
       end do
-      associate (law => ds%groups(r)%law)
+      associate (law => model%law(r))
         do k = 1, size(law%alpha)
           a(c + 1:2*c, 1:c) = a(c + 1:2*c, 1:c) - law%alpha(k)*matmul(whole, transpose(f))
           a(c + 1:2*c, i + 1:i + m) = law%alpha(k)*whole
@@ -328,13 +326,13 @@ contains
   end function zero_poles
 
   !> Whether a pole is one of a viscoelastic term alone, in which the mechanism stands still.
-  pure logical function unseen(ds, lambda) result(yes)
-    type(stiffness_system), intent(in) :: ds
+  pure logical function unseen(model, lambda) result(yes)
+    type(reduced_model), intent(in) :: model
     complex(wp), intent(in) :: lambda                  !! [1/s]
     integer :: r
     yes = .false.
-    do r = 1, size(ds%groups)
-      associate (law => ds%groups(r)%law)
+    do r = 1, size(model%law)
+      associate (law => model%law(r))
         yes = yes .or. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
       end associate
     end do

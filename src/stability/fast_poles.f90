@@ -3,7 +3,6 @@
 !> mechanism has not.
 module fast_poles
   use kinds, only: wp
-  use dynamic_stiffness, only: stiffness_system
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use reduced_system, only: reduced_model, reduced_poles
@@ -35,44 +34,43 @@ contains
     type(fast_spectrum), intent(inout) :: fast
     type(pole_list), intent(out) :: poles
     logical, intent(out) :: ok                     !! false: too many sets of terms take part in each motion
-    type(stiffness_system) :: ds                   ! holds the sets of terms
     type(reduced_model) :: model
     real(wp), allocatable :: x(:, :)
     integer, allocatable :: group(:)
     integer :: p
     allocate (poles%lambda(0))
     call space(m, ev, held, fast, x)
-    call sets_of_terms(m, ev, fast, x, ds, group)
+    call sets_of_terms(m, ev, fast, x, model, group)
     do p = size(x, 2), 1, -1
-      if (unknowns(fast, ds, group, p) <= most_unknowns) exit
+      if (unknowns(fast, model, group, p) <= most_unknowns) exit
     end do
     ok = p >= min(least, size(x, 2)) .and. p > 0
     if (.not. ok) return
-    call project(m, ev, fast, ds, group, x(:, 1:p), model)
-    call solve(ds, model, poles, ok)
+    call project(m, ev, fast, group, x(:, 1:p), model)
+    call solve(model, poles, ok)
   end subroutine find_fast_poles
 
   !> Unknowns of first order of some motions: a spring deforms in one way, a material in as many as there are motions.
-  pure integer function unknowns(fast, ds, group, motions) result(total)
+  pure integer function unknowns(fast, model, group, motions) result(total)
     type(fast_spectrum), intent(in) :: fast
-    type(stiffness_system), intent(in) :: ds
+    type(reduced_model), intent(in) :: model
     integer, intent(in) :: group(:), motions       !! of each segment its set; motions
     integer :: r, ways
     total = 2*motions
-    do r = 1, size(ds%groups)
+    do r = 1, size(model%law)
       ways = count(group == r)
       if (any(group == r .and. fast%lin%segments%element == 0)) ways = motions
-      total = total + min(ways, motions)*ds%groups(r)%law%order()
+      total = total + min(ways, motions)*model%law(r)%order()
     end do
   end function unknowns
 
   !> The sets of terms that take part in the motions; segments whose terms are the same make one set.
-  subroutine sets_of_terms(m, ev, fast, x, ds, group)
+  subroutine sets_of_terms(m, ev, fast, x, model, group)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(fast_spectrum), intent(in) :: fast
     real(wp), intent(in) :: x(:, :)                !! (n, motions) [1/sqrt(kg)]
-    type(stiffness_system), intent(inout) :: ds
+    type(reduced_model), intent(inout) :: model
     integer, allocatable, intent(out) :: group(:)  !! (segments) number of its set, 0: it takes no part
     type(fast_mode) :: f
     integer :: firsts(most_unknowns), sets, r, k
@@ -96,10 +94,7 @@ contains
       group(r) = sets
       if (sets == size(firsts)) exit               ! more than can be solved for
     end do
-    allocate (ds%groups(sets))
-    do k = 1, sets
-      ds%groups(k)%law = fast%lin%segments(firsts(k))%law
-    end do
+    model%law = [(fast%lin%segments(firsts(k))%law, k=1, sets)]
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.
@@ -145,21 +140,20 @@ contains
   end subroutine space
 
   !> All matrices on the basis, from Rayleigh quotients of sums of two motions.
-  subroutine project(m, ev, fast, ds, group, x, model)
+  subroutine project(m, ev, fast, group, x, model)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(fast_spectrum), intent(in) :: fast
-    type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: group(:)                !! (segments)
     real(wp), intent(in) :: x(:, :)                !! (n, p) [1/sqrt(kg)]
-    type(reduced_model), intent(out) :: model
+    type(reduced_model), intent(inout) :: model
     type(fast_mode) :: f
     integer :: i, j, r
     model%p = size(x, 2)
     model%basis = x
     associate (p => model%p)
       allocate (model%rigid(p), source=.false.)
-      allocate (model%k(p, p), model%g(p, p), model%c(p, p), model%part(p, p, size(ds%groups)), model%scale(p), source=0.0_wp)
+      allocate (model%k(p, p), model%g(p, p), model%c(p, p), model%part(p, p, size(model%law)), model%scale(p), source=0.0_wp)
     end associate
     do i = 1, model%p
       do j = i, 1, -1
@@ -171,7 +165,7 @@ contains
         call fast%quotients(m, ev, f)
         call put(model%k(:, :), f%stiffness)
         call put(model%c(:, :), f%damping)
-        do r = 1, size(ds%groups)
+        do r = 1, size(model%law)
           call put(model%part(:, :, r), sum(f%segments, group == r))
         end do
       end do
@@ -180,12 +174,12 @@ contains
       do j = 1, i - 1
         call mixed(model%k(:, :))
         call mixed(model%c(:, :))
-        do r = 1, size(ds%groups)
+        do r = 1, size(model%law)
           call mixed(model%part(:, :, r))
         end do
       end do
     end do
-    call model%find_scale(ds)
+    call model%find_scale()
     model%scale = max(model%scale, slowest*maxval(model%scale))
   contains
     !> Keeps a quotient.
@@ -204,8 +198,7 @@ contains
   end subroutine project
 
   !> Poles of all parts that do not couple.
-  subroutine solve(ds, model, poles, ok)
-    type(stiffness_system), intent(in) :: ds
+  subroutine solve(model, poles, ok)
     type(reduced_model), intent(inout) :: model
     type(pole_list), intent(inout) :: poles
     logical, intent(out) :: ok
@@ -213,12 +206,11 @@ contains
     complex(wp) :: v(model%p)
     real(wp), allocatable :: x(:, :)
     integer :: part, i, j
-    call model%take_apart(ds)
+    call model%take_apart()
     allocate (x(size(model%basis, 1), 0))
     ok = .true.
     do part = 1, model%parts
-      found = reduced_poles()
-      call found%find(model, ds, pack([(j, j=1, model%p)], model%label == part), .true., ok)
+      call found%find(model, pack([(j, j=1, model%p)], model%label == part), .true., ok)
       if (.not. ok) return
       poles%lambda = [poles%lambda, found%lambda]
       do i = 1, size(found%lambda)

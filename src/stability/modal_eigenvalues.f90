@@ -1,8 +1,8 @@
 !> Eigenvalues of one mode with viscoelastic terms: roots of s2 + c s + k + sum of a_r g_r(s), and which of them are the mode's own.
 module modal_eigenvalues
   use kinds, only: wp
-  use lapack, only: dgeev
   use linear_matrices, only: linear_segment
+  use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
   public :: modal_roots, mark_mode, segment_poles
@@ -67,44 +67,28 @@ contains
     ok = abs(roots(1) - roots(2)) > 1.0e-6_wp*abs(roots(1))
   end subroutine mode_pair
 
-  !> All of them, by the eigenvalues of the equivalent first-order system (each term: z and, of second order, its rate).
+  !> All of them that have to do with the motion, as poles of a system of one motion.
   subroutine all_roots(segments, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
-    real(wp), allocatable :: a(:, :)
-    real(wp) :: scale, omega                             ! [1/s]
-    integer :: n, r, j, i
-    n = 2 + sum([(segments(r)%law%order(), r=1, size(segments))])
-    allocate (a(n, n), source=0.0_wp)
-    scale = sqrt(max(k + sum(parts), tiny(1.0_wp)))      ! of time, so that positions and rates are alike
-    a(1, 2) = scale
-    a(2, 1) = -k/scale
-    a(2, 2) = -c
-    i = 2
-    do r = 1, size(segments)
-      associate (t => segments(r)%law)
-        do j = 1, size(t%alpha)
-          a(2, 1) = a(2, 1) - t%alpha(j)*parts(r)/scale
-          a(2, i + 1) = t%alpha(j)*parts(r)/scale
-          if (j <= t%second) then
-            omega = 1/sqrt(t%inertia(j))
-            a(i + 1, i + 2) = omega
-            a(i + 2, 1) = omega
-            a(i + 2, i + 1) = -omega
-            a(i + 2, i + 2) = -t%viscosity(j)*omega**2
-            i = i + 2
-          else
-            a(i + 1, 1) = 1/t%viscosity(j)
-            a(i + 1, i + 1) = -1/t%viscosity(j)
-            i = i + 1
-          end if
-        end do
-      end associate
-    end do
-    call eigenvalues(a, roots)
+    type(reduced_model) :: model
+    type(reduced_poles) :: poles
+    integer :: r
+    logical :: ok
+    model%p = 1
+    model%rigid = [.false.]
+    model%k = reshape([k], [1, 1])
+    model%g = 0*model%k
+    model%c = reshape([c], [1, 1])
+    model%part = reshape(parts, [1, 1, size(parts)])
+    model%law = [(segments(r)%law, r=1, size(segments))]
+    allocate (model%scale(1))
+    call model%find_scale()
+    call poles%find(model, [1], .true., ok)
+    roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]
   end subroutine all_roots
 
   !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
@@ -130,17 +114,4 @@ contains
     call mark_mode(roots, sqrt(lambda*(1 + sum(segment%law%alpha))), is_mode)
     poles = pack(roots, .not. is_mode)
   end subroutine segment_poles
-
-  !> Eigenvalues of a small dense matrix.
-  subroutine eigenvalues(a, roots)
-    real(wp), intent(inout) :: a(:, :)         !! [1/s], destroyed
-    complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
-    real(wp) :: left(1, 1), right(1, 1)
-    real(wp), allocatable :: wr(:), wi(:), work(:)
-    integer :: n, info
-    n = size(a, 1)
-    allocate (wr(n), wi(n), work(8*n))
-    call dgeev('N', 'N', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
-    roots = cmplx(wr, wi, wp)
-  end subroutine eigenvalues
 end module modal_eigenvalues
