@@ -4,7 +4,7 @@ module mode_list
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: mode_set, padded, residual_of
+  public :: mode_set, residual_of
 
   integer, parameter, public :: undamped_mode = 0, vibration_mode = 1, further_mode = 2, real_pole = 3
 
@@ -34,15 +34,6 @@ module mode_list
 
 contains
 
-  !> A vector of mechanical unknowns with zero multipliers.
-  pure function padded(ds, x) result(y)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)         !! (n) [m, rad]
-    complex(wp) :: y(ds%n + ds%rows)
-    y = 0.0_wp
-    y(1:ds%n) = x(1:ds%n)
-  end function padded
-
   !> Makes the list empty.
   subroutine clear(self, n)
     class(mode_set), intent(out) :: self
@@ -67,8 +58,8 @@ contains
     do j = 1, self%count
       if ((self%kind(j) == undamped_mode) .neqv. (kind == undamped_mode)) cycle
       if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same*abs(lambda)) cycle
-      mx = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
-      my = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, self%x(:, j)))
+      mx = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
+      my = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(self%x(:, j)))
       alike = max(abs(dot_product(self%x(:, j), mx(1:ds%n)))**2, abs(sum(self%x(:, j)*mx(1:ds%n)))**2)
       alike = alike/(abs(dot_product(x, mx(1:ds%n)))*abs(dot_product(self%x(:, j), my(1:ds%n))))
       if (alike <= 0.99_wp) cycle
@@ -107,7 +98,7 @@ contains
     real(wp) :: sizes(size(ds%values)), parts
     integer :: k
     call ds%set(lambda, damping)
-    y = padded(ds, x)
+    y = ds%padded(x)
     r = ds%times(ds%values, y)
     sizes = abs(lambda)**2*abs(ds%m) + abs(lambda)*abs(ds%gyro + damping*(ds%c - ds%gyro)) + abs(ds%k) + abs(ds%joint)
     do k = 1, size(ds%groups)

@@ -96,8 +96,7 @@ contains
     class(constrained_operator), intent(inout) :: self
     real(wp), intent(inout) :: y(:)           !! (n) forces [N, N m], then displacements [m, rad]
     complex(wp) :: z(self%ds%n + self%ds%rows)
-    z = 0.0_wp
-    z(1:size(y)) = y
+    z = self%ds%padded(cmplx(y, 0.0_wp, wp))
     call self%ds%solve(z)
     y = real(z(1:size(y)), wp)
   end subroutine solve

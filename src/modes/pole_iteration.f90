@@ -73,12 +73,10 @@ contains
     logical, intent(in) :: transposed
     logical, intent(out) :: ok
     complex(wp) :: u(ds%n + ds%rows)
-    u = 0.0_wp
-    u(1:ds%n) = x
     if (transposed) then
-      u = ds%times(ds%slope(ds%mirror), u)
+      u = ds%times(ds%slope(ds%mirror), ds%padded(x))
     else
-      u = ds%times(ds%slope, u)
+      u = ds%times(ds%slope, ds%padded(x))
     end if
     call ds%solve(u, transposed)
     ok = maxval(abs(u)) <= huge(1.0_wp) .and. any(abs(u(1:ds%n)) > 0.0_wp)
@@ -91,16 +89,16 @@ contains
     real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(inout) :: pole
     logical, intent(out) :: ok
-    complex(wp) :: x(ds%n + ds%rows), m, c, k, part(size(ds%groups)), f, df, step, lambda
+    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), m, c, k, part(size(ds%groups)), f, df, step, lambda
     integer :: pass, r
-    x = 0.0_wp
-    x(1:ds%n) = pole%x
-    m = left_product(ds%times(cmplx(ds%m, 0.0_wp, wp), x))
-    c = left_product(ds%times(cmplx(ds%gyro + damping*(ds%c - ds%gyro), 0.0_wp, wp), x))
-    k = left_product(ds%stiffness_product(x, 0))
+    x = ds%padded(pole%x)
+    y = ds%padded(pole%y)
+    m = form(ds, cmplx(ds%m, 0.0_wp, wp), pole%y, pole%x)
+    c = form(ds, cmplx(ds%gyro + damping*(ds%c - ds%gyro), 0.0_wp, wp), pole%y, pole%x)
+    k = sum(y*ds%stiffness_product(x, 0))
     part = 0.0_wp
     do r = 1, size(part)
-      if (damping > 0.0_wp) part(r) = damping*left_product(ds%stiffness_product(x, r))
+      if (damping > 0.0_wp) part(r) = damping*sum(y*ds%stiffness_product(x, r))
     end do
     lambda = pole%lambda
     do pass = 1, 8
@@ -121,26 +119,24 @@ contains
       if (abs(step) <= epsilon(1.0_wp)*abs(lambda)) exit
     end do
     pole%lambda = lambda
-  contains
-    !> y^T times a force.
-    pure complex(wp) function left_product(force) result(value)
-      complex(wp), intent(in) :: force(:)   !! (n+rows) [N, N m]
-      value = sum(pole%y*force(1:ds%n))
-    end function left_product
   end subroutine functional_root
+
+  !> y^T A x for entries given on the pattern.
+  pure complex(wp) function form(ds, values, y, x)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: values(:)               !! (entries) [any]
+    complex(wp), intent(in) :: y(:), x(:)              !! (n) [-]
+    form = sum(ds%padded(y)*ds%times(values, ds%padded(x)))
+  end function form
 
   !> Whether an undamped pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
   logical function double_root(ds, pole) result(yes)
     type(stiffness_system), intent(inout) :: ds
     type(pole_state), intent(in) :: pole
-    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), inertia
-    x = 0.0_wp
-    y = 0.0_wp
-    x(1:ds%n) = pole%x
-    y(1:ds%n) = pole%y
+    complex(wp) :: inertia
     call ds%set(pole%lambda, 0.0_wp)
-    inertia = 2*pole%lambda*sum(y*ds%times(cmplx(ds%m, 0.0_wp, wp), x))
-    yes = abs(sum(y*ds%times(ds%slope, x))) <= 1.0e-3_wp*abs(inertia)
+    inertia = 2*pole%lambda*form(ds, cmplx(ds%m, 0.0_wp, wp), pole%y, pole%x)
+    yes = abs(form(ds, ds%slope, pole%y, pole%x)) <= 1.0e-3_wp*abs(inertia)
   end function double_root
 
   !> Follows an undamped mode while the damping grows from 0 to 1, in steps that keep it recognisable.
@@ -187,32 +183,20 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(pole_state), intent(in) :: pole
     real(wp), intent(in) :: damping                    !! [-]
-    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), with(size(ds%values))
-    x = 0.0_wp
-    y = 0.0_wp
-    x(1:ds%n) = pole%x
-    y(1:ds%n) = pole%y
+    complex(wp) :: with(size(ds%values))
     call ds%set(pole%lambda, 1.0_wp)
     with = ds%values
     call ds%set(pole%lambda, 0.0_wp)
     with = with - ds%values
     call ds%set(pole%lambda, damping)
-    rate = -sum(y*ds%times(with, x))/sum(y*ds%times(ds%slope, x))
+    rate = -form(ds, with, pole%y, pole%x)/form(ds, ds%slope, pole%y, pole%x)
   end function damping_rate
 
   !> Whether two poles belong to one path: their vectors are biorthogonal to those of all others.
   logical function alike(ds, a, b) result(yes)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(in) :: a, b
-    complex(wp) :: v(ds%n + ds%rows), w(ds%n + ds%rows)
-    v = 0.0_wp
-    w = 0.0_wp
-    v(1:ds%n) = a%x
-    w(1:ds%n) = b%x
-    v = ds%times(ds%slope, v)
-    w = ds%times(ds%slope, w)
-    associate (va => v(1:ds%n), wb => w(1:ds%n))
-      yes = abs(sum(a%y*wb)*sum(b%y*va)/(sum(a%y*va)*sum(b%y*wb)) - 1.0_wp) < 0.05_wp
-    end associate
+    yes = abs(form(ds, ds%slope, a%y, b%x)*form(ds, ds%slope, b%y, a%x) &
+              /(form(ds, ds%slope, a%y, a%x)*form(ds, ds%slope, b%y, b%x)) - 1.0_wp) < 0.05_wp
   end function alike
 end module pole_iteration

@@ -66,8 +66,7 @@ contains
       allocate (self%k(p, p), self%g(p, p), self%c(p, p), self%part(p, p, size(ds%groups)), self%scale(p))
     end associate
     do j = 1, self%p
-      v = 0.0_wp
-      v(1:ds%n) = basis(:, j)
+      v = ds%padded(cmplx(basis(:, j), 0.0_wp, wp))
       self%k(:, j) = projected(ds%stiffness_product(v, 0))
       self%g(:, j) = projected(ds%times(cmplx(ds%gyro, 0.0_wp, wp), v))
       self%c(:, j) = projected(ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), v))

@@ -4,7 +4,7 @@ module equilibrium_growth
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use linear_state, only: linear_system
-  use mode_list, only: mode_set, padded
+  use mode_list, only: mode_set
   use natural_modes, only: natural_subspace, rounding_level
   use scene_run, only: run_state
   implicit none (type, external)
@@ -59,7 +59,7 @@ contains
     complex(wp) :: y(ds%n + ds%rows)
     real(wp) :: part(size(run%sys%m%s%bodies))       ! [J], to a factor
     integer :: b, i, n
-    y = ds%times(cmplx(ds%m, 0.0_wp, wp), padded(ds, x))
+    y = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
     do b = 1, size(part)
       i = run%sys%m%s%qo(b)
       n = 3 + run%sys%m%s%bodies(b)%nf

@@ -47,6 +47,7 @@ module dynamic_stiffness
     procedure :: set_real
     procedure :: factor
     procedure :: solve
+    procedure :: padded
     procedure :: times
     procedure :: balance
     procedure :: stiffness_times
@@ -217,6 +218,15 @@ contains
     end if
   end subroutine add_stiffness
 
+  !> A vector of mechanical unknowns with zero multipliers.
+  pure function padded(self, x) result(y)
+    class(stiffness_system), intent(in) :: self
+    complex(wp), intent(in) :: x(:)            !! (n) [any]
+    complex(wp) :: y(self%n + self%rows)       !! [as x]
+    y = 0.0_wp
+    y(1:self%n) = x
+  end function padded
+
   !> A x for entries given on the pattern.
   pure function times(self, values, x) result(y)
     class(stiffness_system), intent(in) :: self
@@ -253,10 +263,8 @@ contains
     class(stiffness_system), intent(in) :: self
     real(wp), intent(in) :: x(:)               !! (n) [m, rad]
     real(wp) :: y(size(x))                     !! [N, N m]
-    complex(wp) :: z(self%n + self%rows), kz(self%n + self%rows)
-    z = 0.0_wp
-    z(1:self%n) = x
-    kz = self%stiffness_product(z, 0)
+    complex(wp) :: kz(self%n + self%rows)
+    kz = self%stiffness_product(self%padded(cmplx(x, 0.0_wp, wp)), 0)
     y = real(kz(1:self%n), wp)
   end function stiffness_times
 end module dynamic_stiffness
