@@ -2,6 +2,7 @@
 !> summed on it, and the stiffness of viscoelastic segments with the same terms summed to one group.
 module linear_pattern
   use, intrinsic :: iso_fortran_env, only: int64
+  use counting_sort, only: sort_by_number
   use kinds, only: wp
   use linear_matrices, only: linear_mechanism
   use sparse_pattern, only: symmetric_pattern
@@ -53,76 +54,104 @@ contains
     end subroutine append
   end subroutine union_of_patterns
 
-  !> Sums a matrix's entries on the pattern, and where asked what rounding takes away (Knuth's error-free sum).
+  !> Sums a matrix's entries on the pattern, and where asked what rounding takes away.
   subroutine gather(self, a, values, rounded_off)
     class(symmetric_pattern), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
     real(wp), intent(inout) :: values(:)    !! (entries) [any]
     real(wp), intent(inout), optional :: rounded_off(:) !! (entries) [as values]
-    real(wp) :: x, s, t
+    real(wp) :: rest                        ! [as values]
     integer :: k, e
     do k = 1, a%count
       e = self%entry(a%rows(k), a%cols(k))
-      x = a%values(k)
-      s = values(e) + x
-      t = s - values(e)
-      if (present(rounded_off)) rounded_off(e) = rounded_off(e) + ((values(e) - (s - t)) + (x - t))
-      values(e) = s
+      rest = 0.0_wp
+      call add(a%values(k), values(e), rest)
+      if (present(rounded_off)) rounded_off(e) = rounded_off(e) + rest
     end do
   end subroutine gather
 
-  !> Segments with the same terms share a group.
+  !> s + rest = s + rest + x, what rounding takes from the sum kept in rest (Knuth's error-free sum).
+  pure subroutine add(x, s, rest)
+    real(wp), intent(in) :: x               !! [any]
+    real(wp), intent(inout) :: s, rest      !! [as x]
+    real(wp) :: before, t
+    before = s
+    s = before + x
+    t = s - before
+    rest = rest + ((before - (s - t)) + (x - t))
+  end subroutine add
+
+  !> Segments with the same terms share a group, its entries in the order of the pattern.
   subroutine make_groups(self, lin, groups)
     class(symmetric_pattern), intent(in) :: self
     type(linear_mechanism), intent(in) :: lin
     type(ghm_group), allocatable, intent(out) :: groups(:)
-    real(wp), allocatable :: values(:), rounded_off(:)
-    integer, allocatable :: entry(:), first(:), next(:)
-    logical, allocatable :: listed(:)
-    integer :: g, j, i, n, e
-    call like_segments(lin, first, next)
-    allocate (groups(size(first)), listed(size(self%row)), entry(size(self%row)))
-    allocate (values(size(self%row)), rounded_off(size(self%row)), source=0.0_wp)
-    listed = .false.
-    do g = 1, size(groups)
-      groups(g)%law = lin%segments(first(g))%law
-      n = 0
-      j = first(g)
-      do while (j > 0)
-        associate (a => lin%segments(j)%stiffness)
-          call gather(self, a, values, rounded_off)
-          do i = 1, a%count
-            e = self%entry(a%rows(i), a%cols(i))
-            if (listed(e)) cycle
-            listed(e) = .true.
-            n = n + 1
-            entry(n) = e
-          end do
-        end associate
-        j = next(j)
-      end do
-      associate (e => entry(1:n))
-        groups(g)%entry = e
-        groups(g)%value = values(e)
-        groups(g)%rounded_off = rounded_off(e)
-        values(e) = 0.0_wp
-        rounded_off(e) = 0.0_wp
-        listed(e) = .false.
+    integer, allocatable :: number(:), entry(:), owner(:), first(:), sorted(:), filled(:)
+    real(wp), allocatable :: value(:)       ! [N/m ...]
+    integer :: j, i, n
+    call number_groups(lin, number)
+    n = 0
+    do j = 1, size(number)
+      n = n + lin%segments(j)%stiffness%count
+    end do
+    allocate (entry(n), owner(n), value(n), groups(maxval([0, number])))
+    filled = [(0, j=1, size(groups))]
+    n = 0
+    do j = 1, size(number)
+      associate (a => lin%segments(j)%stiffness)
+        value(n + 1:n + a%count) = a%values(1:a%count)
+        owner(n + 1:n + a%count) = number(j)
+        do i = 1, a%count
+          entry(n + i) = self%entry(a%rows(i), a%cols(i))
+        end do
+        n = n + a%count
       end associate
+      groups(number(j))%law = lin%segments(j)%law
+      filled(number(j)) = filled(number(j)) + lin%segments(j)%stiffness%count
+    end do
+    do j = 1, size(groups)
+      allocate (groups(j)%entry(filled(j)), groups(j)%value(filled(j)), groups(j)%rounded_off(filled(j)))
+    end do
+    filled = 0
+    call sort_by_number(entry, size(self%row), first, sorted)
+    do i = 1, n
+      call put(entry(sorted(i)), value(sorted(i)), filled(owner(sorted(i))), groups(owner(sorted(i))))
+    end do
+    do j = 1, size(groups)
+      groups(j)%entry = groups(j)%entry(1:filled(j))
+      groups(j)%value = groups(j)%value(1:filled(j))
+      groups(j)%rounded_off = groups(j)%rounded_off(1:filled(j))
     end do
   end subroutine make_groups
 
-  !> Lists of segments with the same terms, found by a number that is made of their values.
-  subroutine like_segments(lin, first, next)
+  !> Adds to the last entry of a group, or appends it.
+  pure subroutine put(entry, value, filled, group)
+    integer, intent(in) :: entry            !! of the pattern, not before the last one
+    real(wp), intent(in) :: value           !! [N/m ...]
+    integer, intent(inout) :: filled        !! entries of the group
+    type(ghm_group), intent(inout) :: group
+    logical :: new
+    new = filled == 0
+    if (.not. new) new = group%entry(filled) /= entry
+    if (new) then
+      filled = filled + 1
+      group%entry(filled) = entry
+      group%value(filled) = 0.0_wp
+      group%rounded_off(filled) = 0.0_wp
+    end if
+    call add(value, group%value(filled), group%rounded_off(filled))
+  end subroutine put
+
+  !> Numbers the groups of segments with the same terms, found by a number that is made of their values.
+  subroutine number_groups(lin, number)
     type(linear_mechanism), intent(in) :: lin
-    integer, allocatable, intent(out) :: first(:)     !! (lists) first segment
-    integer, allocatable, intent(out) :: next(:)      !! (segments) next one of its list, 0: none
-    integer :: starts(size(lin%segments)), last(size(lin%segments)), bucket(size(lin%segments)), other(size(lin%segments))
+    integer, allocatable, intent(out) :: number(:)    !! (segments)
+    integer :: starts(size(lin%segments)), bucket(size(lin%segments)), other(size(lin%segments))
     integer :: k, g, n, b
+    allocate (number(size(lin%segments)))
     bucket = 0
-    next = [(0, k=1, size(lin%segments))]
     n = 0
-    do k = 1, size(lin%segments)
+    do k = 1, size(number)
       associate (law => lin%segments(k)%law)
         b = 1 + int(modulo(transfer(sum(law%alpha) + sum(law%viscosity) + sum(law%inertia), 1_int64), size(bucket, kind=int64)))
         g = bucket(b)
@@ -131,17 +160,14 @@ contains
           g = other(g)
         end do
       end associate
-      if (g > 0) then
-        next(last(g)) = k
-      else
+      if (g == 0) then
         n = n + 1
         g = n
         starts(g) = k
         other(g) = bucket(b)
         bucket(b) = g
       end if
-      last(g) = k
+      number(k) = g
     end do
-    first = starts(1:n)
-  end subroutine like_segments
+  end subroutine number_groups
 end module linear_pattern
