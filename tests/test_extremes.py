@@ -39,19 +39,28 @@ def test_every_case_of_a_factor_is_as_stated(family, biela, tmp_path):
     assert (tmp_path / "factors.png").stat().st_size > 5000
 
 
+@pytest.mark.parametrize("method", implicit.METHODS)
 @pytest.mark.parametrize(
     "family", [implicit.far_above_the_bound, implicit.beams, implicit.spinning], ids=lambda family: family.__name__
 )
-def test_every_case_of_the_implicit_method_is_as_stated(family, biela):
+def test_every_case_of_the_implicit_methods_is_as_stated(family, method, biela):
     assert biela.exists()
-    rows = [judge(case) for case in family()]
+    rows = [judge(case) for case in family(method)]
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
 
 
-def test_damping_of_every_kind_with_the_implicit_method(biela):
+def test_poles_far_above_the_motion_take_steps_of_the_motion_with_radau(biela):
     assert biela.exists()
-    rows = [judge(case) for case in implicit.damping(factors.FACTORS)]
-    rows += [judge(implicit.twin(case)) for case in factors.masses()[:12]]
+    rows = [judge(case) for case in implicit.stiff()]
+    assert len(rows) >= 4
+    assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
+
+
+@pytest.mark.parametrize("method", implicit.METHODS)
+def test_damping_of_every_kind_with_the_implicit_methods(method, biela):
+    assert biela.exists()
+    rows = [judge(case) for case in implicit.damping(factors.FACTORS, method)]
+    rows += [judge(implicit.twin(case, method)) for case in factors.masses()[:12]]
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
 
 

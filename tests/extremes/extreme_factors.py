@@ -11,11 +11,10 @@ from extreme_implicit import all_implicit
 from extreme_measures import REFUSAL, UNSTABLE, away, largest, residual, same
 from extreme_motion import LONG, SHARE, masses, singular_positions, spins
 from extreme_scales import drives, loads, many_steps, units
-from extreme_scenes import cantilever, oscillator, oscillator_bound, oscillator_exact, transient
+from extreme_scenes import Term, cantilever, oscillator, oscillator_bound, oscillator_exact, transient
 
 STEPS = 30_000  # of a run at the limit: enough for one that grows by a thousandth a step
 SLOW = 1_500_000  # for one that grows by 3e-5 a step
-Term = tuple[float, float, float]
 Measure = Callable[[Ran], float]
 CANTILEVERS = {
     "E 1e3": {"young": 1e3},
@@ -24,11 +23,25 @@ CANTILEVERS = {
     "slenderness 1e5": {"slenderness": 1e5},
     "1 element": {"elements": 1},
     "64 elements": {"elements": 64},
+    "static shapes": {"elements": 8, "more": "modes=2 static_shapes=.true."},
+    "64 elements, static shapes": {"elements": 64, "more": "modes=4 static_shapes=.true."},
+    "E 1e15, static shapes": {"young": 1e15, "more": "modes=1 static_shapes=.true."},
+    "slenderness 1e5, static shapes": {"slenderness": 1e5, "more": "modes=1 static_shapes=.true."},
 }
 FACTORS = {
     "GHM alpha": {f"1e{k}": [(10.0**k, 1.0, 3.0)] for k in range(-6, 4)},
     "GHM zeta": {f"1e{k}": [(0.5, 10.0**k, 3.0)] for k in range(-3, 4)},
     "GHM omega [rad/s]": {f"1e{k}": [(0.5, 1.0, 10.0**k)] for k in range(-2, 10)},
+    "Maxwell alpha": {f"1e{k}": [(10.0**k, 0.3)] for k in range(-6, 4)},
+    "Maxwell tau [s]": {f"1e{k}": [(0.5, 10.0**k)] for k in range(-9, 4)},
+    "Maxwell mixed": {
+        "slow and fast": [(1e3, 1e2), (0.5, 1e-3)],
+        "tiny and huge": [(1e-6, 1.0), (1e3, 1.0)],
+        "a decade each": [(1.0, 10.0**k) for k in range(-4, 3)],
+        "nearly one term thrice": [(0.3, 0.4999), (0.3, 0.5), (0.3, 0.5001)],
+        "beside GHM": [(0.5, 1.0, 3.0), (0.5, 0.3)],
+        "beside GHM, far apart": [(0.5, 1e3, 2.0), (1e3, 1e-6), (1e-6, 1e3)],
+    },
     "GHM mixed": {
         "all small": [(1e-6, 1e-3, 1e-2)],
         "slow and fast": [(1e3, 0.7, 1e-2), (0.5, 1.0, 1e3)],
@@ -56,7 +69,7 @@ def at_the_limit(
 
 
 def steps_at_the_limit() -> list[Case]:
-    """Return runs at 0.95 and 1.05 of the advised step: limited by axial and bending modes, real and complex GHM poles."""
+    """Return runs at 0.95 and 1.05 of the advised step: limited by modes, static shapes, poles of GHM and Maxwell terms."""
     free = cantilever(elements=2)[0].replace("&joint name='wall' type='weld' body_a='beam' node_a=1 /\n", "")
     scenes = {
         "disc": oscillator([]),
@@ -77,8 +90,10 @@ def steps_at_the_limit() -> list[Case]:
                 found += at_the_limit(name, deck, h, residual, 1.0, method, steps)
     for factor, rows in FACTORS.items():
         for value, terms in rows.items():
-            deck = oscillator(terms)
-            found += at_the_limit(f"{factor.split()[1]} {value}", deck, bounds(deck)[1], largest, 0.25)
+            deck, name = oscillator(terms), f"{factor.split(' [')[0].removeprefix('GHM ')} {value}"
+            stays, _ = at_the_limit(name, deck, bounds(deck)[1], largest, 0.25)
+            _, lost = at_the_limit(name, deck, oscillator_bound(terms), largest, 0.25)  # the advice counts 1/tau beside the poles
+            found += [stays, lost]
     for name, words in CANTILEVERS.items():
         deck = cantilever(**words)[0]
         found += at_the_limit(name, deck, bounds(deck)[1], residual, 1.0)
@@ -132,7 +147,7 @@ def beams() -> list[Case]:
 
 
 def damped(factor: str, value: str, terms: list[Term]) -> Case:
-    """Return an oscillator with GHM terms: within 1e-6 of the exact solution, or refused.
+    """Return an oscillator with viscoelastic terms: within 1e-6 of the exact solution, or refused.
 
     It is refused where a step of 1/400 of the run is not stable and a stable one would take too many steps.
     """
@@ -146,12 +161,12 @@ def damped(factor: str, value: str, terms: list[Term]) -> Case:
 
 
 def damping() -> list[Case]:
-    """Return GHM parameters from tiny to huge, alone and mixed; the oscillator's own frequency is 1 rad/s."""
+    """Return GHM and Maxwell parameters from tiny to huge, alone and mixed; the oscillator's own frequency is 1 rad/s."""
     return [damped(factor, value, terms) for factor, rows in FACTORS.items() for value, terms in rows.items()]
 
 
 def all_factors() -> list[Case]:
-    """Return every case of one factor, those of generalized_alpha after the others of their factor."""
+    """Return every case of one factor, those of implicit methods after the others of their factor."""
     families = (steps_at_the_limit, beams, damping, masses, spins, singular_positions, many_steps, loads, units, drives)
     cases = [case for family in families for case in family()] + all_implicit(FACTORS)
     factors = list(dict.fromkeys(case.factor for case in cases))

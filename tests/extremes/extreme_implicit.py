@@ -1,7 +1,8 @@
-"""Rows for generalized_alpha: the same scenes, and those that explicit methods refuse, which it simply runs.
+"""Rows for generalized_alpha and radau: the same scenes, and those that explicit methods refuse, which they simply run.
 
 Where a row names a tolerance of 1e-6, its figure may be 1e-4: a hundred times the local error of one step. Where it names a
-step, the error of a method of second order is stated: the phase of each mode is late by (omega h)^2/12 per radian.
+step, the error of a method of second order is stated: the phase of each mode is late by (omega h)^2/12 per radian. radau has to
+do no worse with the same steps, and with poles of 1e7 rad/s, E = 1e15 and 512 elements at steps of the motion.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from extreme_scales import drives, loads, units
 from extreme_scenes import adaptive, cantilever, oscillator, oscillator_exact, pendulum, transient
 
 TOLERANCE, ALLOWED = 1e-6, 1e-4
-METHOD = "generalized_alpha"
+METHODS = ("generalized_alpha", "radau")
+FINE = {"generalized_alpha": 1e6, "radau": 1e5}  # steps of a long run: of three stages, which are dearer, fewer
 GROUP = re.compile(r"&transient.*\n")
 
 
-def twin(case: Case) -> Case:
-    """Return a case run by generalized_alpha with a tolerance instead of a step.
+def twin(case: Case, method: str = METHODS[0]) -> Case:
+    """Return a case run by an implicit method with a tolerance instead of a step.
 
     Limits on accuracy become what the tolerance allows; what holds whatever the step is (closed joints, rest) is kept.
     """
@@ -33,25 +35,27 @@ def twin(case: Case) -> Case:
     accuracy = bool(re.search("1e-[568]|same swing", case.expected))
     return replace(
         case,
-        deck=case.deck.replace(group, adaptive(t_end, TOLERANCE)),
+        deck=case.deck.replace(group, adaptive(t_end, TOLERANCE, method)),
         expected=re.sub("1e-[568]", "1e-4", case.expected),
         limit=max(ALLOWED, case.limit) if accuracy else case.limit,
-        method=METHOD,
+        method=method,
     )
 
 
-def far_above_the_bound() -> list[Case]:
+def far_above_the_bound(method: str = METHODS[0]) -> list[Case]:
     """Return runs at a thousand times the largest stable step of rk4."""
     found = []
     for name, deck in {
         "disc": oscillator([]),
         "real GHM pole": oscillator([(0.5, 20.0, 50.0)]),
         "complex GHM pole": oscillator([(0.5, 0.3, 50.0)]),
+        "Maxwell pole": oscillator([(0.5, 1e-3)]),
+        "static shapes": cantilever(elements=8, more="modes=2 static_shapes=.true.")[0],
         "cantilever": cantilever(elements=8)[0],
     }.items():
         h = 1000.0 * safe_bound(deck)
-        run = deck + transient(500 * h, h, 50, method=METHOD)
-        case = Case("step / advised limit", f"1000 {name}", run, "stays bounded", measure=largest, limit=0.25, method=METHOD)
+        run = deck + transient(500 * h, h, 50, method=method)
+        case = Case("step / advised limit", f"1000 {name}", run, "stays bounded", measure=largest, limit=0.25, method=method)
         found.append(case)
     return found
 
@@ -64,60 +68,84 @@ def cantilever_exact(period: float, static: float) -> Callable[[np.ndarray], np.
     return lambda t: static * share @ (1.0 - np.cos(np.outer(rate, t)))
 
 
-def beams() -> list[Case]:
-    """Return cantilevers of every modulus, slenderness and mesh, all coordinates kept, 400 steps a period.
+def beams(method: str = METHODS[0]) -> list[Case]:
+    """Return cantilevers of every modulus, slenderness and mesh, all coordinates kept, and in static shapes, 400 steps a period.
 
     The first mode is late by 2e-5 of a radian per radian, the second by 8e-4, the third by 6e-3: within 1e-2 of the deflection.
     """
     scenes = {("Young modulus [Pa]", f"1e{k}"): {"young": 10.0**k} for k in range(3, 16, 2)}
     scenes |= {("slenderness", f"{s:g}"): {"slenderness": s} for s in (1.0, 3.0, 1e2, 1e3, 1e4, 1e5)}
     scenes |= {("elements", str(n)): {"elements": n} for n in (4, 8, 32, 128, 512)}
+    shapes = {"more": "modes=4 static_shapes=.true."}
+    scenes |= {("elements", f"{n}, static shapes"): {"elements": n, **shapes} for n in (8, 512)}
+    scenes[("Young modulus [Pa]", "1e15, 512 elements")] = {"young": 1e15, "elements": 512}
     found = []
     for (factor, value), words in scenes.items():
         deck, period, static = cantilever(**words)
         exact = away("tip.v", cantilever_exact(period, static), static)
-        run = deck + transient(2.0 * period, period / 400, method=METHOD)
-        found.append(Case(factor, value, run, "within 1e-2 of the beam's motion", measure=exact, limit=1e-2, method=METHOD))
+        run = deck + transient(2.0 * period, period / 400, method=method)
+        found.append(Case(factor, value, run, "within 1e-2 of the beam's motion", measure=exact, limit=1e-2, method=method))
     return found
 
 
-def damping(factors: dict[str, dict[str, list]]) -> list[Case]:
-    """Return every GHM parameter, none refused."""
+def damping(factors: dict[str, dict[str, list]], method: str = METHODS[0]) -> list[Case]:
+    """Return every parameter of viscoelastic terms, none refused."""
     found = []
     for factor, rows in factors.items():
         for value, terms in rows.items():
             exact = away("disc", lambda t, terms=terms: oscillator_exact(terms, t), 0.2)
-            deck = oscillator(terms) + adaptive(12.0, TOLERANCE)
+            deck = oscillator(terms) + adaptive(12.0, TOLERANCE, method)
             told = "within 1e-4 of the exact motion"
-            found.append(Case(factor, value, deck, told, measure=exact, limit=ALLOWED, method=METHOD))
+            found.append(Case(factor, value, deck, told, measure=exact, limit=ALLOWED, method=method))
     return found
 
 
-def sizes() -> list[Case]:
-    """Return a million steps of a rigid pendulum, and a flexible one in every unit, 2000 steps a time unit."""
+def sizes(method: str = METHODS[0]) -> list[Case]:
+    """Return many steps of a rigid pendulum, and a flexible one in every unit, 2000 steps a time unit."""
     deck, unit = pendulum()
-    run = deck + transient(2000.0 * unit, 0.002 * unit, 200, method=METHOD)
-    steps = Case("steps", "1e6, rigid", run, "joints closed to 1e-12 m", measure=opening, limit=1e-12, method=METHOD)
+    run = deck + transient(0.002 * FINE[method] * unit, 0.002 * unit, 200, method=method)
+    value, told = f"{FINE[method]:.0e}, rigid".replace("+0", ""), "joints closed to 1e-12 m"
+    steps = Case("steps", value, run, told, measure=opening, limit=1e-12, method=method)
     found = [steps]
     for case in units():
         group = GROUP.search(case.deck)[0]
         t_end = float(re.search(r"t_end=(\S+)", group)[1])
-        run = case.deck.replace(group, transient(t_end, t_end / 6000, method=METHOD))
-        found.append(replace(case, deck=run, limit=ALLOWED, method=METHOD))
+        run = case.deck.replace(group, transient(t_end, t_end / 6000, method=method))
+        found.append(replace(case, deck=run, limit=ALLOWED, method=method))
     return found
 
 
-def spinning() -> list[Case]:
+def spinning(method: str = METHODS[0]) -> list[Case]:
     """Return the spinning arms in 2000 steps: no mode that the load excites turns by more than 0.03 rad a step."""
     found = []
     for case in spins():
         group = GROUP.search(case.deck)[0]
         t_end = float(re.search(r"t_end=(\S+)", group)[1])
-        found.append(replace(case, deck=case.deck.replace(group, transient(t_end, t_end / 2000, method=METHOD)), method=METHOD))
+        found.append(replace(case, deck=case.deck.replace(group, transient(t_end, t_end / 2000, method=method)), method=method))
+    return found
+
+
+def stiff() -> list[Case]:
+    """Return disc and cantilever with terms whose poles lie at 1e7 rad/s, in 40 steps of radau a period of the slow motion."""
+    found = []
+    for name, terms in {
+        "GHM, undamped": [(0.5, 1e-3, 1e7)],
+        "GHM, critical": [(0.5, 1.0, 1e7)],
+        "GHM, 1e4 to 1e10": [(0.5, 500.0, 1e7)],
+        "Maxwell": [(0.5, 1e-7)],
+        "both, and slow ones": [(0.5, 1.0, 1e7), (0.5, 1e-7), (0.5, 1.0, 1.0), (0.5, 1.0)],
+    }.items():
+        exact = away("disc", lambda t, terms=terms: oscillator_exact(terms, t), 0.2)
+        deck = oscillator(terms) + transient(12.0, 0.15, 40, method="radau")
+        told = "within 1e-5 of the exact motion"
+        found.append(Case("poles of 1e7 rad/s", name, deck, told, measure=exact, limit=1e-5, method="radau"))
     return found
 
 
 def all_implicit(factors: dict[str, dict[str, list]]) -> list[Case]:
-    """Return every row of generalized_alpha."""
-    twins = [twin(case) for family in (masses, singular_positions, loads, drives) for case in family()]
-    return [*far_above_the_bound(), *beams(), *damping(factors), *spinning(), *sizes(), *twins]
+    """Return every row of the implicit methods."""
+    found = stiff()
+    for m in METHODS:
+        twins = [twin(case, m) for family in (masses, singular_positions, loads, drives) for case in family()]
+        found += [*far_above_the_bound(m), *beams(m), *damping(factors, m), *spinning(m), *sizes(m), *twins]
+    return found

@@ -5,8 +5,8 @@ step is a random share of the advised bound, a thousandth to a thousand times it
 ends, its rows are finite, the joints stay closed to 1e-9 of the size and the energy residual stays below the whole energy (below
 1e-6 of it where the step is less than a twentieth of the bound); above it the run is refused with the advice. The
 bound knows elasticity and damping, not the swing of a light link under a heavy one: steps below the bound also keep below a
-share of that swing's time scale. Masses of neighbours differ by up to 1e9. generalized_alpha runs every mixture, at the same
-share of the bound or of the swing, below and above the bound: joints closed, energy kept to 1e-2.
+share of that swing's time scale. Masses of neighbours differ by up to 1e9. generalized_alpha and radau run every mixture, at
+the same share of the bound or of the swing, below and above the bound: joints closed, energy kept to 1e-2.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 from extreme_cases import Case, Ran, safe_bound
 from extreme_measures import REFUSAL
-from extreme_scenes import ghm_words, transient
+from extreme_scenes import term_words, transient
 
 COUNT = 200
 STEPS = 400  # ten times as many where all links are rigid
@@ -58,7 +58,7 @@ def flexible(dice: random.Random, k: int, size: float, mass: float) -> Link:
     terms = [(spread(dice, 1e-6, 1e3), spread(dice, 1e-3, 1e3), frequency * spread(dice, 1e-3, 1e3)) for _ in range(count)]
     elements = dice.choice([1, 2, 3, 5, 8])
     option = dice.choice(["", "", "axial=.false.", "modes=1", "stiffening=.true."])
-    text = f"""&material name='m{k}' density={density:.16e} young={young:.16e} {ghm_words(terms)} /
+    text = f"""&material name='m{k}' density={density:.16e} young={young:.16e} {term_words(terms)} /
 &section name='s{k}' shape='rectangle' width={height:.16e} height={height:.16e} /
 &body name='b{k}' kind='beam' length={length:.16e} elements={elements} material='m{k}' section='s{k}' {option}"""
     return Link(length, mass, text, "node=-1", 0.01 * frequency**2 * length)
@@ -111,14 +111,14 @@ def mixture(seed: int, number: int) -> Case:
     return replace(case, deck=deck, expected=told, measure=held(size, 1e-6 if share < 0.05 else 1.0), limit=1.0)
 
 
-def implicit_mixture(seed: int, number: int) -> Case:
-    """Return the same case run by generalized_alpha, whatever the bound is."""
+def implicit_mixture(seed: int, number: int, method: str = "generalized_alpha") -> Case:
+    """Return the same case run by an implicit method, whatever the bound is."""
     deck, size, time, share, bound = drawn(seed, number)
     step = min(share * bound, SWING * time)
-    deck += transient(STEPS * step, step, STEPS // 8, method="generalized_alpha")
+    deck += transient(STEPS * step, step, STEPS // 8, method=method)
     told = f"at {min(share, step / bound):.2g} of rk4's bound: joints closed, energy to 1e-2"
     case = Case("mixture", f"{seed}/{number}", deck, told, measure=held(size, 1e-2), limit=1.0)
-    return replace(case, method="generalized_alpha")
+    return replace(case, method=method)
 
 
 def drawn(seed: int, number: int) -> tuple[str, float, float, float, float]:

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 LIMIT = 2.7  # |mu h| up to which classical Runge-Kutta is surely stable along the rays met here
+Term = tuple[float, ...]  # of GHM: alpha, zeta, omega [rad/s]; of Maxwell: alpha, tau [s]
 FIRST = 1.8751040687119611  # first root of 1 + cos x cosh x
 
 
@@ -18,55 +19,57 @@ def transient(t_end: float, step: float, rows: int = 50, more: str = "", method:
     return f"&transient t_end={t_end:.16e} method='{method}' step={step:.16e} output_step={output:.16e} {more} /\n"
 
 
-def adaptive(t_end: float, tolerance: float, rows: int = 50) -> str:
-    """Return the group of a run of generalized_alpha that chooses its own steps."""
+def adaptive(t_end: float, tolerance: float, method: str, rows: int = 50) -> str:
+    """Return the group of a run of an implicit method that chooses its own steps."""
     words = f"tolerance={tolerance} output_step={t_end / rows:.16e}"
-    return f"&transient t_end={t_end:.16e} method='generalized_alpha' {words} /\n"
+    return f"&transient t_end={t_end:.16e} method='{method}' {words} /\n"
 
 
-def ghm_words(terms: list[tuple[float, float, float]]) -> str:
-    """Return the GHM assignments of (alpha, zeta, omega) terms, '' without terms."""
-    if not terms:
-        return ""
-    lists = zip(*terms)
-    return " ".join(f"ghm_{k}={','.join(f'{x:.16e}' for x in v)}" for k, v in zip(("alpha", "zeta", "omega"), lists))
+def term_words(terms: list[Term]) -> str:
+    """Return the assignments of GHM and Maxwell terms, '' without terms."""
+    kinds = {3: ("ghm_alpha", "ghm_zeta", "ghm_omega"), 2: ("prony_alpha", "prony_tau")}
+    lists = [pair for size, keys in kinds.items() for pair in zip(keys, zip(*(term for term in terms if len(term) == size)))]
+    return " ".join(f"{key}={','.join(f'{x:.16e}' for x in values)}" for key, values in lists)
 
 
-def oscillator(terms: list[tuple[float, float, float]], stiffness: float = 1.0, inertia: float = 1.0, moment: float = 0.1) -> str:
+def oscillator(terms: list[Term], stiffness: float = 1.0, inertia: float = 1.0, moment: float = 0.1) -> str:
     """Return a disc on a viscoelastic torsional spring under a moment that starts at t = 0: one degree of freedom."""
     return f"""&body name='disc' kind='rigid' mass=1.0 inertia={inertia:.16e} /
 &joint name='axle' type='revolute' body_a='disc' /
-&spring name='shaft' type='torsional' body_a='disc' stiffness={stiffness:.16e} {ghm_words(terms)} /
+&spring name='shaft' type='torsional' body_a='disc' stiffness={stiffness:.16e} {term_words(terms)} /
 &force name='load' type='torque' body='disc' moment={moment:.16e} /
 &sensor name='disc' quantity='angle' body='disc' /
 """
 
 
-def oscillator_matrix(terms: list[tuple[float, float, float]], square: float) -> np.ndarray:
-    """Return the matrix of the first-order equations of q and the dissipative coordinates (theory.md, section 5).
+def oscillator_matrix(terms: list[Term], square: float) -> np.ndarray:
+    """Return the matrix of the first-order equations of q and the internal variables (theory.md, section 5).
 
     Args:
-        terms: (alpha, zeta, omega [rad/s])
+        terms: GHM and Maxwell terms
         square: square of the relaxed frequency [rad2/s2]
 
     Returns:
-        matrix of shape (2 + 2 terms, 2 + 2 terms) for (q, q', z1, z1', ...)
+        square matrix for (q, q', then z, z' of a GHM term, z of a Maxwell term)
     """
-    n = 2 + 2 * len(terms)
+    n = 2 + sum(len(term) - 1 for term in terms)
     a = np.zeros((n, n))
     a[0, 1] = 1.0
-    a[1, 0] = -square * (1.0 + sum(alpha for alpha, _, _ in terms))
-    for k, (alpha, zeta, omega) in enumerate(terms):
-        z = 2 + 2 * k
-        a[1, z] = square * alpha
-        a[z, z + 1] = 1.0
-        a[z + 1, [0, z, z + 1]] = omega**2, -(omega**2), -2.0 * zeta * omega
+    a[1, 0] = -square * (1.0 + sum(term[0] for term in terms))
+    z = 2
+    for term in terms:
+        a[1, z] = square * term[0]
+        if len(term) == 3:
+            _, zeta, omega = term
+            a[z, z + 1] = 1.0
+            a[z + 1, [0, z, z + 1]] = omega**2, -(omega**2), -2.0 * zeta * omega
+        else:
+            a[z, [0, z]] = 1.0 / term[1], -1.0 / term[1]
+        z += len(term) - 1
     return a
 
 
-def oscillator_exact(
-    terms: list[tuple[float, float, float]], times: np.ndarray, load: float = 0.1, square: float = 1.0
-) -> np.ndarray:
+def oscillator_exact(terms: list[Term], times: np.ndarray, load: float = 0.1, square: float = 1.0) -> np.ndarray:
     """Return q at equally spaced times from rest under a constant load (per unit of inertia)."""
     a = oscillator_matrix(terms, square)
     n = len(a)
@@ -83,7 +86,7 @@ def oscillator_exact(
     return np.array(found)
 
 
-def oscillator_bound(terms: list[tuple[float, float, float]], square: float = 1.0) -> float:
+def oscillator_bound(terms: list[Term], square: float = 1.0) -> float:
     """Return the largest stable step of classical Runge-Kutta by its own stability polynomial [s]."""
     poles = np.linalg.eigvals(oscillator_matrix(terms, square))
     scale = 3.5 / np.abs(poles).max()
