@@ -23,6 +23,7 @@ mpl.use("Agg")
 import bench_scenes as scenes
 import matplotlib.pyplot as plt
 from bench_accuracy import evaluations
+from bench_models import maxwell, shapes
 
 HERE = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -341,6 +342,8 @@ def main():
     dense = dict(zip(sizes, measure(jobs)))
     implicit(table)
     evaluations(table, WORK, run_process, quick)
+    maxwell(table, measure, run_process, WORK, quick)
+    shapes(table, run_process, WORK, quick)
     whole_processes(table, quick)
     analyses(table, quick)
     set_ups(table, quick)

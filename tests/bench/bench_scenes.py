@@ -14,20 +14,22 @@ def transient(step, steps, method="rk4", every=None):
     )
 
 
-def materials(terms):
-    """Material and section of the rod, with GHM terms spread by factors of two below 20,000 rad/s."""
-    ghm = ""
+def materials(terms, law="ghm"):
+    """Material and section of the rod, with GHM or Maxwell terms spread by factors of two below 20,000 rad/s."""
+    said = ""
     if terms:
         weights = ",".join([f"{0.5 / terms:.6g}"] * terms)
-        rates = ",".join(f"{20000.0 / 2**k:.6g}" for k in range(terms))
-        ghm = f" ghm_alpha={weights} ghm_zeta={','.join(['1.0'] * terms)} ghm_omega={rates}"
+        rates = [20000.0 / 2**k for k in range(terms)]
+        said = f" ghm_alpha={weights} ghm_zeta={','.join(['1.0'] * terms)} ghm_omega={','.join(f'{x:.6g}' for x in rates)}"
+        if law == "maxwell":
+            said = f" prony_alpha={weights} prony_tau={','.join(f'{1 / x:.6g}' for x in rates)}"
     return (
-        f"&material name='rod' density={DENSITY} young={YOUNG}{ghm} /\n"
+        f"&material name='rod' density={DENSITY} young={YOUNG}{said} /\n"
         f"&section name='rod' area={AREA} inertia={INERTIA} /\n"
     )
 
 
-def slider_crank(elements, run, terms=0, modes=0, torque_on_crank=False):
+def slider_crank(elements, run, terms=0, modes=0, torque_on_crank=False, law="ghm"):
     """The slider-crank with massless crank and slider; the sensor is the deflection of the rod's middle."""
     basis = f" modes={modes}" if modes else ""
     torque = "type='torque' body='rod' node=0"
@@ -35,7 +37,7 @@ def slider_crank(elements, run, terms=0, modes=0, torque_on_crank=False):
         torque = "type='torque_about' body='rod' node=1 centre=0.0,0.0"
     return (
         "&scene title='slider-crank' /\n"
-        + materials(terms)
+        + materials(terms, law)
         + f"&body name='rod' kind='beam' length={LENGTH} elements={elements} material='rod' section='rod' "
         f"position={CRANK},0.0 reference='pinned'{basis} /\n"
         f"&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length={CRANK} /\n"
