@@ -4,6 +4,8 @@ The units are powers of two, so that every number of the deck changes without ro
 solver, fixed explicit steps then give the same histories to the last bit.
 """
 
+import json
+
 import numpy as np
 import pytest
 from histories import read
@@ -89,6 +91,39 @@ def test_other_steps_are_the_same_to_rounding(run_deck, scale, method, limit):
     plain = histories(run_deck, (0, 0, 0), words)
     for name, column in histories(run_deck, SCALES[scale], words).items():
         assert np.abs(column - plain[name]).max() <= limit * np.abs(plain[name]).max(), name
+
+
+def counts(run_deck, powers, words):
+    """Return what summary.json says of the run of a slider-crank in the given units."""
+    u = Units(*powers)
+    steps = f"&transient t_end={u(0.02, time=1)} output_step={u(4e-4, time=1)} {words(u)} /\n"
+    run = run_deck(slider_crank(u) + steps, name="c" + "_".join(str(p) for p in powers))
+    return json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))["transient"]
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_bounds_of_steps_are_watched_in_any_units(run_deck, scale):
+    def words(u):
+        return f"method='rk4' step={u(1e-5, time=1)}"
+
+    plain, found = (counts(run_deck, powers, words) for powers in ((0, 0, 0), SCALES[scale]))
+    second = 2.0 ** SCALES[scale][2]
+    assert found["bound_estimates"] == plain["bound_estimates"] > 1
+    assert found["smallest_bound"] / second == pytest.approx(plain["smallest_bound"], rel=1e-6)
+    assert found["smallest_bound_at"] / second == pytest.approx(plain["smallest_bound_at"], rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("words", ["tolerance=1e-6", "step={}"])
+def test_newton_iterates_as_often_in_any_units(run_deck, scale, words):
+    """Its tests of convergence compare lengths with the scene's size and angles with one radian."""
+
+    def method(u):
+        return "method='generalized_alpha' " + words.format(u(1e-4, time=1))
+
+    plain, found = (counts(run_deck, powers, method) for powers in ((0, 0, 0), SCALES[scale]))
+    for name in ("steps", "newton_iterations"):
+        assert found[name] == pytest.approx(plain[name], rel=0.03), name
 
 
 def flap(u, stiffness, spin):
