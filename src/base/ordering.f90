@@ -25,9 +25,10 @@ contains
       if (done(k)) cycle
       blocks = blocks + 1
       starts(blocks) = count + 1
-      root = far_vertex(k, first, neighbour, n)
+      root = last_level_vertex(k, first, neighbour, n)     ! two sweeps lead to one end (George & Liu)
+      root = last_level_vertex(root, first, neighbour, n)
       call visit(root, first, neighbour, done, order, count)
-      call orient(order(starts(blocks):count))
+      if (order(count) < order(starts(blocks))) order(starts(blocks):count) = order(count:starts(blocks):-1)   ! chains keep theirs
     end do
     starts(blocks + 1) = n + 1
     block_start = starts(1:blocks + 1)
@@ -78,16 +79,6 @@ contains
     first(n + 1) = m + 1
     neighbour = neighbour(1:m)
   end subroutine adjacency
-
-  !> A vertex far from the given one: two sweeps of levels (George & Liu).
-  function far_vertex(start, first, neighbour, n) result(vertex)
-    integer, intent(in) :: start, first(:), neighbour(:), n
-    integer :: vertex, sweep
-    vertex = start
-    do sweep = 1, 2
-      vertex = last_level_vertex(vertex, first, neighbour, n)
-    end do
-  end function far_vertex
 
   !> The vertex of least degree in the last level of a breadth-first search.
   function last_level_vertex(root, first, neighbour, n) result(vertex)
@@ -151,10 +142,4 @@ contains
       degree = first(v + 1) - first(v)
     end function degree
   end subroutine visit
-
-  !> Turns a component's order so that it runs upward where it can: chains keep their natural order.
-  pure subroutine orient(order)
-    integer, intent(inout) :: order(:)
-    if (order(size(order)) < order(1)) order = order(size(order):1:-1)
-  end subroutine orient
 end module ordering

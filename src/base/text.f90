@@ -4,7 +4,7 @@ module text
   implicit none (type, external)
   private
   public :: lower, to_text, es_text, exact_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
-  public :: read_file, word_hash, printable
+  public :: read_file, word_hash, printable, quoted
 
   integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
 
@@ -220,6 +220,13 @@ contains
     end do
     if (last < len(s)) t = t//'...'
   end function printable
+
+  !> Text in quotes.
+  pure function quoted(t) result(q)
+    character(*), intent(in) :: t   !! any text
+    character(:), allocatable :: q
+    q = ''''//t//''''
+  end function quoted
 
   !> A whole file with line feeds as its only line ends (CR LF and lone CR become LF), always with one at the end; a
   !> byte order mark is dropped. `problem` is empty if the file could be read.

@@ -2,8 +2,8 @@
 module deck_analyses
   use kinds, only: wp
   use step_counts, only: actual_step, most_counted
-  use text, only: to_text
-  use deck_input, only: deck_source, required, quoted
+  use text, only: to_text, quoted
+  use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_words, only: get_choice, get_word, get_input
   use deck_records, only: static_record, modal_record, response_record, transient_record

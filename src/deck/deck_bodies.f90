@@ -28,7 +28,8 @@ contains
     logical, intent(out) :: known
     b%at = deck%at()
     call get_name(deck, b%name)
-    if (b%name /= '') call check_ground(deck, b%name)
+    if (lower(b%name) == 'ground') call deck%complain('name', 'name='''//trim(b%name)//''' is the name of the fixed body, '// &
+      'expected another one')
     b%kind = 'rigid'
     call get_choice(deck, 'kind', b%kind, [character(5) :: 'rigid', 'beam', 'frame'])
     call get_pair(deck, 'position', b%position)
@@ -37,30 +38,15 @@ contains
     call get(deck, 'angular_velocity', b%angular_velocity)
     b%velocity_stated = deck%is_set('velocity')
     b%angular_velocity_stated = deck%is_set('angular_velocity')
-    call read_rigid(deck, b)
+    call get(deck, 'mass', b%mass, required, above=0.0_wp, kinds='rigid', hint=massless)
+    call get(deck, 'inertia', b%inertia, required, least=0.0_wp, kinds='rigid')
+    call get_pair(deck, 'com', b%com, kinds='rigid')
     call read_elements(deck, b)
     call read_switches(deck, b)
     call read_reference(deck, b)
     known = deck%is_choice('rigid') .or. (deck%is_choice(elastic) .and. b%nodes > 0)
     if (known .and. deck%is_choice(elastic)) call check_reference(deck, b)
   end subroutine read_body
-
-  !> The name of the fixed body is taken.
-  subroutine check_ground(deck, name)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name   !! the body's name
-    if (lower(name) == 'ground') call deck%complain('name', 'name='''//trim(name)//''' is the name of the fixed body, '// &
-      'expected another one')
-  end subroutine check_ground
-
-  !> Mass properties of a rigid body.
-  subroutine read_rigid(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    call get(deck, 'mass', b%mass, required, above=0.0_wp, kinds='rigid', hint=massless)
-    call get(deck, 'inertia', b%inertia, required, least=0.0_wp, kinds='rigid')
-    call get_pair(deck, 'com', b%com, kinds='rigid')
-  end subroutine read_rigid
 
   !> Geometry, materials and sections of a beam or frame.
   subroutine read_elements(deck, b)

@@ -2,8 +2,8 @@
 !> it is required, its range, and the kinds it applies to.
 module deck_get
   use kinds, only: wp
-  use text, only: to_text
-  use deck_input, only: deck_source, quoted
+  use text, only: to_text, quoted
+  use deck_input, only: deck_source
   use deck_numbers, only: read_real, read_integer, read_logical
   use deck_syntax, only: value_token, bare_value, string_value, null_value
   implicit none (type, external)

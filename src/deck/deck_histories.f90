@@ -2,8 +2,8 @@
 module deck_histories
   use kinds, only: wp, ip
   use archive, only: digest, text_words
-  use text, only: to_text, read_file, printable
-  use deck_input, only: deck_source, required, quoted
+  use text, only: to_text, read_file, printable, quoted
+  use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_lists, only: get_list, same_length
   use deck_words, only: get_name, get_choice, get_word, get_references

@@ -1,7 +1,7 @@
 !> Markers on bodies: a node of a beam or frame, a point of a rigid body or of the ground, or the frame of a body.
 module deck_marker
-  use text, only: to_text
-  use deck_input, only: deck_source, quoted
+  use text, only: to_text, quoted
+  use deck_input, only: deck_source
   use deck_get, only: get, get_pair
   use deck_words, only: get_reference
   use deck_kinds, only: in_body

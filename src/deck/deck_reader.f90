@@ -1,11 +1,11 @@
 !> Reads a deck: splits it and its included files into groups, registers all names, reads every group into its record,
 !> and reports all faults at once, sorted by file and line.
 module deck_reader
-  use text, only: nearest_word, joined
+  use text, only: nearest_word, joined, quoted
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
     in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response
-  use deck_input, only: deck_source, quoted
+  use deck_input, only: deck_source
   use deck_files, only: read_source, group_list
   use deck_names, only: doubtful
   use deck_paths, only: deck_name
@@ -35,6 +35,7 @@ contains
     character(:), allocatable :: problem
     integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
     integer :: numbers(group_kinds)                ! how many of each kind
+    integer :: k
     d%path = path
     d%name = deck_name(path)
     d%text = ''
@@ -43,7 +44,10 @@ contains
       call faults%add(path, 0, '', 'cannot be read: '//problem//', expected a deck file')
       return
     end if
-    d%text = whole_text(source)
+    do k = 1, source%parts%source_count
+      if (k > 1) d%text = d%text//'! '//source%parts%sources(k)%path//achar(10)
+      d%text = d%text//source%parts%sources(k)%text
+    end do
     call classify(source, list, kinds, numbers)
     call allocate_records(source, d, numbers)
     call read_groups(source, list, kinds, d)
@@ -53,17 +57,6 @@ contains
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults(source, faults)
   end subroutine read_deck
-
-  !> Text of all files; those after the first with their names.
-  function whole_text(source) result(t)
-    type(deck_source), intent(in) :: source
-    character(:), allocatable :: t
-    integer :: k
-    t = source%parts%sources(1)%text
-    do k = 2, source%parts%source_count
-      t = t//'! '//source%parts%sources(k)%path//achar(10)//source%parts%sources(k)%text
-    end do
-  end function whole_text
 
   !> Finds the kind of every group, counts them and registers the names.
   subroutine classify(source, list, kinds, numbers)

@@ -15,7 +15,7 @@ module deck_sensors
   character(*), parameter :: points = 'position velocity acceleration'
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
   character(*), parameter :: elastic = 'deflection coordinate internal'
-  character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! beside sensors
+  character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! beside those of sensors
 
 contains
 
@@ -37,19 +37,11 @@ contains
     call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
-    call check_name(deck, s)
+    if (deck%is_choice(angles) .and. any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &
+      ''' is that of another column of the results, expected another one')
     call check_reaction(deck)
     call check_elastic(deck, d, s)
   end subroutine read_sensor
-
-  !> A sensor of one column is written under its own name, which must not be that of a column that is always there.
-  subroutine check_name(deck, s)
-    class(deck_source), intent(inout) :: deck
-    type(sensor_record), intent(in) :: s
-    if (.not. deck%is_choice(angles)) return
-    if (any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &
-      ''' is that of another column of the results, expected another one')
-  end subroutine check_name
 
   !> A reaction is that of one joint or of one drive.
   subroutine check_reaction(deck)

@@ -1,12 +1,11 @@
 !> A deck as text, with one of its groups open: the names and values of the group as they are written, and its faults.
 module deck_cursor
-  use text, only: lower, to_text, word_hash, printable
+  use text, only: lower, to_text, word_hash, printable, quoted
   use errors, only: fault_list
   use deck_records, only: origin
   use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject
   implicit none (type, external)
   private
-  public :: quoted
 
   !> A deck, its faults so far, and the group that is open.
   type, public :: group_cursor
@@ -159,13 +158,6 @@ contains
       t = printable(self%raw(token%first, token%last), 40)
     end select
   end function written
-
-  !> Text in quotes.
-  pure function quoted(t) result(q)
-    character(*), intent(in) :: t
-    character(:), allocatable :: q
-    q = ''''//t//''''
-  end function quoted
 
   !> Characters of the file that the open group stands in.
   pure function raw(self, first, last) result(t)

@@ -1,7 +1,7 @@
 !> The files of a deck: reads them, splits them into groups, follows &include, and keeps the groups in reading order.
 module deck_files
-  use text, only: read_file
-  use deck_input, only: deck_source, quoted, required
+  use text, only: read_file, quoted
+  use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_kinds, only: group_number, in_include
   use deck_lexer, only: split_groups

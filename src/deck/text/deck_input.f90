@@ -2,15 +2,14 @@
 !> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
 !> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
-  use text, only: lower, to_text, nearest_word, printable
+  use text, only: lower, to_text, nearest_word, printable, quoted
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
-  use deck_cursor, only: group_cursor, quoted
+  use deck_cursor, only: group_cursor
   use deck_known, only: variable_list, longest
   use deck_syntax, only: bad_value
   implicit none (type, external)
   private
-  public :: quoted
 
   logical, parameter, public :: required = .true.   !! for the argument `need` of the readers
 

@@ -173,14 +173,15 @@ contains
     integer, intent(in) :: line                !! its line
     class(group_cursor), intent(inout) :: deck
     type(value_token) :: new
+    character(:), allocatable :: problem
     integer :: star
     new = value_token(form=bare_value, first=first, last=first + len(word) - 1, line=line)
     star = verify(word, digits)
     if (star > 1) then
       if (word(star:star) == '*') then
         new%first = first + star
-        call read_repeats(word(1:star - 1), new%repeats)
-        if (new%repeats == 0) then
+        call read_integer(word(1:star - 1), new%repeats, problem)
+        if (len(problem) > 0 .or. new%repeats < 1 .or. new%repeats > most_repeats) then
           call deck%add_fault(line, 'repeat count '// &
             printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
           new%form = bad_value
@@ -196,15 +197,6 @@ contains
     end if
     call append_value(s, deck, new)
   end subroutine read_bare
-
-  !> A repeat count, 0 if it is out of range.
-  pure subroutine read_repeats(word, repeats)
-    character(*), intent(in) :: word     !! digits
-    integer, intent(inout) :: repeats
-    character(:), allocatable :: problem
-    call read_integer(word, repeats, problem)
-    if (len(problem) > 0 .or. repeats > most_repeats) repeats = 0
-  end subroutine read_repeats
 
   !> Appends a value to the open assignment; a value before any variable starts one without a name.
   subroutine append_value(s, deck, new)

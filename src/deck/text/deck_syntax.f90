@@ -132,19 +132,13 @@ contains
           if (list%assignments(k)%hash /= hash) cycle
           if (list%assignments(k)%values < 1) exit
           associate (v => list%values(list%assignments(k)%first_value))
-            if (v%form == string_value) subject = subject//slash_name(body(v%first:v%last))
+            if (v%form /= string_value .or. v%last < v%first) exit
+            if (verify(lower(body(v%first:v%last)), name_characters) > 0) exit
+            subject = subject//'/'//printable(body(v%first:v%last), shown)
           end associate
           exit
         end do
       end associate
     end associate
   end function group_subject
-
-  !> A name with a slash before it; empty if it is not a name.
-  pure function slash_name(name) result(t)
-    character(*), intent(in) :: name
-    character(:), allocatable :: t
-    t = ''
-    if (len(name) > 0 .and. verify(lower(name), name_characters) == 0) t = '/'//printable(name, shown)
-  end function slash_name
 end module deck_syntax

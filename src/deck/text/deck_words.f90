@@ -1,7 +1,7 @@
 !> Words of a list, names and references from the open group.
 module deck_words
-  use text, only: lower, to_text, nearest_word, joined, printable
-  use deck_input, only: deck_source, quoted, required
+  use text, only: lower, to_text, nearest_word, joined, printable, quoted
+  use deck_input, only: deck_source, required
   use deck_get, only: get, text_of
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
   use deck_names, only: doubtful
@@ -217,7 +217,7 @@ contains
     logical, intent(out) :: good          !! whether it names something
     character(:), allocatable :: best
     number = 0
-    good = is_ground(value, kind)
+    good = kind == in_body .and. lower(value) == 'ground'
     if (good) return
     number = deck%names(kind)%find(value)
     good = number > 0
@@ -241,14 +241,6 @@ contains
     if (len(best) > 0) expected = 'did you mean '//quoted(best)//'?'
     call deck%complain(name, name//'='//quoted(printable(value, 40))//' names no '//what//', '//expected)
   end subroutine names_nothing
-
-  !> Whether a name stands for the fixed body.
-  pure function is_ground(value, kind) result(yes)
-    character(*), intent(in) :: value   !! the name
-    integer, intent(in) :: kind         !! what it is the name of
-    logical :: yes
-    yes = kind == in_body .and. lower(value) == 'ground'
-  end function is_ground
 
   !> Reports a word that is not in its list; its variable is then faulty.
   subroutine wrong_word(deck, name, value, words)
