@@ -43,6 +43,23 @@ def test_an_inverted_pendulum_on_a_weak_spring(run_deck, stiffness):
     assert growth(run_deck(PENDULUM.format(stiffness=stiffness))) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("elements", [4, 60])
+def test_the_fastest_of_many_growing_motions_is_told(run_deck, elements):
+    """Elastic pendulums on their heads, all on springs too weak: more of them grow than a few lowest modes show."""
+    deck = "&scene title='pendulums' gravity=0.0,-9.81 /\n&material name='m' density=7850.0 young=2.1e11 /\n"
+    deck += "&section name='s' area=1.0e-4 inertia=1.0e-7 /\n"
+    stiffness = (2.5, 1.5, 0.5, 3.0, 2.0, 1.0)
+    for i, k in enumerate(stiffness):
+        deck += f"&body name='rod{i}' kind='beam' length=1.0 elements={elements} material='m' section='s' position={i},0.0 "
+        deck += f"angle={math.pi / 2!r} reference='clamped' /\n&joint name='pin{i}' type='revolute' body_a='rod{i}' node_a=1 "
+        deck += f"point_b={i},0.0 /\n&spring name='k{i}' type='torsional' body_a='rod{i}' stiffness={k} /\n"
+    run = run_deck(deck + "&static /\n&modal modes=6 /\n")
+    rates = np.sqrt((7850.0 * 1e-4 * 9.81 / 2 - np.array(stiffness)) / (7850.0 * 1e-4 / 3))
+    assert growth(run) == pytest.approx(rates.max(), rel=1e-4)
+    assert '"rod2"' in run.stderr
+    np.testing.assert_allclose(np.sort(read(run.folder, "modes")["real"][:6]), np.sort(rates), rtol=1e-4)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.98, 1.05, 2.0])
 def test_a_column_beyond_its_buckling_load(run_deck, share):
     """The rate is the one at which a small push grows, and the body is named."""

@@ -17,9 +17,10 @@ module linear_state
   use scene_run, only: run_state
   implicit none (type, external)
   private
-  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven
+  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
+  real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
 
 contains
 
@@ -45,14 +46,27 @@ contains
                                                          ', and the reactions cannot be computed')
   end subroutine refuse_uneven
 
-  !> The dynamic stiffness about the present state.
+  !> Whether the evaluated state is an equilibrium at rest.
+  pure logical function at_equilibrium(run) result(yes)
+    type(run_state), intent(in) :: run
+    associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
+      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. &
+                   maxval(abs(ev%a)) > at_rest*max(norm2(ev%options%gravity), maxval(abs(ev%frame%free))))
+    end associate
+  end function at_equilibrium
+
+  !> The dynamic stiffness about the present state. What is left of accelerations in an equilibrium is rounding: it would make
+  !> the stiffness unsymmetric.
   subroutine linear_system(run, ds)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
     type(linear_mechanism) :: lin
+    real(wp) :: a(run%sys%m%s%nq)                   ! [m/s2, rad/s2]
     call evaluate_state(run%sys, run%sys%options, run%y)
+    a = 0.0_wp
+    if (.not. at_equilibrium(run)) a = run%sys%ev%a
     associate (m => run%sys%m, ev => run%sys%ev)
-      call linear_system_with(m, ev, run%y, ev%a, ev%lambda, ev%action, ds, lin)
+      call linear_system_with(m, ev, run%y, a, ev%lambda, ev%action, ds, lin)
     end associate
   end subroutine linear_system
 

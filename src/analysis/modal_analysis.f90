@@ -5,7 +5,7 @@ module modal_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
   use interruption, only: stop_if_signalled
-  use linear_state, only: linear_system, refuse_uneven
+  use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
   use posix, only: remove_file
@@ -16,8 +16,6 @@ module modal_analysis
   implicit none (type, external)
   private
   public :: run_modal
-
-  real(wp), parameter :: at_rest = 1.0e-6_wp   !! accelerations of an equilibrium, over those without joints [-]
 
 contains
 
@@ -74,11 +72,8 @@ contains
     type(summary_record), intent(inout) :: text
     character(*), parameter :: words = 'warning: the state about which modes are computed is no equilibrium (it would '// &
                                'accelerate from rest): they are those of the frozen instant; &static finds the equilibrium'
-    integer :: nq
-    associate (m => run%sys%m, ev => run%sys%ev)
-      nq = m%s%nq
-      if (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. m%s%rows == nq) return
-      if (.not. maxval(abs(ev%a)) > at_rest*max(norm2(ev%options%gravity), maxval(abs(ev%frame%free)))) return
+    associate (s => run%sys%m%s)
+      if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
     end associate
     call add_warnings(text, run%d%path, words//new_line('a'))
   end subroutine warn_of_motion
