@@ -67,7 +67,7 @@ contains
         associate (body => s%bodies(b))
           do r = 1, size(body%segments)
             do k = 1, body%segments(r)%law%second
-              if (body%modal) then
+              if (body%basis%reduced_from > 0) then
                 do i = 1, body%nf
                   write (*, '(3a, 3(1x, i0))') 'z mode ', trim(body%name), ' ', i, r, k
                 end do

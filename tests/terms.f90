@@ -115,12 +115,12 @@ contains
       call body_tangent(eq, body, u(1), u(2), u(3), q, v, a, acceleration(q, a))
       call show(name, 'frame', maxval(abs(eq%block - d(1:3, 1:3))), maxval(abs(d(1:3, 1:3))))
       if (n == 3) return
-      call show(name, 'row', max(maxval(abs(eq%origin(1)*body%sbar(:, 1) - eq%origin(2)*body%sbar(:, 2) - d(1, 4:))), &
-                                 maxval(abs(eq%origin(1)*body%sbar(:, 2) + eq%origin(2)*body%sbar(:, 1) - d(2, 4:)))), &
+      call show(name, 'row', max(maxval(abs(eq%origin(1)*body%shape%sbar(:, 1) - eq%origin(2)*body%shape%sbar(:, 2) - d(1, 4:))), &
+                                 maxval(abs(eq%origin(1)*body%shape%sbar(:, 2) + eq%origin(2)*body%shape%sbar(:, 1) - d(2, 4:)))), &
                 maxval(abs(d(1:2, 4:))))
       call show(name, 'angle_row', maxval(abs(eq%row(1:) - d(3, 4:))), maxval(abs(d(3, 4:))))
       call show(name, 'angle_column', maxval(abs(eq%column(1:) - d(4:, 3))), maxval(abs(d(4:, 3))))
-      call show(name, 'column', maxval(abs(u(1)*body%sbar - d(4:, 1:2))), maxval(abs(body%sbar)))
+      call show(name, 'column', maxval(abs(u(1)*body%shape%sbar - d(4:, 1:2))), maxval(abs(body%shape%sbar)))
     end associate
   end subroutine compare
 

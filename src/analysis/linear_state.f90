@@ -72,7 +72,7 @@ contains
 
   !> The linearisation about an evaluated state with given accelerations, multipliers and forces, and its dynamic stiffness.
   subroutine linear_system_with(m, ev, y, a, lambda, action, ds, lin)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: y(:)        !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in), contiguous :: a(:)        !! (nq) [m/s2, rad/s2]

@@ -90,16 +90,16 @@ contains
     associate (s => sys%m%s)
       y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
       do b = 1, size(s%bodies)
-        associate (body => s%bodies(b))
+        associate (body => s%bodies(b), w => sys%ev%elastic(b))
           if (body%nz == 0) cycle
           i = s%qo(b) + 3
-          body%qx(1:body%nf) = y(i + 1:i + body%nf)
-          call body%basis%deform(body, body%qx, body%d)
+          w%q(1:) = y(i + 1:i + body%nf)
+          call body%basis%deform(body, w%q, w%d)
           do r = 1, size(body%segments)
             associate (segment => body%segments(r))
               do k = 1, size(segment%law%alpha)
                 o = 2*s%nq + segment%start(k)
-                y(o + 1:o + segment%width) = reshape(body%d(:, segment%first:segment%last), [segment%width])
+                y(o + 1:o + segment%width) = reshape(w%d(:, segment%first:segment%last), [segment%width])
               end do
             end associate
           end do

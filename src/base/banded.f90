@@ -19,11 +19,9 @@ module banded
   !> Factor of a symmetric positive definite matrix.
   type :: band_factor
     integer :: n = 0
-    logical :: permuted = .false.
     integer, allocatable :: order(:)         !! order(k): original index of reordered row k
     real(wp), allocatable :: dinv(:)         !! (n) 1 over the diagonal matrix D [1/any]
     type(band_block), allocatable :: blocks(:)
-    real(wp), allocatable :: w(:, :)         !! (2, n) work space of the reordered solve [any]
   end type band_factor
 
 contains
@@ -39,9 +37,8 @@ contains
     integer :: b, k
     factor%n = n
     bad = 0
-    allocate (factor%w(2, n), factor%dinv(n), position(n))
+    allocate (factor%dinv(n), position(n))
     call reverse_cuthill_mckee(n, rows, cols, factor%order, block_start)
-    factor%permuted = any(factor%order /= [(k, k=1, n)])
     position(factor%order) = [(k, k=1, n)]
     allocate (factor%blocks(size(block_start) - 1))
     do b = 1, size(factor%blocks)
@@ -132,65 +129,56 @@ contains
   end subroutine fill_block
 
   !> Solves A x = b in place for one right-hand side.
-  subroutine band_solve(factor, x)
-    type(band_factor), intent(inout) :: factor
-    real(wp), intent(inout) :: x(:)    !! (n) right-hand side, then solution [any]
+  pure subroutine band_solve(factor, x, w)
+    type(band_factor), intent(in) :: factor
+    real(wp), intent(inout) :: x(:)                    !! (n) right-hand side, then solution [any]
+    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) work [any]
     integer :: k
     do k = 1, factor%n
-      factor%w(1, k) = x(factor%order(k))
-      factor%w(2, k) = 0.0_wp
+      w(1, k) = x(factor%order(k))
+      w(2, k) = 0.0_wp
     end do
-    call solve_blocks(factor)
+    call solve_blocks(factor, w)
     do k = 1, factor%n
-      x(factor%order(k)) = factor%w(1, k)
+      x(factor%order(k)) = w(1, k)
     end do
   end subroutine band_solve
 
   !> Solves A [x y] = [bx by] in place: one pass over the factor for both.
-  subroutine band_solve_two(factor, x, y)
-    type(band_factor), intent(inout) :: factor
-    real(wp), intent(inout) :: x(:), y(:)    !! (n) right-hand sides, then solutions [any]
+  pure subroutine band_solve_two(factor, x, y, w)
+    type(band_factor), intent(in) :: factor
+    real(wp), intent(inout) :: x(:), y(:)              !! (n) right-hand sides, then solutions [any]
+    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) work [any]
     integer :: k, j
-    if (factor%permuted) then
-      do k = 1, factor%n
-        j = factor%order(k)
-        factor%w(1, k) = x(j)
-        factor%w(2, k) = y(j)
-      end do
-      call solve_blocks(factor)
-      do k = 1, factor%n
-        j = factor%order(k)
-        x(j) = factor%w(1, k)
-        y(j) = factor%w(2, k)
-      end do
-    else
-      do k = 1, factor%n
-        factor%w(1, k) = x(k)
-        factor%w(2, k) = y(k)
-      end do
-      call solve_blocks(factor)
-      do k = 1, factor%n
-        x(k) = factor%w(1, k)
-        y(k) = factor%w(2, k)
-      end do
-    end if
+    do k = 1, factor%n
+      j = factor%order(k)
+      w(1, k) = x(j)
+      w(2, k) = y(j)
+    end do
+    call solve_blocks(factor, w)
+    do k = 1, factor%n
+      j = factor%order(k)
+      x(j) = w(1, k)
+      y(j) = w(2, k)
+    end do
   end subroutine band_solve_two
 
-  !> Forward, diagonal and backward substitution of factor%w.
-  subroutine solve_blocks(factor)
-    type(band_factor), intent(inout) :: factor
+  !> Forward, diagonal and backward substitution of w.
+  pure subroutine solve_blocks(factor, w)
+    type(band_factor), intent(in) :: factor
+    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) [any]
     integer :: b
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))
         select case (blk%kd)
         case (0)
-          call solve_diagonal(blk%first, blk%last, factor%dinv, factor%w)
+          call solve_diagonal(blk%first, blk%last, factor%dinv, w)
         case (1)
-          call solve_band1(blk%first, blk%last, blk%l, factor%dinv, factor%w)
+          call solve_band1(blk%first, blk%last, blk%l, factor%dinv, w)
         case (3)
-          call solve_band3(blk%first, blk%last, blk%l, factor%dinv, factor%w)
+          call solve_band3(blk%first, blk%last, blk%l, factor%dinv, w)
         case default
-          call solve_band(blk%first, blk%last, blk%kd, blk%l, factor%dinv, factor%w)
+          call solve_band(blk%first, blk%last, blk%kd, blk%l, factor%dinv, w)
         end select
       end associate
     end do

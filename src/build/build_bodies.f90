@@ -7,9 +7,10 @@ module build_bodies
   use deck_geometry, only: removed_coordinates
   use deck_records, only: deck, body_record
   use beam_element, only: beam_geometry
-  use body, only: body_model, lump, viscoelastic_segment
-  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, &
-                        factor_mass, finish_elastic, allocate_work, body_length, sort_segments
+  use body, only: body_model, lump
+  use segment_model, only: viscoelastic_segment
+  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
+                        body_length, sort_segments
   use loaded_coordinates, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
   use text, only: to_text
@@ -72,7 +73,7 @@ contains
     call check_range('moment of inertia about its origin', b%i11, 'kg m2')
     if (r%kind == 'rigid' .or. .not. r%flexible) return
     do e = 1, b%ne
-      associate (g => b%elements(e), m => d%materials(b%material(e)))
+      associate (g => b%elements(e), m => d%materials(b%elements(e)%material))
         raised = 1.0_wp
         law = law_of(m%law)
         if (r%viscoelastic) raised = 1.0_wp + sum(law%alpha)
@@ -128,15 +129,13 @@ contains
     type(viscoelastic_terms) :: law
     real(wp) :: dx(2), young
     integer :: e
-    allocate (b%elements(b%ne), b%fibre(b%ne), b%area(b%ne), b%second(b%ne), b%material(b%ne))
-    b%straight = .true.
+    allocate (b%elements(b%ne))
     do e = 1, b%ne
       associate (m => d%materials(r%element_material(e)), s => d%sections(r%element_section(e)), g => b%elements(e))
         dx = b%x(:, b%en(2, e)) - b%x(:, b%en(1, e))
         g%length = hypot(dx(1), dx(2))
         g%c = dx(1)/g%length
         g%s = dx(2)/g%length
-        if (abs(g%s) > 0.0_wp .or. g%c < 0.0_wp) b%straight = .false.
         g%mass = m%density*s%area*g%length
         young = m%young
         if (.not. r%viscoelastic) then
@@ -147,10 +146,10 @@ contains
         g%ei_l = young*s%inertia/g%length
         g%ray_m = m%rayleigh_mass
         g%ray_k = m%rayleigh_stiffness
-        b%material(e) = r%element_material(e)
-        b%fibre(e) = s%fibre
-        b%area(e) = s%area
-        b%second(e) = s%inertia
+        g%material = r%element_material(e)
+        g%fibre = s%fibre
+        g%area = s%area
+        g%second = s%inertia
       end associate
     end do
     b%rayleigh = any(b%elements%ray_m > 0.0_wp .or. b%elements%ray_k > 0.0_wp)
@@ -191,7 +190,7 @@ contains
       b%stiffening = r%stiffening
       allocate (viscoelastic(b%ne))
       do e = 1, b%ne
-        law = law_of(d%materials(b%material(e))%law)
+        law = law_of(d%materials(b%elements(e)%material)%law)
         viscoelastic(e) = r%viscoelastic .and. law%order() > 0
       end do
       removed = removed_coordinates(r)
@@ -209,7 +208,7 @@ contains
         do e = 1, size(b%segments)
           b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
         end do
-        call factor_mass(b, bad)
+        call make_nodal(b, bad)
         if (bad > 0) then
           call refuse(r, faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
                       'element lengths of comparable size')
@@ -218,7 +217,6 @@ contains
       end if
       if (faults%count > 0) return
       call finish_elastic(b)
-      call allocate_work(b)
     end associate
   end subroutine make_flexible
 
@@ -252,10 +250,10 @@ contains
       n = 0
       do e = 1, b%ne
         if (.not. viscoelastic(e)) cycle
-        if (any(segments(1:n)%material == b%material(e))) cycle
+        if (any(segments(1:n)%material == b%elements(e)%material)) cycle
         n = n + 1
-        segments(n)%material = b%material(e)
-        segments(n)%law = law_of(d%materials(b%material(e))%law)
+        segments(n)%material = b%elements(e)%material
+        segments(n)%law = law_of(d%materials(b%elements(e)%material)%law)
       end do
       call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), segments(1:n), bad)
       if (bad) call refuse(r, faults, 'the modes could not be computed: the mass matrix is not positive definite')

@@ -31,12 +31,7 @@ contains
     if (r%node == 0 .or. r%body == 0) return
     associate (b => s%bodies(r%body))
       p%x = b%x(:, r%node)
-      if (.not. b%flexible) return
-      if (b%modal) then
-        p%psi = b%psi(3*r%node - 2:3*r%node, :)
-      else
-        p%dof = b%dof(:, r%node)
-      end if
+      if (b%flexible) call b%basis%attach(b, p)
     end associate
   end function make_marker
 

@@ -21,7 +21,7 @@ contains
   !> Factors the frames' system at the present markers; usable is false where frames cannot close the joints well, or where
   !> there is nothing elastic to spare.
   subroutine prepare_frames(self, ev, usable)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     logical, intent(out) :: usable
     usable = any(self%flexible) .and. .not. ev%elastic_held
@@ -54,7 +54,7 @@ contains
 
   !> Moves the frames so that the joints, open by phi, close to first order.
   subroutine close_frames(self, ev, phi, q)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
     real(wp), intent(inout), contiguous :: q(:)        !! (nq) [m, rad]

@@ -23,7 +23,7 @@ contains
 
   !> Newton steps that move frames only, least sum of (dx2 + dy2)/S2 + dtheta2.
   subroutine close_positions(self, ev, q, v, report, fail)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(inout) :: q(:)   !! (nq) [m, rad]
     real(wp), intent(in) :: v(:)      !! (nq) [m/s, rad/s]
@@ -95,7 +95,7 @@ contains
 
   !> Markers and constraints at trial positions; the largest |Phi| [m].
   subroutine frame_positions(self, ev, q, v, worst)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: worst       !! largest gap of a row [m]

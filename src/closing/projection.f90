@@ -24,7 +24,7 @@ contains
 
   !> Projects positions, then velocities. ok is false where Phi = 0 cannot be met near the state.
   subroutine project(self, ev, options, t, q, v, z, zd, ok)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
@@ -54,7 +54,7 @@ contains
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.
   subroutine project_positions(self, ev, options, t, q, v, z, zd, ok)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t   !! [s]
@@ -99,7 +99,7 @@ contains
 
   !> Corrections of the velocities at fixed positions.
   subroutine project_velocities(self, ev, q, v)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
     real(wp), intent(inout), contiguous :: v(:)   !! (nq) [m/s, rad/s]
@@ -139,7 +139,7 @@ contains
 
   !> Largest violations of positions and velocities at the state of an evaluation (angle rows count times the scene's size).
   subroutine violations(self, ev, position, velocity)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(out) :: position, velocity      !! largest of all rows [m], [m/s]
     position = 0.0_wp

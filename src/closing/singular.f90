@@ -23,7 +23,7 @@ contains
 
   !> Accelerations, multipliers and powers at a state, those of the branch of motion where the position is singular.
   subroutine evaluate_branch(m, ev, options, t, q, v, z, zd)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
@@ -38,7 +38,7 @@ contains
   !> leave no freedom and come to rest there (in a dead centre) the joints' equations are solved as they stand, as long as
   !> they are not exactly singular.
   subroutine smooth_accelerations(m, ev, options, t, q, v, z, zd)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
@@ -87,7 +87,7 @@ contains
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
   !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
   logical function passes(m, ev, options, t, q, v, z, zd, rate, most) result(yes)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                   !! [s]
@@ -119,7 +119,7 @@ contains
 
   !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
   subroutine mean_of_neighbours(m, ev, options, t, s, q, v, z, zd, a, lambda, power, ok)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]

@@ -26,7 +26,7 @@ contains
   !> Correcting, the others start anew from where they had to go, which leaves stated ones what only they can give; then the
   !> others follow the corrected ones.
   subroutine close_velocities(self, ev, q, v, report, fail)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:)            !! (nq) [m, rad]
     real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
@@ -73,7 +73,7 @@ contains
 
   !> Velocity corrections until the rows hold.
   subroutine correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:)            !! (nq) [m, rad]
     real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
@@ -109,7 +109,7 @@ contains
 
   !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.
   subroutine weigh_frames(self, ev, elastic_held, masked)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: elastic_held
     logical, intent(in) :: masked

@@ -87,6 +87,7 @@ contains
     integer, intent(in) :: k
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: kind
+    logical :: modal
     call text%open('', '{')
     call text%figure('  body "', 'name', trim(b%name))
     kind = trim(d%bodies(k)%kind)
@@ -99,25 +100,26 @@ contains
       call text%close()
       return
     end if
-    call text%member('model', json_text(merge('modal', 'nodal', b%modal)))
+    modal = b%basis%reduced_from > 0
+    call text%member('model', json_text(merge('modal', 'nodal', modal)))
     call text%figure('": ', 'kind', kind)
     call text%figure(' of ', 'elements', b%ne)
     call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
     call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
-    if (b%modal) then
+    if (modal) then
       call text%words%add(' modes')
       if (d%bodies(k)%static_shapes) then
-        call text%figure(', ', 'static_shapes', b%static_shapes)
+        call text%figure(', ', 'static_shapes', b%basis%static_shapes)
         call text%words%add(' of them static shapes,')
       end if
-      call text%figure(' of ', 'nodal_coordinates', b%nodal_nf)
+      call text%figure(' of ', 'nodal_coordinates', b%basis%reduced_from)
       call text%words%add(' nodal coordinates')
     else
       call text%words%add(' elastic coordinates ('//to_text(3*b%nn)//' nodal ones')
       if (.not. b%axial) call text%words%add(' without the axial ones')
       call text%words%add(' less the reference conditions)')
     end if
-    if (b%modal .and. .not. b%axial) call text%words%add(', no axial deformation')
+    if (modal .and. .not. b%axial) call text%words%add(', no axial deformation')
     if (b%stiffening) call text%words%add(', geometric stiffening')
     call text%member('dissipative_coordinates', to_text(b%nz))
     call text%figure(', ', 'damping', damping_words(d, b, k))
@@ -145,7 +147,7 @@ contains
     end do
     kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
     if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
-    if (b%nz > 0 .and. b%modal) then
+    if (b%nz > 0 .and. b%basis%reduced_from > 0) then
       text = to_text(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
     else if (b%nz > 0) then
       text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//' viscoelastic elements, '//to_text(b%nd)// &

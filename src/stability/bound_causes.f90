@@ -5,7 +5,6 @@ module bound_causes
   use deck_records, only: deck
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
-  use nodal_basis, only: linear_deformations
   use spectrum, only: fast_mode
   use text, only: to_text
   implicit none (type, external)
@@ -30,7 +29,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(out) :: cause
-    real(wp) :: best, strained, ea, ei        ! [1/s2]
+    real(wp) :: best, strained, parts(2)      ! [1/s2]
     logical :: axial
     integer :: b, i
     best = 0.0_wp
@@ -40,12 +39,12 @@ contains
       i = m%s%qo(b) + 3
       associate (body => m%s%bodies(b))
         if (.not. body%flexible) cycle
-        call strain_energies(body, f%x(i + 1:i + body%nf), ea, ei)
-        strained = strained + ea + ei
-        if (ea + ei <= best) cycle
-        best = ea + ei
+        parts = body%basis%strain_parts(body, f%x(i + 1:i + body%nf))
+        strained = strained + sum(parts)
+        if (sum(parts) <= best) cycle
+        best = sum(parts)
         cause%body = b
-        axial = ea > ei
+        axial = parts(1) > parts(2)
       end associate
     end do
     if (cause%body == 0 .or. strained < 0.5_wp*f%stiffness) then
@@ -70,27 +69,6 @@ contains
       cause%what = 'dampers on '//cause%what
     end if
   end subroutine blame_damping
-
-  !> Twice the linear strain energy of a body in a mode at E_R: axial and in bending (modal bodies: all of it in bending).
-  subroutine strain_energies(body, x, ea, ei)
-    type(body_model), intent(in) :: body
-    real(wp), intent(in) :: x(:)   !! (nf) elastic part of a mass-normalised mode [m, rad, over the root of the modal mass]
-    real(wp), intent(out) :: ea, ei          !! [1/s2]
-    real(wp) :: all(0:body%nf), d(body%nd, body%ne)
-    integer :: e
-    ea = 0.0_wp
-    ei = 0.0_wp
-    if (body%modal) then
-      ei = sum(body%omega2*x**2)
-      return
-    end if
-    all = [0.0_wp, x]
-    call linear_deformations(body, all, d)
-    do e = 1, body%ne
-      if (body%nd == 3) ea = ea + body%elements(e)%ea_l*d(1, e)**2
-      ei = ei + 4*body%elements(e)%ei_l*(d(body%nd - 1, e)**2 + d(body%nd - 1, e)*d(body%nd, e) + d(body%nd, e)**2)
-    end do
-  end subroutine strain_energies
 
   !> The material or spring of a run's poles, with the number of its fastest term.
   function pole_cause(d, m, segments, r) result(cause)

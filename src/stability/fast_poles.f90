@@ -28,7 +28,7 @@ contains
 
   !> The poles, after an iteration of `fast` for the stiffness.
   subroutine find_fast_poles(m, ev, held, fast, poles, ok)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held                    !! joints and drives held
     type(fast_spectrum), intent(inout) :: fast
@@ -99,7 +99,7 @@ contains
 
   !> A basis of the fastest motions, orthonormal in the mass.
   subroutine space(m, ev, held, fast, x)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast

@@ -48,7 +48,7 @@ contains
   !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
   subroutine find_safe_bound(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast     !! set up
     type(step_bound), intent(out) :: bound
@@ -73,7 +73,7 @@ contains
   !> The bound of the directions that fast%ends and fast%turning allow.
   subroutine bound_of_directions(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(step_bound), intent(out) :: bound
@@ -101,7 +101,7 @@ contains
   !> Starts with a box and cuts breakpoints that limit the step, in turn for each method.
   subroutine enclose(d, m, ev, fast, e)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e
@@ -145,7 +145,7 @@ contains
 
   !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
   subroutine find_line(m, ev, fast, e, i)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e

@@ -55,13 +55,14 @@ module spectrum
 contains
 
   !> Prepares the operators for a mechanism that has been evaluated once.
-  subroutine set_up(self, m, q)
+  subroutine set_up(self, m, ev, q)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the evaluated positions [m, rad]
     integer :: n, k, most
     n = m%s%nq
-    call elastic_matrices(m, q, self%lin)
+    call elastic_matrices(m, ev, q, self%lin)
     call gather_rows(self)
     self%spring_static = [(m%s%forces(k)%item%stiffness, k=1, size(m%s%forces))]
     self%spring_fast = self%spring_static
@@ -134,7 +135,7 @@ contains
   !> evaluation at the present configuration.
   subroutine largest(self, m, ev, held, mix, most, lambda)
     class(fast_spectrum), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held              !! joints and drives held
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
@@ -184,7 +185,7 @@ contains
   !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM segment's material or spring [rad2/s2].
   subroutine largest_of_segment(self, m, ev, held, segment, lambda)
     class(fast_spectrum), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held              !! joints and drives held
     integer, intent(in) :: segment

@@ -23,7 +23,7 @@ contains
   !> The factors 1 + s and 1 + 1/s of every spring's ends; negative where the spring cannot turn and its present direction
   !> stays.
   subroutine bound_directions(m, ev, ends)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev    !! evaluated
     real(wp), intent(out) :: ends(:, :)          !! (2, force elements) [-]
     real(wp) :: ra, rb
@@ -86,7 +86,7 @@ contains
 
   !> How a marker yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
   real(wp) function yield(m, ev, k) result(rho)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k                     !! marker
     real(wp), allocatable :: f(:), u(:)

@@ -38,7 +38,7 @@ contains
   !> Both bounds at the present state, with their explanation.
   subroutine advise(d, m, ev, q, advice)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
@@ -50,7 +50,7 @@ contains
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
   !> as far as the model holds, and forces of springs against turns that grow beyond those of the start.
   subroutine not_covered(m, ev, q, advice)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(stability_advice), intent(inout) :: advice
@@ -69,7 +69,7 @@ contains
     if (any(turning_stiffness(m, work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
-    call fast%set_up(m, q)
+    call fast%set_up(m, ev, q)
     call bound_directions(m, work, fast%ends)
     call fast%largest(m, work, .false., only_stiffness, 100, straight)
     bent = q
@@ -93,7 +93,7 @@ contains
   !> damps it.
   subroutine both_bounds(d, m, ev, q, safe, current)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(step_bound), intent(out) :: safe, current
@@ -103,7 +103,7 @@ contains
     work = ev
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call fast%set_up(m, q)
+    call fast%set_up(m, ev, q)
     call find_safe_bound(d, m, work, fast, safe)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call find_bound(d, m, work, .true., fast, current)

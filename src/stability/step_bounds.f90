@@ -43,7 +43,7 @@ contains
   !> Bound at an evaluated state of a mechanism, joints held or released.
   subroutine find_bound(d, m, ev, held, fast, bound, lambda, force)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast !! set up
@@ -83,7 +83,7 @@ contains
   !> One pole of the mechanism with its motion, where it lowers a bound.
   subroutine look_at_pole(d, m, ev, fast, mu, x, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(in) :: fast
     complex(wp), intent(in) :: mu              !! [1/s]
@@ -196,7 +196,7 @@ contains
   !> whose poles would set the bound even there.
   subroutine material_poles(d, m, ev, held, fast, fastest, bound)
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast

@@ -5,7 +5,6 @@ module validity
   use archive, only: value_archive
   use banded, only: band_factor, factor_symmetric, band_solve
   use body, only: body_model
-  use body_matrices, only: stiffness_triplets
   use elastic_operators, only: mass_product
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -43,16 +42,14 @@ contains
   subroutine begin(self, m)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    integer :: b, k
+    integer :: b
     if (allocated(self%figures)) deallocate (self%figures)
     allocate (self%figures(5, size(m%s%bodies)), source=0.0_wp)
     self%weight = [(1.0_wp, b=1, m%s%nq)]
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
-        if (.not. body%flexible .or. body%modal) cycle
-        do k = 1, body%nn
-          if (body%dof(3, k) > 0) self%weight(i + body%dof(3, k)) = (0.5_wp*body%elements(1)%length)**2
-        end do
+        if (.not. body%flexible) cycle
+        where (body%basis%rotation) self%weight(i + 1:i + body%nf) = (0.5_wp*body%elements(1)%length)**2
       end associate
     end do
   end subroutine begin
@@ -99,6 +96,7 @@ contains
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
     real(wp) :: first, carried, bent, shear, moving
+    logical :: kept                                  ! modes are chosen
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -115,16 +113,16 @@ contains
         end if
         if (max(f(deflection), f(rotation)*body%length) > 1.0e-13_wp*body%length) then
           shear = shear_correction(body)
+          kept = body%basis%reduced_from > 0
           if (shear > slender) call say(body, &
                                         'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
-            'lower its '//trim(merge('highest kept', 'lowest      ', body%modal .and. body%nf > 1))//' frequency by', &
-                                        100*shear, '%'//trim(merge('                         ', ', and higher ones by more', &
-                                                                   body%modal)))
+            'lower its '//trim(merge('highest kept', 'lowest      ', kept .and. body%nf > 1))//' frequency by', &
+                                        100*shear, '%'//trim(merge('                         ', ', and higher ones by more', kept)))
         end if
-        carried = highest_carried(body)
+        carried = part_period*body%basis%carried
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
         bent = max(f(deflection), f(rotation)*body%length)
-        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent*merge(sqrt(body%mass), 1.0_wp, body%modal) &
+        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit &
             .and. bent > 1.0e-13_wp*body%length .and. ev%t*carried >= 2*pi) then
           moving = sqrt(f(accelerations)/f(rates))
           if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
@@ -176,25 +174,21 @@ contains
     real(wp), intent(out) :: omega                   !! [rad/s]
     real(wp), allocatable, intent(out) :: x(:)       !! (nf) shape of that mode, of any size [m, rad]
     type(band_factor) :: factor
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:), mx(:), force(:)
+    logical, allocatable :: lower(:)
+    real(wp), allocatable :: mx(:), force(:)
+    real(wp) :: work(2, b%nf)
     integer :: bad, k, pass
     omega = huge(1.0_wp)
     allocate (x(b%nf), mx(b%nf))
-    if (b%modal) then
-      omega = sqrt(max(b%omega2(1), 0.0_wp))
-      x = [(merge(1.0_wp, 0.0_wp, k == 1), k=1, b%nf)]
-      return
-    end if
-    call stiffness_triplets(b, rows, cols, values)
-    call factor_symmetric(b%nf, rows, cols, values, factor, bad)
+    lower = b%op%even%row >= b%op%even%col
+    call factor_symmetric(b%nf, pack(b%op%even%row, lower), pack(b%op%even%col, lower), pack(b%op%k, lower), factor, bad)
     if (bad > 0) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30
       call mass_product(b%op, x, mx)
       force = mx
       x = mx
-      call band_solve(factor, x)
+      call band_solve(factor, x, work)
       call mass_product(b%op, x, mx)
       omega = sqrt(dot_product(x, force)/dot_product(x, mx))
       x = x/sqrt(dot_product(x, mx))
@@ -207,8 +201,7 @@ contains
   function shear_correction(b) result(share)
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
-    share = lowest_frequency(b)
-    if (b%modal) share = sqrt(max(b%omega2(highest_bending(b)), 0.0_wp))
+    share = max(lowest_frequency(b), b%basis%highest_bending)
     if (share >= huge(1.0_wp)) then
       share = 0.0_wp
       return
@@ -218,41 +211,4 @@ contains
     end associate
     share = 1 - 1/sqrt(1 + 2*share)
   end function shear_correction
-
-  !> The highest kept mode in which a straight body moves across its axis rather than along it.
-  pure integer function highest_bending(b) result(mode)
-    type(body_model), intent(in) :: b
-    real(wp) :: x(b%nf), u(3), along, across         ! unit modal coordinate [-]; displacements and their squares [m], [m2]
-    integer :: k
-    do mode = b%nf, 2, -1
-      x = 0.0_wp
-      x(mode) = 1.0_wp
-      along = 0.0_wp
-      across = 0.0_wp
-      do k = 1, b%nn
-        u = b%displacement(k, x)
-        along = along + u(1)**2
-        across = across + u(2)**2
-      end do
-      if (across >= along .or. any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) return
-    end do
-    mode = 1
-  end function highest_bending
-
-  !> Highest frequency that the mesh (half a wave an element) or the kept modes (the highest of them) carry [rad/s].
-  pure function highest_carried(b) result(omega)
-    type(body_model), intent(in) :: b
-    real(wp) :: omega
-    integer :: e
-    if (b%modal) then
-      omega = part_period*sqrt(maxval(b%omega2))
-      return
-    end if
-    omega = huge(1.0_wp)
-    do e = 1, b%ne
-      associate (g => b%elements(e))
-        omega = min(omega, (pi/g%length)**2*sqrt(g%ei_l*g%length**2/g%mass))
-      end associate
-    end do
-  end function highest_carried
 end module validity

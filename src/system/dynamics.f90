@@ -22,12 +22,12 @@ contains
 
   !> Accelerations, multipliers, dissipative accelerations and powers at a state; the results stay in self.
   subroutine evaluate(self, ev, options, t, q, v, z, zd)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
-    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities [m, rad] and per second
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables [m, rad], (nzd) rates per second
     ev%evaluations = ev%evaluations + 1
     ev%t = t
     ev%options = options
@@ -51,12 +51,12 @@ contains
 
   !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
   subroutine evaluate_regular(self, ev, options, t, q, v, z, zd)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities
-    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) dissipative coordinates and rates
+    real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) positions and velocities [m, rad] and per second
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables [m, rad], (nzd) rates per second
     type(evaluation_options) :: as_they_are
     as_they_are = options
     as_they_are%accept_weak_pivots = .true.
@@ -66,8 +66,8 @@ contains
   !> Accelerations of the condensed frames without multipliers.
   pure subroutine free_accelerations(nb, rhs, frame_l, frame_dinv, free)
     integer, intent(in) :: nb
-    real(wp), intent(in) :: rhs(3, nb), frame_l(3, nb), frame_dinv(3, nb)
-    real(wp), intent(out) :: free(3, nb)    !! body axes
+    real(wp), intent(in) :: rhs(3, nb), frame_l(3, nb), frame_dinv(3, nb)   !! as frame_results [N, N, N m], [-, m], [1/kg, ...]
+    real(wp), intent(out) :: free(3, nb)    !! body axes [m/s2, rad/s2]
     real(wp) :: x2, x3
     integer :: b
     do b = 1, nb
@@ -82,7 +82,7 @@ contains
 
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
   subroutine multiplier_forces(self, ev, baumgarte)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     if (self%s%rows == 0) return
@@ -93,7 +93,7 @@ contains
 
   !> Adds what the drives do to the power.
   pure subroutine drive_powers(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: k, i
     do k = self%s%joints + 1, size(self%s%constraints)
@@ -106,7 +106,7 @@ contains
 
   !> 2 alpha Phi' + beta^2 Phi (Baumgarte 1972).
   subroutine add_baumgarte(self, ev, baumgarte)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     call row_rates(self, ev, ev%schur%r)
@@ -115,7 +115,7 @@ contains
 
   !> Accelerations of frames (global) and elastic coordinates from the free ones and the multipliers.
   subroutine accelerations(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: b, i, n
     call push_frames(self, ev, ev%lambda)
@@ -124,10 +124,9 @@ contains
     do b = 1, size(ev%frame%cos)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
-      associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
-        n = prototype%nf
-        call elastic_accelerations(n, body%elastic_force(1:n), prototype%pmat, body%angle_coupling(1:n), ev%frame%push(:, b), &
-                                   ev%a(i + 4:i + 3 + n))
+      associate (body => self%s%bodies(self%prototype(b)), w => ev%elastic(b))
+        n = body%nf
+        call elastic_accelerations(n, w%force(1:n), body%shape%pmat, w%coupling(1:n), ev%frame%push(:, b), ev%a(i + 4:i + 3 + n))
       end associate
       call push_elastic(self, ev, b, ev%lambda, ev%a(i + 4:i + 3 + n))
     end do
@@ -138,9 +137,9 @@ contains
     integer, intent(in) :: nb, nq
     integer, intent(in) :: offset(nb)                 !! of each body's coordinates
     real(wp), intent(in) :: c(nb), s(nb)              !! of the frame angles [-]
-    real(wp), intent(in) :: free(3, nb)               !! accelerations without multipliers
-    real(wp), intent(inout) :: push(3, nb)            !! what the multipliers take from them
-    real(wp), intent(inout) :: a(nq)
+    real(wp), intent(in) :: free(3, nb)               !! accelerations without multipliers [m/s2, rad/s2]
+    real(wp), intent(inout) :: push(3, nb)            !! what the multipliers take from them [m/s2, rad/s2]
+    real(wp), intent(inout) :: a(nq)                  !! [m/s2, rad/s2]
     real(wp) :: x1, x2, x3
     integer :: b, i
     do b = 1, nb
@@ -160,9 +159,9 @@ contains
   !> m_ff^-1 (Q_f - m_fR a' - m_f_theta theta'').
   pure subroutine elastic_accelerations(n, elastic_force, pmat, angle_coupling, x, a)
     integer, intent(in) :: n
-    real(wp), intent(in) :: elastic_force(n), pmat(n, 2), angle_coupling(n)
-    real(wp), intent(in) :: x(3)            !! accelerations of the frame, body axes
-    real(wp), intent(out) :: a(n)
+    real(wp), intent(in) :: elastic_force(n), pmat(n, 2), angle_coupling(n)   !! solved [m/s2, rad/s2], [-], [m, -]
+    real(wp), intent(in) :: x(3)            !! accelerations of the frame, body axes [m/s2, rad/s2]
+    real(wp), intent(out) :: a(n)           !! [m/s2, rad/s2]
     integer :: k
     do k = 1, n
       a(k) = elastic_force(k) - pmat(k, 1)*x(1) - pmat(k, 2)*x(2) - angle_coupling(k)*x(3)

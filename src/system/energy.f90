@@ -12,7 +12,7 @@ contains
 
   !> Kinetic and potential energy at the state of an evaluation, and what of the latter the deformation of each body stores.
   subroutine energies(self, ev, q, v, z, zd, kinetic, potential, strain)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) internal variables, (nzd) rates [m, rad] and per second
@@ -29,12 +29,9 @@ contains
         kinetic = kinetic + kinetic_energy(body, ev%frame%cos(b), ev%frame%sin(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
                                            v(i + 4:i + 3 + n))
         p = body%i1
-        do k = 1, n
-          p(1) = p(1) + body%sbar(k, 1)*q(i + 3 + k)
-          p(2) = p(2) + body%sbar(k, 2)*q(i + 3 + k)
-        end do
+        if (n > 0) p = p + matmul(q(i + 4:i + 3 + n), body%shape%sbar)
         p = [ev%frame%cos(b)*p(1) - ev%frame%sin(b)*p(2), ev%frame%sin(b)*p(1) + ev%frame%cos(b)*p(2)]
-        strain(b) = strain_energy(body, q(i + 4:i + 3 + n), z, zd)
+        strain(b) = strain_energy(body, ev%elastic(b), q(i + 4:i + 3 + n), z, zd)
         potential = potential - dot_product(self%s%gravity, body%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate
     end do

@@ -2,6 +2,7 @@
 !> whatever states and options, of one constant mechanism.
 module evaluation_results
   use kinds, only: wp, ip
+  use body, only: elastic_work
   use constraint, only: constraint_rows
   use evaluation_settings, only: evaluation_options
   use force_element, only: conditions, element_action
@@ -46,7 +47,9 @@ module evaluation_results
     type(constraint_rows) :: rows
     type(frame_results) :: frame
     type(side_wrenches) :: side
-    type(attachment_results), allocatable :: attached(:)   !! (nb), empty for rigid bodies
+    type(elastic_work), allocatable :: elastic(:)   !! (nb), empty for rigid bodies
+    type(attachment_results), allocatable :: attached(:)   !! (nb), likewise
+    real(wp), allocatable :: work(:, :)         !! (2, largest nf) of solves with m_ff [any]
     type(multiplier_system) :: schur            !! S = Phi_q M^-1 Phi_q^T
     type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
     logical :: elastic_held = .false.           !! S is that of the frames alone: elastic coordinates do not move
@@ -86,9 +89,11 @@ contains
       n = m%s%rows
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
     end associate
-    allocate (ev%attached(nb), ev%action(size(m%s%forces)))
+    allocate (ev%elastic(nb), ev%attached(nb), ev%action(size(m%s%forces)), ev%work(2, maxval([0, m%s%bodies%nf])))
     do k = 1, nb
       if (.not. m%flexible(k)) cycle
+      call ev%elastic(k)%allocate(m%s%bodies(k))
+      ev%factorisations = ev%factorisations + m%s%bodies(k)%basis%factors
       n = size(m%attached(k)%marker)
       allocate (ev%attached(k)%ex(3, n), ev%attached(k)%ey(3, n), ev%attached(k)%load(size(m%attached(k)%columns, 2)), &
                 source=0.0_wp)
@@ -100,7 +105,6 @@ contains
       if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
       ev%p%rho(:, k) = m%s%markers(k)%x
     end do
-    ev%factorisations = count(m%s%bodies%flexible .and. .not. m%s%bodies%modal)
   end subroutine set_up_evaluation
 
   !> What force element k may depend on beside the motion of its markers, in the last evaluation.

@@ -14,7 +14,7 @@ contains
 
   !> Force elements as wrenches on their markers; adds to the powers.
   subroutine applied_forces(self, ev, options, t, z, zd)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
@@ -40,7 +40,7 @@ contains
 
   !> Adds a force (global axes) and a moment to a marker.
   pure subroutine add_wrench(self, ev, k, w)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k                !! marker
     real(wp), intent(in) :: w(3)            !! [N], [N m]
@@ -54,7 +54,7 @@ contains
 
   !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M.
   pure subroutine load_frames(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
@@ -68,24 +68,13 @@ contains
 
   !> Wrenches on markers act on the elastic coordinates there.
   pure subroutine load_elastic(self, ev, b)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
-    integer :: j, k, c, i
+    integer :: j, k
     do j = self%s%loaded_first(b), self%s%loaded_first(b + 1) - 1
       k = self%s%loaded(j)
-      associate (marker => self%s%markers(k), body => self%s%bodies(b))
-        if (allocated(marker%psi)) then
-          do i = 1, body%nf
-            body%elastic_force(i) = body%elastic_force(i) + dot_product(marker%psi(:, i), ev%wrench(:, k))
-          end do
-        else
-          do c = 1, 3
-            i = marker%dof(c)
-            if (i > 0) body%elastic_force(i) = body%elastic_force(i) + ev%wrench(c, k)
-          end do
-        end if
-      end associate
+      call self%s%markers(k)%push_elastic(ev%wrench(:, k), ev%elastic(b)%force(1:))
     end do
   end subroutine load_elastic
 end module marker_forces

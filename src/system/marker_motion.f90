@@ -12,7 +12,7 @@ contains
 
   !> Cosines and sines of the frame angles.
   pure subroutine set_frames(self, ev, q)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp) :: angle
@@ -26,7 +26,7 @@ contains
 
   !> States of all markers.
   pure subroutine marker_kinematics(self, ev, q, v)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n

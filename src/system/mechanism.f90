@@ -1,6 +1,5 @@
 !> The mechanism: a scene and what is computed of it once (the joint graph, markers as plain arrays, attachment columns m_ff^-1 E^T
-!> and compliances). Constant once `mechanism_setup` has filled it and `assembly` has told joints and springs where they start, but
-!> for the work space that its flexible bodies hold.
+!> and compliances). Constant once `mechanism_setup` has filled it and `assembly` has told joints and springs where they start.
 module mechanism
   use kinds, only: wp
   use scene_model, only: scene

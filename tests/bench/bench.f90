@@ -3,7 +3,6 @@
 !> smallest and largest of several repetitions, in microseconds a step or a call.
 program bench
   use kinds, only: wp
-  use banded, only: band_solve_two
   use body, only: body_model
   use choose_stepper, only: make_stepper
   use deck_reader, only: read_deck
@@ -167,11 +166,11 @@ contains
       seconds(r) = -clock()
       do i = 1, steps
         do b = 1, size(run%sys%m%s%bodies)
-          associate (body => run%sys%m%s%bodies(b))
-            if (.not. body%flexible .or. body%modal) cycle
-            body%elastic_force(1:body%nf) = body%c0
-            body%angle_coupling(1:body%nf) = body%i1f
-            call band_solve_two(body%mff, body%elastic_force(1:body%nf), body%angle_coupling(1:body%nf))
+          associate (body => run%sys%m%s%bodies(b), w => run%sys%ev%elastic(b))
+            if (.not. body%flexible) cycle
+            w%force(1:) = body%shape%c0
+            w%coupling(1:) = body%shape%i1f
+            call body%basis%solve_mass(run%sys%ev%work, w%force(1:), w%coupling(1:))
           end associate
         end do
       end do
@@ -218,21 +217,22 @@ contains
   subroutine time_floor()
     real(wp), allocatable :: ab(:, :), x(:), y(:)
     integer :: r, i, b, k, kd, n, info
-    if (.not. any(run%sys%m%s%bodies%flexible .and. .not. run%sys%m%s%bodies%modal)) return
+    if (run%sys%ev%factorisations == 0) return
     seconds = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
       associate (body => run%sys%m%s%bodies(b))
-        if (.not. body%flexible .or. body%modal) cycle
+        if (.not. body%flexible) cycle
+        if (body%basis%factors == 0) cycle
         call mass_band(body, ab, kd)
         n = body%nf
         call dpbtrf('L', n, kd, ab, kd + 1, info)
-        x = body%c0
-        y = body%i1f
+        x = body%shape%c0
+        y = body%shape%i1f
         do r = 1, repetitions
           seconds(r) = seconds(r) - clock()
           do i = 1, steps
             do k = 1, 2
-              x = body%c0
+              x = body%shape%c0
               call dpbtrs('L', n, kd, 1, ab, kd + 1, x, n, info)
             end do
             do k = 1, 3
@@ -358,10 +358,10 @@ contains
     m(3, 3) = body%i11
     m(3, 1:2) = [-body%i1(2), body%i1(1)]
     m(1:2, 3) = m(3, 1:2)
-    m(4:3 + f, 1:2) = body%sbar
-    m(4:3 + f, 3) = body%c0
-    m(1:2, 4:3 + f) = transpose(body%sbar)
-    m(3, 4:3 + f) = body%c0
+    m(4:3 + f, 1:2) = body%shape%sbar
+    m(4:3 + f, 3) = body%shape%c0
+    m(1:2, 4:3 + f) = transpose(body%shape%sbar)
+    m(3, 4:3 + f) = body%shape%c0
     m(4:3 + f, 4:3 + f) = mass
     k(4:3 + f, 4:3 + f) = stiff
     do j = 1, terms(body)

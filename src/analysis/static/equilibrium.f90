@@ -16,7 +16,7 @@ module equilibrium
   use linear_state, only: evaluate_state, linear_system_with
   use linear_matrices, only: linear_mechanism
   use marker, only: turn
-  use prescribed_motion, only: prescribe, rotations
+  use prescribed_motion, only: prescribe, motion_units
   use process, only: caught_signal
   use scene_run, only: run_state, relax
   implicit none (type, external)
@@ -165,13 +165,11 @@ contains
     real(wp) :: weight(size(force))
     integer :: b, i
     size_s = run%sys%m%s%size
-    weight = 1.0_wp
+    weight = 1/motion_units(run)
     x = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b) + 3
-      weight(i) = 1.0_wp/size_s
       associate (body => run%sys%m%s%bodies(b))
-        if (allocated(body%dof) .and. .not. body%modal) call rotations(body%dof, i, 1.0_wp/size_s, weight)
         x(i - 2:i - 1) = size_s                        ! positions are known to rounding of the size
         x(i) = 1.0_wp
         x(i + 1:i + body%nf) = abs(run%y(i + 1:i + body%nf))

@@ -11,7 +11,7 @@ module prescribed_motion
   use scene_run, only: run_state
   implicit none (type, external)
   private
-  public :: prescribe, rotations
+  public :: prescribe, motion_units
 
   real(wp), parameter :: elastic_weight(2) = [1.0e20_wp, 1.0e6_wp]   !! keeps elastic coordinates out of the prescribed motion;
                                                      !! where frames alone cannot follow, they move least [-]
@@ -122,24 +122,8 @@ contains
       i = run%sys%m%s%qo(b) + 3
       unit(i) = run%sys%m%s%size
       associate (body => run%sys%m%s%bodies(b))
-        if (body%modal) then
-          unit(i + 1:i + body%nf) = 1.0_wp/sqrt(body%mass)
-        else if (allocated(body%dof)) then
-          call rotations(body%dof, i, run%sys%m%s%size, unit)
-        end if
+        if (body%flexible) unit(i + 1:i + body%nf) = merge(run%sys%m%s%size, body%basis%unit, body%basis%rotation)
       end associate
     end do
   end function motion_units
-
-  !> Marks nodal rotations.
-  pure subroutine rotations(dof, offset, value, weight)
-    integer, intent(in) :: dof(:, :)                 !! (3, nodes)
-    integer, intent(in) :: offset
-    real(wp), intent(in) :: value                    !! [m] or [1/m]
-    real(wp), intent(inout) :: weight(:)             !! (nq) [m] or [1/m]
-    integer :: k
-    do k = 1, size(dof, 2)
-      if (dof(3, k) > 0) weight(offset + dof(3, k)) = value
-    end do
-  end subroutine rotations
 end module prescribed_motion

@@ -52,7 +52,7 @@ contains
   !> Reads the energies and violations of the state of an evaluation; first: the one at t = 0.
   subroutine read(self, m, ev, y, first)
     class(balance_watch), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: y(:)  !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: first

@@ -60,7 +60,7 @@ contains
     type(scene), intent(in) :: s
     integer, intent(in) :: b
     type(error_norm), intent(inout) :: norm
-    integer :: i, k, c, r, o, e, j
+    integer :: i, k, r, o, j, rows
     i = s%qo(b)
     associate (body => s%bodies(b))
       call floors(number(b, angle), least)
@@ -69,32 +69,17 @@ contains
       call assign(s, norm, number(b, translation), 1, i + 1, i + 2)
       call assign(s, norm, number(b, angle), 1, i + 3, i + 3)
       if (.not. body%flexible) return
-      if (body%modal) then                       ! mass-normalised modes: displacements times the root of a mass
-        call floors(number(b, deflection), least*s%size*sqrt(body%mass))
-        call floors(number(b, bending), least*s%size*sqrt(body%mass))
-        call assign(s, norm, number(b, deflection), 1, i + 4, i + 3 + body%nf)
-        do r = 1, size(body%segments)
-          associate (run => body%segments(r))
-            call assign(s, norm, number(b, bending), 0, run%offset + 1, run%offset + run%law%second*run%width)
-            call assign(s, norm, number(b, bending), 0, run%first_order + 1, run%first_order + run%law%first*run%width)
-          end associate
-        end do
-        return
-      end if
-      do k = 1, body%nn
-        do c = 1, 3
-          if (body%dof(c, k) == 0) cycle
-          j = i + 3 + body%dof(c, k)
-          call assign(s, norm, number(b, merge(rotation, deflection, c == 3)), 1, j, j)
-        end do
+      call floors(number(b, deflection), least*s%size/body%basis%unit)
+      call floors(number(b, extension), least*s%size/body%basis%unit)
+      do k = 1, body%nf
+        call assign(s, norm, number(b, merge(rotation, deflection, body%basis%rotation(k))), 1, i + 3 + k, i + 3 + k)
       end do
+      rows = size(body%basis%angle)
       do r = 1, size(body%segments)
-        o = body%segments(r)%offset
-        do e = 1, size(body%segments(r)%law%alpha)*body%segments(r)%width/body%nd
-          if (e == body%segments(r)%law%second*body%segments(r)%width/body%nd + 1) o = body%segments(r)%first_order
-          do c = 4 - body%nd, 3
-            o = o + 1
-            call assign(s, norm, number(b, merge(extension, bending, c == 1)), 0, o, o)
+        do k = 1, size(body%segments(r)%law%alpha)
+          do j = 1, body%segments(r)%width
+            o = body%segments(r)%start(k) + j
+            call assign(s, norm, number(b, merge(bending, extension, body%basis%angle(1 + mod(j - 1, rows)))), 0, o, o)
           end do
         end do
       end do

@@ -99,7 +99,7 @@ contains
 
   !> The same, with the parts of the state apart.
   subroutine state_rates(m, ev, options, nq, nz, nzd, t, y, dy)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd
@@ -130,7 +130,7 @@ contains
 
   !> The same, with the parts of the state apart.
   subroutine project_state(m, ev, nq, nz, nzd, t, y, ok)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: nq, nz, nzd
     real(wp), intent(in) :: t               !! [s]
@@ -281,7 +281,7 @@ contains
 
   !> The same, with the parts of the state apart.
   subroutine report_state(m, ev, options, nq, nz, nzd, t, y, ok)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     integer, intent(in) :: nq, nz, nzd

@@ -54,7 +54,7 @@ contains
   subroutine monitor_begin(self, d, m, ev, q, method)
     class(stability_monitor), intent(inout) :: self
     type(deck), intent(in) :: d
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) positions at the start [m, rad]
     character(*), intent(in) :: method
@@ -67,7 +67,7 @@ contains
     work = ev
     allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call self%fast%set_up(m, q)
+    call self%fast%set_up(m, ev, q)
     call find_bound(d, m, work, .false., self%fast, bound, self%start_lambda, force)
     self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
     if (.not. self%start_lambda > 0.0_wp) return
@@ -107,7 +107,7 @@ contains
   !> Estimates the current bound at the state of an evaluation.
   subroutine monitor_look(self, m, ev, t)
     class(stability_monitor), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                  !! [s]
     real(wp) :: lambda, h

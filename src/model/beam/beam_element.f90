@@ -18,6 +18,10 @@ module beam_element
     real(wp) :: ei_l = 0.0_wp     !! E_R I / L [N m]
     real(wp) :: ray_m = 0.0_wp    !! Rayleigh mass coefficient [1/s]
     real(wp) :: ray_k = 0.0_wp    !! Rayleigh stiffness coefficient [s]
+    real(wp) :: area = 0.0_wp     !! A [m2]
+    real(wp) :: second = 0.0_wp   !! I [m4]
+    real(wp) :: fibre = 0.0_wp    !! distance of the outer fibre, 0: none [m]
+    integer :: material = 0       !! index of the material
   end type beam_geometry
 
 contains

@@ -1,14 +1,15 @@
-!> A body in its floating frame: its constant inertia integrals, its elastic coordinates and what damps them.
-!> Frame: origin R (global), angle theta; every integral is in body axes. Built by `body_setup`.
+!> A body in its floating frame: its constant inertia integrals, its elastic coordinates and what damps them; the work space of its
+!> evaluations is apart. Frame: origin R (global), angle theta; every integral is in body axes. Built by `body_setup`.
 module body
   use kinds, only: wp
-  use banded, only: band_factor
   use beam_element, only: beam_geometry
-  use elastic_operators, only: elastic_operator
+  use elastic_operators, only: elastic_operator, inertia_forces
+  use marker, only: marker_model
   use segment_model, only: viscoelastic_segment
+  use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: viscoelastic_segment
+  public :: operator_forces
 
   !> A point mass and rotary inertia at a node or at a point of a rigid body.
   type, public :: lump
@@ -18,13 +19,40 @@ module body
     real(wp) :: inertia = 0.0_wp              !! [kg m2]
   end type lump
 
+  !> Integrals of the elastic coordinates' shapes (theory.md, section 2), and what m_ff makes of them.
+  type, public :: shape_integrals
+    real(wp), allocatable :: sbar(:, :)       !! (nf, 2) S-bar transposed [kg]
+    real(wp), allocatable :: i1f(:)           !! (nf) [kg m]
+    real(wp), allocatable :: c0(:)            !! (nf) [kg m]
+    real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
+    real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
+  end type shape_integrals
+
   !> What tells nodal coordinates from modal amplitudes: the kinds of flexible body.
   type, abstract, public :: elastic_basis
+    integer :: factors = 0                    !! factored mass matrices: none where m_ff is the unit matrix
+    integer :: reduced_from = 0               !! nodal coordinates before a reduction to modes; 0: they are the coordinates
+    integer :: static_shapes = 0              !! static shapes among the coordinates
+    real(wp) :: unit = 1.0_wp                 !! metres in a unit of what is no rotation: 1, of modes m^-1/2 [-]
+    logical, allocatable :: rotation(:)       !! (nf) whether a coordinate is a node's rotation
+    real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation that a unit of it makes [-, kg^-1/2]
+    logical, allocatable :: angle(:)          !! whether a row of the deformations is an angle
+    integer :: columns = 0                    !! of the deformations
+    real(wp) :: carried = 0.0_wp              !! highest frequency that the coordinates carry [rad/s]
+    real(wp) :: highest_bending = 0.0_wp      !! that of the highest mode in bending; 0 without a reduction [rad/s]
   contains
-    procedure(to_deformations), deferred, nopass :: deform
-    procedure(to_forces), deferred, nopass :: add_stress
-    procedure(to_energy), deferred, nopass :: strain_energy
-    procedure(to_displacement), deferred, nopass :: displacement
+    procedure(to_deformations), deferred :: deform
+    procedure(to_forces), deferred :: add_stress
+    procedure :: add_forces => operator_forces
+    procedure(to_accelerations), deferred :: solve_mass
+    procedure(to_energy), deferred :: strain_energy
+    procedure(to_parts), deferred :: strain_parts
+    procedure(to_largest), deferred :: largest_force
+    procedure(to_element), deferred :: element_strain
+    procedure(to_tangent), deferred :: add_stiffness
+    procedure(to_displacement), deferred :: displacement
+    procedure(to_marker), deferred :: attach
+    procedure(to_same), deferred :: same
   end type elastic_basis
 
   !> One rigid or flexible body.
@@ -32,10 +60,7 @@ module body
     character(32) :: name = ''
     logical :: flexible = .false.
     class(elastic_basis), allocatable :: basis   !! of flexible bodies
-    logical :: modal = .false.
     logical :: axial = .true.
-    logical :: straight = .true.              !! all elements along body x
-    logical :: chain = .false.                !! straight, elements one after the other, linear strain
     logical :: stiffening = .false.
     logical :: rayleigh = .false.
     integer :: nn = 0                         !! nodes
@@ -44,7 +69,6 @@ module body
     integer :: nd = 3                         !! deformations kept per element
     integer :: nz = 0                         !! internal variables
     integer :: extra_references = 0           !! reference conditions beyond the three that are needed
-    integer :: static_shapes = 0              !! static shapes among the modal coordinates
     real(wp) :: mass = 0.0_wp                 !! m [kg]
     real(wp) :: i1(2) = 0.0_wp                !! integral of u0 [kg m]
     real(wp) :: i11 = 0.0_wp                  !! integral of u0.u0 and rotary inertias [kg m2]
@@ -52,74 +76,132 @@ module body
     real(wp), allocatable :: x(:, :)          !! (2, nn) nodes, body axes [m]
     integer, allocatable :: en(:, :)          !! (2, ne) nodes of each element
     type(beam_geometry), allocatable :: elements(:)
-    real(wp), allocatable :: factors(:, :)    !! (10, ne) constants of each element (order and units: chain_kernel)
-    real(wp), allocatable :: fibre(:)         !! (ne) outer fibre distance [m], 0: none
-    real(wp), allocatable :: area(:)          !! (ne) section areas [m2]
-    real(wp), allocatable :: second(:)        !! (ne) second moments [m4]
-    integer, allocatable :: material(:)       !! (ne) material index
     integer, allocatable :: dof(:, :)         !! (3, nn) number of each nodal coordinate, 0: removed
     integer, allocatable :: edof(:, :)        !! (6, ne) the same by element
     type(lump), allocatable :: lumps(:)
-    ! constants of the elastic coordinates (nodal or modal)
-    real(wp), allocatable :: sbar(:, :)       !! (nf, 2) S-bar transposed [kg]
-    real(wp), allocatable :: i1f(:)           !! (nf) [kg m]
-    real(wp), allocatable :: c0(:)            !! (nf) [kg m]
-    real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
-    real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
-    type(band_factor) :: mff                  !! nodal: factor of m_ff
-    type(elastic_operator) :: op
-    ! modal bodies
-    integer :: nodal_nf = 0                   !! nodal coordinates before the reduction
-    real(wp), allocatable :: psi(:, :)        !! (3 nn, nf) nodal displacements of each mode [m or rad, mass-normalised]
-    real(wp), allocatable :: omega2(:)        !! (nf) squared frequencies at E_R [rad2/s2]
-    real(wp), allocatable :: zmodal(:, :)     !! (nf, nf) Psi^T Z Psi [-]
-    real(wp), allocatable :: jmodal(:, :)     !! (nf, nf) rotary inertia of lumps, part of m_ff = 1 that theta' does not see
-    real(wp), allocatable :: cmodal(:, :)     !! (nf, nf) Rayleigh damping [1/s]
-    ! viscoelasticity
+    type(shape_integrals) :: shape            !! of the elastic coordinates, nodal or modal
+    type(elastic_operator) :: op              !! their matrices
     type(viscoelastic_segment), allocatable :: segments(:)
-    ! work space of one evaluation
-    real(wp), allocatable :: qx(:), vx(:)     !! (0:nf) coordinates and rates, entry 0 is zero
-    real(wp), allocatable :: elastic_force(:), angle_coupling(:) !! (0:nf) Q_f and m_theta_f, entry 0 is thrown away
-    real(wp), allocatable :: d(:, :)          !! deformations: nodes: (nd, ne); modes: (nf, segments) the amplitudes
-    real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added
   contains
     procedure :: displacement => node_displacement
   end type body_model
 
+  !> Elastic coordinates, forces and deformations of one evaluation of a flexible body.
+  type, public :: elastic_work
+    real(wp), allocatable :: q(:)             !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp), allocatable :: v(:)             !! (0:nf) rates, then work [m/s, rad/s]
+    real(wp), allocatable :: force(:)         !! (0:nf) Q_f, then m_ff^-1 Q_f; entry 0 is thrown away [N, N m], [m/s2, rad/s2]
+    real(wp), allocatable :: coupling(:)      !! (0:nf) m_theta_f, then m_ff^-1 m_theta_f^T; likewise [kg m, kg m2], [m, -]
+    real(wp), allocatable :: d(:, :)          !! deformations: nodes: (nd, ne); modes: (nf, segments) the amplitudes [m, rad]
+    real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added [m, rad]
+  contains
+    procedure :: allocate => allocate_work
+  end type elastic_work
+
   abstract interface
     !> Deformations of coordinates.
-    pure subroutine to_deformations(b, qx, d)
-      import :: body_model, wp
+    pure subroutine to_deformations(self, b, q, d)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
-      real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
-      real(wp), intent(inout), contiguous :: d(:, :)  !! as the body's [m, rad]
+      real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
+      real(wp), intent(inout), contiguous :: d(:, :)  !! [m, rad]
     end subroutine to_deformations
 
-    !> Adds the elastic forces of deformations b%d with terms' differences added to ds, times a factor, to f.
-    pure subroutine to_forces(b, ds, qx, factor, f)
-      import :: body_model, wp
+    !> Adds the elastic forces of deformations d, with terms' differences ds, times a factor to f.
+    pure subroutine to_forces(self, b, d, ds, q, factor, f)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
-      real(wp), intent(in), contiguous :: ds(:, :)    !! as b%d [m, rad]
-      real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+      real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! [m, rad]
+      real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
       real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
       real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) entry 0 is thrown away [N, N m]
     end subroutine to_forces
 
-    !> Strain energy at E_R of the deformations b%d and coordinates b%qx.
-    pure function to_energy(b) result(energy)
-      import :: body_model, wp
+    !> m_ff^-1 x, and m_ff^-1 y, in place.
+    pure subroutine to_accelerations(self, work, x, y)
+      import :: elastic_basis, wp
+      class(elastic_basis), intent(in) :: self
+      real(wp), intent(inout), contiguous :: work(:, :)   !! (2, nf or more) [any]
+      real(wp), intent(inout) :: x(:)                 !! (nf) [N, N m], then [m/s2, rad/s2]
+      real(wp), intent(inout), optional :: y(:)       !! (nf) likewise [N, N m]
+    end subroutine to_accelerations
+
+    !> Strain energy at E_R of deformations and coordinates.
+    pure function to_energy(self, b, d, q) result(energy)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
+      real(wp), intent(in) :: d(:, :)                 !! [m, rad]
+      real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
       real(wp) :: energy                              !! [J]
     end function to_energy
 
+    !> Twice the linear strain energy at E_R, axial and in bending; of modes all of it counts as bending.
+    pure function to_parts(self, b, q) result(parts)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+      real(wp) :: parts(2)                            !! [J]
+    end function to_parts
+
+    !> Largest elastic force: axial forces and end moments over length, or modal forces.
+    pure function to_largest(self, b, d, q) result(force)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      real(wp), intent(in) :: d(:, :)                 !! [m, rad]
+      real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+      real(wp) :: force                               !! [N]
+    end function to_largest
+
+    !> Deformations of an element with the terms' differences: elongation, end rotations against the chord.
+    pure function to_element(self, b, e, w) result(d)
+      import :: elastic_basis, elastic_work, body_model, wp
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      integer, intent(in) :: e                        !! element
+      type(elastic_work), intent(in) :: w
+      real(wp) :: d(3)                                !! [m, rad, rad]
+    end function to_element
+
+    !> Adds the tangent stiffness of the elastic coordinates, and what of it viscoelastic terms multiply, to sparse matrices.
+    pure subroutine to_tangent(self, b, first, q, w, stiffness, segments)
+      import :: elastic_basis, elastic_work, body_model, triplet_matrix, wp
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      integer, intent(in) :: first                    !! coordinates before them in the matrices
+      real(wp), intent(in) :: q(:)                    !! (nf) coordinates, for stiffening [m, rad]
+      type(elastic_work), intent(in) :: w             !! deformations there, for the same
+      type(triplet_matrix), intent(inout) :: stiffness
+      type(triplet_matrix), intent(inout) :: segments(:)   !! (segments)
+    end subroutine to_tangent
+
     !> Displacement (u, v, rotation) of a node in body axes.
-    pure function to_displacement(b, node, q) result(u)
-      import :: body_model, wp
+    pure function to_displacement(self, b, node, q) result(u)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
       integer, intent(in) :: node
       real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
       real(wp) :: u(3)                                !! [m, m, rad] or their rates
     end function to_displacement
+
+    !> Tells a marker on a node what moves it.
+    pure subroutine to_marker(self, b, p)
+      import :: elastic_basis, body_model, marker_model
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      type(marker_model), intent(inout) :: p
+    end subroutine to_marker
+
+    !> Whether another body of the same integrals moves by the same numbers.
+    pure logical function to_same(self, other)
+      import :: elastic_basis
+      class(elastic_basis), intent(in) :: self, other
+    end function to_same
   end interface
 
 contains
@@ -128,9 +210,30 @@ contains
   pure function node_displacement(self, node, q) result(u)
     class(body_model), intent(in) :: self
     integer, intent(in) :: node        !! node number
-    real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates or accelerations
+    real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates or accelerations [m, rad]
     real(wp) :: u(3)                   !! [m, m, rad] or their rates
     u = 0.0_wp
     if (self%flexible) u = self%basis%displacement(self, node, q)
   end function node_displacement
+
+  !> Room for the evaluations of a flexible body.
+  subroutine allocate_work(self, b)
+    class(elastic_work), intent(inout) :: self
+    type(body_model), intent(in) :: b
+    associate (n => b%nf, rows => size(b%basis%angle), columns => b%basis%columns)
+      allocate (self%q(0:n), self%v(0:n), self%force(0:n), self%coupling(0:n), self%d(rows, columns), self%ds(rows, columns), &
+                source=0.0_wp)
+    end associate
+  end subroutine allocate_work
+
+  !> Adds theta'^2 m q + 2 theta' Z q' - dV/dq to the forces and -Z q to m_theta_f (theory.md, section 3), by the operators.
+  pure subroutine operator_forces(self, b, thetad, w, qmq, qmv)
+    class(elastic_basis), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: thetad          !! frame rate [rad/s]
+    type(elastic_work), intent(inout) :: w
+    real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
+    call inertia_forces(b%op, b%nf, thetad, w%q(1), w%v(1), w%force(1), w%coupling(1), qmq, qmv)
+    call self%add_stress(b, w%d, w%ds, w%q, -1.0_wp, w%force)
+  end subroutine operator_forces
 end module body

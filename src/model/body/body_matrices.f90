@@ -28,7 +28,7 @@ contains
   !> m_ff x.
   pure function times(self, x) result(y)
     class(mass_matrix), intent(in) :: self
-    real(wp), intent(in) :: x(:)                        !! (nf)
+    real(wp), intent(in) :: x(:)                        !! (nf) [m, rad, ...]
     real(wp) :: y(size(x))
     integer :: i, j, k
     y = 0.0_wp
@@ -89,7 +89,7 @@ contains
   !> Appends the entries of an element matrix's lower triangle whose coordinates remain.
   pure subroutine add_lower(dof, m, rows, cols, values, n)
     integer, intent(in) :: dof(6)                       !! coordinates of the element, 0: removed
-    real(wp), intent(in) :: m(6, 6)                     !! symmetric, body axes
+    real(wp), intent(in) :: m(6, 6)                     !! symmetric, body axes [any]
     integer, intent(inout) :: rows(:), cols(:)
     real(wp), intent(inout) :: values(:)                !! [units of m]
     integer, intent(inout) :: n                         !! entries so far

@@ -4,54 +4,17 @@ module body_operators
   use beam_element, only: element_mass, element_gyroscopic, element_stiffness
   use body, only: body_model
   use elastic_operators, only: elastic_operator
+  use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private
-  public :: elastic_operators_of
+  public :: nodal_operators, modal_operators
 
 contains
-
-  !> Builds the operators of a body.
-  subroutine elastic_operators_of(body, op)
-    type(body_model), intent(in) :: body
-    type(elastic_operator), intent(out) :: op
-    if (body%modal) then
-      call modal_operators(body, op)
-    else
-      call nodal_operators(body, op)
-    end if
-    op%rotary = any(abs(op%j) > 0.0_wp)
-  end subroutine elastic_operators_of
-
-  !> Modes: m_ff is the unit matrix, lumps' rotary inertia included.
-  subroutine modal_operators(body, op)
-    type(body_model), intent(in) :: body
-    type(elastic_operator), intent(inout) :: op
-    integer :: i, j, r, n, k
-    n = body%nf
-    call op%odd%make(n, [((i, i=1, n), j=1, n)], [((j, i=1, n), j=1, n)])
-    op%even = op%odd
-    if (size(body%segments) == 0 .and. .not. any(abs(body%jmodal) + abs(body%cmodal) > 0.0_wp)) then
-      deallocate (op%even%first, op%even%row, op%even%col, op%even%mirror)
-      call op%even%make(n, [integer ::], [integer ::])
-    end if
-    op%j = [(body%jmodal(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
-    op%c = [(body%cmodal(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
-    op%m = -op%j
-    op%k = 0*op%j
-    op%z = reshape(transpose(body%zmodal), [n**2])
-    do i = 1, n
-      op%m(op%even%entry(i, i)) = op%m(op%even%entry(i, i)) + 1
-      op%k(op%even%entry(i, i)) = body%omega2(i)
-    end do
-    op%entry = [((i, i=1, n**2), r=1, size(body%segments))]
-    op%segment = [((r, i=1, n**2), r=1, size(body%segments))]
-    op%part = [(reshape(body%segments(r)%stiffness, [n**2]), r=1, size(body%segments))]
-  end subroutine modal_operators
 
   !> Nodes: sums over the elements and lumps.
   subroutine nodal_operators(body, op)
     type(body_model), intent(in) :: body
-    type(elastic_operator), intent(inout) :: op
+    type(elastic_operator), intent(out) :: op
     real(wp) :: m(6, 6), k(6, 6), z(6, 6)
     integer :: e, r, n, i, j, p, segment
     call nodal_patterns(body, op)
@@ -91,6 +54,7 @@ contains
     op%segment = op%segment(1:n)
     op%part = op%part(1:n)
     call add_lumps(body, op)
+    op%rotary = any(abs(op%j) > 0.0_wp)
   end subroutine nodal_operators
 
   !> The markers of all entries that are not zero.
@@ -153,4 +117,35 @@ contains
       end associate
     end do
   end subroutine add_lumps
+
+  !> Modes: m_ff is the unit matrix, lumps' rotary inertia included.
+  subroutine modal_operators(segments, omega2, z, j, c, op)
+    type(viscoelastic_segment), intent(in) :: segments(:)   !! of each material
+    real(wp), intent(in) :: omega2(:)                       !! (n) squared frequencies [rad2/s2]
+    real(wp), intent(in) :: z(:, :)                         !! (n, n) Psi^T Z Psi [-]
+    real(wp), intent(in) :: j(:, :)                         !! (n, n) rotary inertia of lumps, which theta' does not see [-]
+    real(wp), intent(in) :: c(:, :)                         !! (n, n) Rayleigh damping [1/s]
+    type(elastic_operator), intent(out) :: op
+    integer :: i, k, r, n
+    n = size(omega2)
+    call op%odd%make(n, [((i, i=1, n), k=1, n)], [((k, i=1, n), k=1, n)])
+    if (size(segments) == 0 .and. .not. any(abs(j) + abs(c) > 0.0_wp)) then
+      call op%even%make(n, [integer ::], [integer ::])
+    else
+      op%even = op%odd
+    end if
+    op%j = [(j(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
+    op%c = [(c(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
+    op%m = -op%j
+    op%k = 0*op%j
+    op%z = reshape(transpose(z), [n**2])
+    do i = 1, n
+      op%m(op%even%entry(i, i)) = op%m(op%even%entry(i, i)) + 1
+      op%k(op%even%entry(i, i)) = omega2(i)
+    end do
+    op%entry = [((i, i=1, n**2), r=1, size(segments))]
+    op%segment = [((r, i=1, n**2), r=1, size(segments))]
+    op%part = [(reshape(segments(r)%stiffness, [n**2]), r=1, size(segments))]
+    op%rotary = any(abs(op%j) > 0.0_wp)
+  end subroutine modal_operators
 end module body_operators

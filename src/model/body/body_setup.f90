@@ -1,18 +1,19 @@
 !> Builds a body: rigid-body integrals, elastic coordinates under the reference conditions, shape integrals, the
 !> factor of the mass matrix, dissipative coordinates. All set-up work; nothing here runs in a step.
 module body_setup
-  use kinds, only: wp
-  use banded, only: factor_symmetric, band_solve_two
+  use kinds, only: wp, pi
+  use banded, only: factor_symmetric
   use beam_element, only: beam_geometry, shape_integral, shape_moment
-  use body, only: body_model, lump, viscoelastic_segment
+  use body, only: body_model, lump
+  use segment_model, only: viscoelastic_segment
   use body_matrices, only: mass_triplets
-  use body_operators, only: elastic_operators_of
+  use body_operators, only: nodal_operators
   use chain_kernel, only: element_factors
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
-  public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, factor_mass
-  public :: finish_elastic, allocate_work, body_length, sort_segments
+  public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal
+  public :: finish_elastic, body_length, sort_segments
 
 contains
 
@@ -82,15 +83,14 @@ contains
     do k = 1, size(b%lumps)
       call add_elastic_lump(b%lumps(k), b%dof(:, b%lumps(k)%node), sb, f1, cc)
     end do
-    allocate (b%sbar(b%nf, 2), b%i1f(b%nf), b%c0(b%nf))
-    b%sbar = transpose(sb(:, 1:))
-    b%i1f = f1(1:)
-    b%c0 = cc(1:)
+    b%shape%sbar = transpose(sb(:, 1:))
+    b%shape%i1f = f1(1:)
+    b%shape%c0 = cc(1:)
   end subroutine elastic_integrals
 
   !> H x: a vector turned by +90 degrees.
   pure function turned(x) result(y)
-    real(wp), intent(in) :: x(2)
+    real(wp), intent(in) :: x(2)             !! [any]
     real(wp) :: y(2)
     y = [-x(2), x(1)]
   end function turned
@@ -99,7 +99,8 @@ contains
   pure subroutine add_elastic_lump(l, dof, sb, f1, cc)
     type(lump), intent(in) :: l
     integer, intent(in) :: dof(3)            !! coordinates of its node
-    real(wp), intent(inout) :: sb(:, 0:), f1(0:), cc(0:)
+    real(wp), intent(inout) :: sb(:, 0:)     !! [kg]
+    real(wp), intent(inout) :: f1(0:), cc(0:)   !! [kg m], rotations [kg m2]
     real(wp) :: hx(2)
     integer :: c
     hx = turned(l%x)
@@ -111,59 +112,59 @@ contains
     cc(dof(3)) = cc(dof(3)) + l%inertia
   end subroutine add_elastic_lump
 
-  !> Factors m_ff of the nodal coordinates.
-  subroutine factor_mass(b, bad)
+  !> Makes a body nodal: the factor of m_ff, the elements' constants, the viscoelastic segments' stiffness, the operators.
+  subroutine make_nodal(b, bad)
     type(body_model), intent(inout) :: b
     integer, intent(out) :: bad           !! 0, or the coordinate at which m_ff is not positive definite
+    type(nodal_model) :: nodal
     integer, allocatable :: rows(:), cols(:)
     real(wp), allocatable :: values(:)
-    call mass_triplets(b, rows, cols, values)
-    call factor_symmetric(b%nf, rows, cols, values, b%mff, bad)
-  end subroutine factor_mass
-
-  !> m_ff^-1 S-bar^T and S-bar m_ff^-1 S-bar^T (nodal: by the factor; modal: m_ff is the unit matrix).
-  subroutine finish_elastic(b)
-    type(body_model), intent(inout) :: b
-    integer :: i, j
-    b%pmat = b%sbar
-    if (.not. b%modal) call band_solve_two(b%mff, b%pmat(:, 1), b%pmat(:, 2))
-    do j = 1, 2
-      do i = 1, 2
-        b%sps(i, j) = dot_product(b%sbar(:, i), b%pmat(:, j))
-      end do
-    end do
-  end subroutine finish_elastic
-
-  !> Counts the internal variables and allocates the work space of one evaluation.
-  subroutine allocate_work(b)
-    type(body_model), intent(inout) :: b
     integer :: k
-    b%nz = 0
-    if (.not. allocated(b%basis)) allocate (nodal_model :: b%basis)
+    call mass_triplets(b, rows, cols, values)
+    call factor_symmetric(b%nf, rows, cols, values, nodal%mff, bad)
+    nodal%factors = 1
+    nodal%columns = b%ne
+    nodal%angle = [(k > 3, k=6 - b%nd, 5)]
+    nodal%rotation = [(.false., k=1, b%nf)]
+    nodal%rotation(pack(b%dof(3, :), b%dof(3, :) > 0)) = .true.
+    nodal%reach = [(1.0_wp, k=1, b%nf)]
+    nodal%carried = pi**2*minval(sqrt(b%elements%ei_l/b%elements%mass)/b%elements%length)      ! half a wave an element
+    nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
+    nodal%chain = nodal%straight .and. .not. b%stiffening .and. all(b%en(1, 2:) == b%en(2, :b%ne - 1))
+    allocate (nodal%constants(10, b%ne))
+    do k = 1, b%ne
+      associate (g => b%elements(k))
+        nodal%constants(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
+      end associate
+    end do
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))
-        segment%width = merge(b%nf, b%nd*(segment%last - segment%first + 1), b%modal)
         segment%ei_l = b%elements(segment%first:segment%last)%ei_l
         segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
       end associate
-      b%nz = b%nz + b%segments(k)%width*size(b%segments(k)%law%alpha)
     end do
-    b%chain = b%straight .and. .not. (b%stiffening .or. b%modal)
-    allocate (b%factors(10, b%ne))
-    do k = 1, b%ne
-      associate (g => b%elements(k))
-        b%factors(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
+    call nodal_operators(b, b%op)
+    allocate (b%basis, source=nodal)
+  end subroutine make_nodal
+
+  !> What m_ff makes of the shape integrals, and the number of internal variables.
+  subroutine finish_elastic(b)
+    type(body_model), intent(inout) :: b
+    real(wp) :: work(2, b%nf)                 ! [any]
+    integer :: k
+    associate (shape => b%shape)
+      shape%pmat = shape%sbar
+      call b%basis%solve_mass(work, shape%pmat(:, 1), shape%pmat(:, 2))
+      shape%sps = matmul(transpose(shape%sbar), shape%pmat)
+    end associate
+    b%nz = 0
+    do k = 1, size(b%segments)
+      associate (segment => b%segments(k))
+        segment%width = size(b%basis%angle)*(segment%last - segment%first + 1)
+        b%nz = b%nz + segment%width*size(segment%law%alpha)
       end associate
-      if (k > 1) b%chain = b%chain .and. b%en(1, k) == b%en(2, k - 1)
     end do
-    call elastic_operators_of(b, b%op)
-    allocate (b%qx(0:b%nf), b%vx(0:b%nf), b%elastic_force(0:b%nf), b%angle_coupling(0:b%nf), source=0.0_wp)
-    if (b%modal) then
-      allocate (b%d(b%nf, size(b%segments)), b%ds(b%nf, size(b%segments)), source=0.0_wp)
-    else
-      allocate (b%d(b%nd, b%ne), b%ds(b%nd, b%ne), source=0.0_wp)
-    end if
-  end subroutine allocate_work
+  end subroutine finish_elastic
 
   !> Splits the elements into segments of one viscoelastic material.
   pure subroutine sort_segments(b, has_ghm)
@@ -176,7 +177,7 @@ contains
     do e = 1, b%ne
       if (.not. has_ghm(e)) cycle
       if (n > 0) then
-        if (segments(n)%last == e - 1 .and. segments(n)%material == b%material(e)) then
+        if (segments(n)%last == e - 1 .and. segments(n)%material == b%elements(e)%material) then
           segments(n)%last = e
           cycle
         end if
@@ -184,7 +185,7 @@ contains
       n = n + 1
       segments(n)%first = e
       segments(n)%last = e
-      segments(n)%material = b%material(e)
+      segments(n)%material = b%elements(e)%material
     end do
     b%segments = segments(1:n)
   end subroutine sort_segments

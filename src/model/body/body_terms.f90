@@ -10,7 +10,7 @@
 !> -theta'2 a0 of m_ff, Z and m.
 module body_terms
   use kinds, only: wp
-  use body, only: body_model
+  use body, only: body_model, elastic_work
   use elastic_operators, only: inertia_products, add_product
   implicit none (type, external)
   private
@@ -20,7 +20,8 @@ module body_terms
   type, public :: body_equations
     integer :: n = 0                         !! elastic coordinates
     real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
-    real(wp), allocatable :: past(:, :) !! sum of alpha times the terms' offsets, as the deformations [m, rad]
+    real(wp), allocatable :: past(:, :)      !! sum of alpha times the terms' offsets, as the deformations [m, rad]
+    type(elastic_work) :: w                  !! coordinates and deformations of the last residual
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
     real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame [N/m, N, N m]
@@ -39,8 +40,8 @@ contains
     if (.not. body%flexible) return
     t%n = body%nf
     allocate (t%factor(size(body%segments)), source=1.0_wp)
-    allocate (t%past, mold=body%d)
-    t%past = 0.0_wp
+    call t%w%allocate(body)
+    t%past = t%w%d
     allocate (t%elastic(0:body%nf), t%column(0:body%nf), t%row(0:body%nf), t%x(2, body%nf), t%y(2, body%nf), t%mx(2, body%nf), &
               t%zy(2, body%nf), source=0.0_wp)
   end subroutine set_up_terms
@@ -48,7 +49,7 @@ contains
   !> The residual without what acts on markers.
   subroutine body_residual(t, body, q, v, a, b)
     type(body_equations), intent(inout) :: t
-    type(body_model), intent(inout) :: body        !! its work space changes
+    type(body_model), intent(in) :: body
     real(wp), intent(in), contiguous :: q(:)     !! (3 + n) the body's coordinates [m, rad, ...]
     real(wp), intent(in), contiguous :: v(:)     !! (3 + n) rates [m/s, rad/s, ...]
     real(wp), intent(in), contiguous :: a(:)     !! (3 + n) accelerations [m/s2, rad/s2, ...]
@@ -69,13 +70,15 @@ contains
         t%x(2, k) = t%y(1, k)
       end do
       call inertia_products(body%op, t%n, t%x, t%y, t%mx, t%zy)
-      do k = 1, t%n
-        p = p + body%sbar(k, :)*q(3 + k)
-        sv = sv + body%sbar(k, :)*v(3 + k)
-        sa = sa + body%sbar(k, :)*a(3 + k)
-        turning = turning + body%i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k)) + body%c0(k)*a(3 + k) + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
-        t%elastic(k) = body%sbar(k, 1)*b(1) + body%sbar(k, 2)*b(2) + body%c0(k)*wd - w**2*body%i1f(k) + t%mx(1, k) - t%zy(1, k)
-      end do
+      associate (sbar => body%shape%sbar, i1f => body%shape%i1f, c0 => body%shape%c0)
+        do k = 1, t%n
+          p = p + sbar(k, :)*q(3 + k)
+          sv = sv + sbar(k, :)*v(3 + k)
+          sa = sa + sbar(k, :)*a(3 + k)
+          turning = turning + i1f(k)*(2*w*v(3 + k) + 2*wd*q(3 + k)) + c0(k)*a(3 + k) + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
+          t%elastic(k) = sbar(k, 1)*b(1) + sbar(k, 2)*b(2) + c0(k)*wd - w**2*i1f(k) + t%mx(1, k) - t%zy(1, k)
+        end do
+      end associate
       if (body%op%rotary) call add_product(body%op%even, body%op%j, a(4:), t%elastic(1:))
       if (body%rayleigh) call add_product(body%op%even, body%op%c, v(4:), t%elastic(1:))
       call add_elastic(t, body, q(4:))
@@ -88,22 +91,18 @@ contains
   !> Adds the elastic forces with those of the GHM terms, condensed.
   subroutine add_elastic(t, body, q)
     type(body_equations), intent(inout) :: t
-    type(body_model), intent(inout) :: body
+    type(body_model), intent(in) :: body
     real(wp), intent(in) :: q(:)                 !! (n) elastic coordinates [m, rad, ...]
     integer :: r, e
-    body%qx(1:t%n) = q
-    call body%basis%deform(body, body%qx, body%d)
-    if (size(body%segments) == 0) then
-      call body%basis%add_stress(body, body%d, body%qx, 1.0_wp, t%elastic)
-      return
-    end if
-    body%ds = body%d
+    t%w%q(1:) = q
+    call body%basis%deform(body, t%w%q, t%w%d)
+    t%w%ds = t%w%d
     do r = 1, size(body%segments)
       do e = body%segments(r)%first, body%segments(r)%last
-        body%ds(:, e) = t%factor(r)*body%d(:, e) - t%past(:, e)
+        t%w%ds(:, e) = t%factor(r)*t%w%d(:, e) - t%past(:, e)
       end do
     end do
-    call body%basis%add_stress(body, body%ds, body%qx, 1.0_wp, t%elastic)
+    call body%basis%add_stress(body, t%w%d, t%w%ds, t%w%q, 1.0_wp, t%elastic)
   end subroutine add_elastic
 
   !> The tangent a2 M + a1 C + a0 K of the frame, and of what couples the angle and the elastic coordinates; markers' parts not.
@@ -133,18 +132,20 @@ contains
         t%y(2, k) = a0*a(3 + k) - a2*q(3 + k)
       end do
       call inertia_products(body%op, t%n, t%x, t%y, t%mx, t%zy)
-      do k = 1, t%n
-        p = p + body%sbar(k, :)*q(3 + k)
-        sv = sv + body%sbar(k, :)*v(3 + k)
-        sa = sa + body%sbar(k, :)*a(3 + k)
-        mtt = mtt + q(3 + k)*(2*body%i1f(k) + t%mx(1, k))
-        mttd = mttd + 2*(body%i1f(k)*v(3 + k) + q(3 + k)*t%mx(2, k))
-        associate (both => a2*body%c0(k) + a0*(body%sbar(k, 1)*b(2) - body%sbar(k, 2)*b(1)), centrifugal => body%i1f(k) &
-                   + t%mx(1, k))
-          t%column(k) = both - 2*a1*w*centrifugal - t%zy(1, k)
-          t%row(k) = both + 2*(a1*w + a0*wd)*centrifugal + 2*a0*w*t%mx(2, k) + t%zy(2, k)
-        end associate
-      end do
+      associate (sbar => body%shape%sbar, i1f => body%shape%i1f, c0 => body%shape%c0)
+        do k = 1, t%n
+          p = p + sbar(k, :)*q(3 + k)
+          sv = sv + sbar(k, :)*v(3 + k)
+          sa = sa + sbar(k, :)*a(3 + k)
+          mtt = mtt + q(3 + k)*(2*i1f(k) + t%mx(1, k))
+          mttd = mttd + 2*(i1f(k)*v(3 + k) + q(3 + k)*t%mx(2, k))
+          associate (both => a2*c0(k) + a0*(sbar(k, 1)*b(2) - sbar(k, 2)*b(1)), centrifugal => i1f(k) &
+                     + t%mx(1, k))
+            t%column(k) = both - 2*a1*w*centrifugal - t%zy(1, k)
+            t%row(k) = both + 2*(a1*w + a0*wd)*centrifugal + 2*a0*w*t%mx(2, k) + t%zy(2, k)
+          end associate
+        end do
+      end associate
     end if
     t%block = 0.0_wp
     t%block(1, 1) = a2*body%mass

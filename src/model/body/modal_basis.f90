@@ -2,65 +2,160 @@
 !> once for every viscoelastic material (theory.md, section 5).
 module modal_basis
   use kinds, only: wp
-  use body, only: body_model, elastic_basis
+  use beam_element, only: deformation_matrix
+  use body, only: body_model, elastic_basis, elastic_work
+  use marker, only: marker_model
+  use triplets, only: triplet_matrix
   implicit none (type, external)
   private
 
   !> The kind.
   type, extends(elastic_basis), public :: modal_model
+    real(wp), allocatable :: psi(:, :)        !! (3 nn, nf) nodal displacements of each mode [m or rad, mass-normalised]
+    real(wp), allocatable :: omega2(:)        !! (nf) squared frequencies at E_R [rad2/s2]
   contains
-    procedure, nopass :: deform
-    procedure, nopass :: add_stress
-    procedure, nopass :: strain_energy
-    procedure, nopass :: displacement
+    procedure :: deform
+    procedure :: add_stress
+    procedure :: solve_mass
+    procedure :: strain_energy
+    procedure :: strain_parts
+    procedure :: largest_force
+    procedure :: element_strain
+    procedure :: add_stiffness
+    procedure :: displacement
+    procedure :: attach
+    procedure :: same
   end type modal_model
 
 contains
 
   !> The amplitudes.
-  pure subroutine deform(b, qx, d)
+  pure subroutine deform(self, b, q, d)
+    class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) [m kg^1/2]
-    real(wp), intent(inout), contiguous :: d(:, :)  !! (nf, segments) [m kg^1/2]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) [kg^.5 m]
+    real(wp), intent(inout), contiguous :: d(:, :)  !! (nf, segments) [kg^.5 m]
     integer :: r
     do r = 1, size(d, 2)
-      d(:, r) = qx(1:)
+      d(:, r) = q(1:)
     end do
   end subroutine deform
 
   !> Omega2 q, and of every material K (ds - d).
-  pure subroutine add_stress(b, ds, qx, factor, f)
+  pure subroutine add_stress(self, b, d, ds, q, factor, f)
+    class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: ds(:, :)    !! (nf, segments) [m kg^1/2]
-    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) [m kg^1/2]
+    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nf, segments) [kg^.5 m]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) [kg^.5 m]
     real(wp), intent(in) :: factor                  !! [-]
-    real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [m kg^1/2/s2]
+    real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [kg^.5 m/s2]
     integer :: r, j
-    f(1:) = f(1:) + factor*b%omega2*qx(1:)
+    f(1:) = f(1:) + factor*self%omega2*q(1:)
     do r = 1, size(b%segments)
       do j = 1, b%nf
-        f(1:) = f(1:) + b%segments(r)%stiffness(:, j)*(factor*(ds(j, r) - b%d(j, r)))
+        f(1:) = f(1:) + b%segments(r)%stiffness(:, j)*(factor*(ds(j, r) - d(j, r)))
       end do
     end do
   end subroutine add_stress
 
+  !> m_ff = 1.
+  pure subroutine solve_mass(self, work, x, y)
+    class(modal_model), intent(in) :: self
+    real(wp), intent(inout), contiguous :: work(:, :)   !! [any]
+    real(wp), intent(inout) :: x(:)                 !! (nf) [kg^.5 m/s2]
+    real(wp), intent(inout), optional :: y(:)       !! (nf) [kg^.5 m/s2]
+  end subroutine solve_mass
+
   !> q^T Omega2 q/2.
-  pure function strain_energy(b) result(energy)
+  pure function strain_energy(self, b, d, q) result(energy)
+    class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp) :: energy                        !! [J]
-    energy = 0.5_wp*sum(b%omega2*b%qx(1:b%nf)**2)
+    real(wp), intent(in) :: d(:, :)                 !! (nf, segments) [kg^.5 m]
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp) :: energy                              !! [J]
+    energy = 0.5_wp*sum(self%omega2*q**2)
   end function strain_energy
 
+  !> All of it in bending.
+  pure function strain_parts(self, b, q) result(parts)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp) :: parts(2)                            !! [J]
+    parts = [0.0_wp, sum(self%omega2*q**2)]
+  end function strain_parts
+
+  !> Modal forces times the root of the mass.
+  pure function largest_force(self, b, d, q) result(force)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: d(:, :)                 !! (nf, segments) [kg^.5 m]
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp) :: force                               !! [N]
+    force = maxval(abs(self%omega2*q))*sqrt(b%mass)
+  end function largest_force
+
+  !> From the amplitudes that the element's material sees.
+  pure function element_strain(self, b, e, w) result(d)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                        !! element
+    type(elastic_work), intent(in) :: w
+    real(wp) :: d(3)                                !! [m, rad, rad]
+    real(wp) :: x(b%nf)                             ! [kg^.5 m]
+    integer :: r
+    x = w%q(1:)
+    do r = 1, size(b%segments)
+      if (b%segments(r)%material == b%elements(e)%material) x = w%ds(:, r)
+    end do
+    d = matmul(deformation_matrix(b%elements(e)), [self%displacement(b, b%en(1, e), x), self%displacement(b, b%en(2, e), x)])
+  end function element_strain
+
+  !> Omega2, and the materials' stiffness.
+  pure subroutine add_stiffness(self, b, first, q, w, stiffness, segments)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: first                    !! coordinates before
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    type(elastic_work), intent(in) :: w
+    type(triplet_matrix), intent(inout) :: stiffness
+    type(triplet_matrix), intent(inout) :: segments(:)
+    integer :: k, r, all(b%nf)
+    all = [(first + k, k=1, b%nf)]
+    do k = 1, b%nf
+      call stiffness%add(all(k), all(k), self%omega2(k))
+    end do
+    do r = 1, size(segments)
+      call segments(r)%add_block(all, all, b%segments(r)%stiffness)
+    end do
+  end subroutine add_stiffness
+
   !> Sums over the modes.
-  pure function displacement(b, node, q) result(u)
+  pure function displacement(self, b, node, q) result(u)
+    class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: node
-    real(wp), intent(in) :: q(:)              !! (nf) [m kg^1/2]
-    real(wp) :: u(3)                          !! [m, m, rad]
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp) :: u(3)                                !! [m, m, rad]
     integer :: k
     u = 0.0_wp
     do k = 1, b%nf
-      u = u + b%psi(3*node - 2:3*node, k)*q(k)
+      u = u + self%psi(3*node - 2:3*node, k)*q(k)
     end do
   end function displacement
+
+  !> By all modes.
+  pure subroutine attach(self, b, p)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    type(marker_model), intent(inout) :: p
+    p%psi = self%psi(3*p%node - 2:3*p%node, :)
+  end subroutine attach
+
+  !> Each is its own.
+  pure logical function same(self, other)
+    class(modal_model), intent(in) :: self
+    class(elastic_basis), intent(in) :: other
+    same = .false.
+  end function same
 end module modal_basis

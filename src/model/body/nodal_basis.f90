@@ -1,78 +1,91 @@
-!> Flexible bodies in nodal coordinates: deformations element by element, the forces that they ask for, their energy.
+!> Flexible bodies in nodal coordinates: deformations element by element, the forces that they ask for, their energy. A straight
+!> body whose elements follow one another, with linear strain, has a loop of its own (`chain_kernel`).
 module nodal_basis
   use kinds, only: wp
-  use body, only: body_model, elastic_basis
-  use chain_kernel, only: chain_deformations
+  use banded, only: band_factor, band_solve, band_solve_two, same_factor
+  use beam_element, only: element_stiffness, stiffening_tangent
+  use body, only: body_model, elastic_basis, elastic_work, operator_forces
+  use chain_kernel, only: chain_deformations, chain_forces
+  use marker, only: marker_model
+  use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linear_deformations, element_stress
 
   !> The kind.
   type, extends(elastic_basis), public :: nodal_model
+    type(band_factor) :: mff                        !! factor of m_ff
+    logical :: straight = .true.                    !! all elements along body x
+    logical :: chain = .false.                      !! straight, elements one after the other, linear strain
+    real(wp), allocatable :: constants(:, :)        !! (10, ne) of each element (order: chain_kernel) [m, kg, N m, ...]
   contains
-    procedure, nopass :: deform => deformations
-    procedure, nopass :: add_stress
-    procedure, nopass :: strain_energy
-    procedure, nopass :: displacement
+    procedure :: deform
+    procedure :: add_stress
+    procedure :: add_forces
+    procedure :: solve_mass
+    procedure :: strain_energy
+    procedure :: strain_parts
+    procedure :: largest_force
+    procedure :: element_strain
+    procedure :: add_stiffness
+    procedure :: displacement
+    procedure :: attach
+    procedure :: same
   end type nodal_model
 
 contains
 
   !> Deformations (e, phi1, phi2) of every element, or (phi1, phi2) without axial deformation.
-  pure subroutine deformations(b, qx, d)
+  pure subroutine deform(self, b, q, d)
+    class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
+    if (self%chain) then
+      call chain_deformations(b%ne, b%nd, b%nf, b%edof, self%constants, q, d)
+    else
+      call element_deformations(self, b, b%stiffening, q, d)
+    end if
+  end subroutine deform
+
+  !> The same element by element, whatever the body's form.
+  pure subroutine element_deformations(self, b, stiffening, q, d)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    logical, intent(in) :: stiffening
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) [m, rad]
     real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
     real(wp) :: a(6), psi
     integer :: e
-    if (b%chain) then
-      call chain_deformations(b%ne, b%nd, b%nf, b%edof, b%factors, qx, d)
-      return
-    end if
-    call linear_deformations(b, qx, d)
-    if (.not. b%stiffening .or. b%nd < 3) return
     do e = 1, b%ne
-      call gather(b, e, qx, a)
-      psi = (a(5) - a(2))*b%factors(2, e)
+      call gather(self, b, e, q, a)
+      psi = (a(5) - a(2))*self%constants(2, e)
       associate (p1 => d(b%nd - 1, e), p2 => d(b%nd, e))
-        d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
+        p1 = a(3) - psi
+        p2 = a(6) - psi
+        if (b%nd == 3) d(1, e) = a(4) - a(1)
+        if (stiffening) d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
       end associate
     end do
-  end subroutine deformations
-
-  !> The same without geometric stiffening.
-  pure subroutine linear_deformations(b, qx, d)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero
-    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
-    real(wp) :: a(6), psi
-    integer :: e
-    do e = 1, b%ne
-      call gather(b, e, qx, a)
-      psi = (a(5) - a(2))*b%factors(2, e)
-      d(b%nd - 1, e) = a(3) - psi
-      d(b%nd, e) = a(6) - psi
-      if (b%nd == 3) d(1, e) = a(4) - a(1)
-    end do
-  end subroutine linear_deformations
+  end subroutine element_deformations
 
   !> Coordinates (or rates) of an element in its own axes.
-  pure subroutine gather(b, e, x, a)
+  pure subroutine gather(self, b, e, x, a)
+    class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
-    real(wp), intent(in), contiguous :: x(0:)       !! (0:nf)
-    real(wp), intent(out) :: a(6)
+    real(wp), intent(in), contiguous :: x(0:)       !! (0:nf) [m, rad]
+    real(wp), intent(out) :: a(6)                   !! [m, rad]
     integer :: k
     do k = 1, 6
       a(k) = x(b%edof(k, e))
     end do
-    if (.not. b%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
+    if (.not. self%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
   end subroutine gather
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
-    real(wp), intent(in) :: c, s            !! of the element angle [-]
-    real(wp), intent(inout) :: a(6)
+    real(wp), intent(in) :: c, s                    !! of the element angle [-]
+    real(wp), intent(inout) :: a(6)                 !! [m, rad], or forces [N, N m]
     real(wp) :: u, v
     u = a(1); v = a(2)
     a(1) = c*u + s*v
@@ -82,78 +95,224 @@ contains
     a(5) = c*v - s*u
   end subroutine to_element
 
-  !> Force and end moments conjugate to the element's deformations: D ds, with the extra terms of stiffening.
-  !> Returned as force along the element, the moment conjugate to the chord's turn, and the two end moments.
-  pure subroutine element_stress(b, e, d, ds, n, fpsi, m1, m2)
+  !> Forces along and across the element and end moments that its deformations ask for: D ds, with the terms of stiffening, whose
+  !> chord turns by psi.
+  pure function element_stress(b, e, d, ds, psi) result(s)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
-    real(wp), intent(in) :: d(:)            !! (nd) deformations [m, rad, rad]
-    real(wp), intent(in) :: ds(:)           !! (nd) the same with GHM differences
-    real(wp), intent(out) :: n              !! conjugate to e [N]
-    real(wp), intent(out) :: fpsi           !! stiffening: n/30 L, factor of the quadratic terms [N m]
-    real(wp), intent(out) :: m1, m2         !! conjugate to phi1, phi2 [N m]
-    real(wp) :: kb
-    kb = b%elements(e)%ei_l
-    n = 0.0_wp
-    fpsi = 0.0_wp
-    if (b%nd == 3) n = b%elements(e)%ea_l*ds(1)
-    m1 = kb*(4*ds(b%nd - 1) + 2*ds(b%nd))
-    m2 = kb*(2*ds(b%nd - 1) + 4*ds(b%nd))
-    if (b%stiffening) then
-      fpsi = n*b%elements(e)%length/30
-      m1 = m1 + fpsi*(4*d(2) - d(3))
-      m2 = m2 + fpsi*(4*d(3) - d(2))
-    end if
-  end subroutine element_stress
+    real(wp), intent(in) :: d(:), ds(:)             !! (nd) deformations, and with the terms' differences [m, rad, rad]
+    real(wp), intent(in) :: psi                     !! [rad]
+    real(wp) :: s(4)                                !! axial, transverse [N], end moments [N m]
+    real(wp) :: n
+    associate (ei_l => b%elements(e)%ei_l, length => b%elements(e)%length)
+      s(1) = 0.0_wp
+      if (b%nd == 3) s(1) = b%elements(e)%ea_l*ds(1)
+      s(3) = ei_l*(4*ds(b%nd - 1) + 2*ds(b%nd))
+      s(4) = ei_l*(2*ds(b%nd - 1) + 4*ds(b%nd))
+      if (b%stiffening) then
+        n = s(1)*length/30
+        s(3) = s(3) + n*(4*d(2) - d(3))
+        s(4) = s(4) + n*(4*d(3) - d(2))
+      end if
+      s(2) = (s(3) + s(4))/length
+      if (b%stiffening) s(2) = s(2) - s(1)*psi
+    end associate
+  end function element_stress
 
   !> Adds B^T D ds of all elements, with the terms of stiffening, times a factor to f: forces that the deformations ask for.
-  pure subroutine add_stress(b, ds, qx, factor, f)
+  pure subroutine add_stress(self, b, d, ds, q, factor, f)
+    class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: ds(:, :)    !! (nd, ne) deformations, GHM differences included [m, rad, rad]
-    real(wp), intent(in), contiguous :: qx(0:)      !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
-    real(wp) :: y(6), a(6), n, fpsi, m1, m2, q
+    real(wp) :: y(6), a(6), s(4), psi
     integer :: e, k
+    psi = 0.0_wp
     do e = 1, b%ne
-      call element_stress(b, e, b%d(:, e), ds(:, e), n, fpsi, m1, m2)
-      q = (m1 + m2)*b%factors(2, e)
       if (b%stiffening) then
-        call gather(b, e, qx, a)
-        q = q - n*(a(5) - a(2))*b%factors(2, e)
+        call gather(self, b, e, q, a)
+        psi = (a(5) - a(2))*self%constants(2, e)
       end if
-      y = [-n, q, m1, n, -q, m2]
-      if (.not. b%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
+      s = element_stress(b, e, d(:, e), ds(:, e), psi)
+      y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
+      if (.not. self%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
       do k = 1, 6
         f(b%edof(k, e)) = f(b%edof(k, e)) + factor*y(k)
       end do
     end do
   end subroutine add_stress
 
-  !> Of all elements.
-  pure function strain_energy(b) result(energy)
+  !> Of a chain in one loop over its elements, else by the operators.
+  pure subroutine add_forces(self, b, thetad, w, qmq, qmv)
+    class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp) :: energy                        !! [J]
-    integer :: e
-    energy = 0.0_wp
-    do e = 1, b%ne
-      if (b%nd == 3) energy = energy + 0.5_wp*b%elements(e)%ea_l*b%d(1, e)**2
-      associate (p1 => b%d(b%nd - 1, e), p2 => b%d(b%nd, e))
-        energy = energy + 2*b%elements(e)%ei_l*(p1**2 + p1*p2 + p2**2)
+    real(wp), intent(in) :: thetad                  !! [rad/s]
+    type(elastic_work), intent(inout) :: w
+    real(wp), intent(out) :: qmq, qmv               !! [kg m2], [kg m2/s]
+    if (self%chain) then
+      call chain_forces(b%ne, b%nd, b%nf, b%edof, self%constants, w%ds, thetad, w%q, w%v, w%force, w%coupling, qmq, qmv)
+      call lump_forces(b, thetad, w, qmq, qmv)
+    else
+      call operator_forces(self, b, thetad, w, qmq, qmv)
+    end if
+  end subroutine add_forces
+
+  !> Lumps on a chain: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
+  pure subroutine lump_forces(b, thetad, w, qmq, qmv)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: thetad                  !! [rad/s]
+    type(elastic_work), intent(inout) :: w
+    real(wp), intent(inout) :: qmq, qmv             !! [kg m2], [kg m2/s]
+    integer :: k
+    do k = 1, size(b%lumps)
+      associate (i => b%dof(1, b%lumps(k)%node), j => b%dof(2, b%lumps(k)%node), mu => b%lumps(k)%mass)
+        qmq = qmq + mu*(w%q(i)**2 + w%q(j)**2)
+        qmv = qmv + mu*(w%q(i)*w%v(i) + w%q(j)*w%v(j))
+        w%force(i) = w%force(i) + mu*(thetad**2*w%q(i) + 2*thetad*w%v(j))
+        w%force(j) = w%force(j) + mu*(thetad**2*w%q(j) - 2*thetad*w%v(i))
+        w%coupling(i) = w%coupling(i) - mu*w%q(j)
+        w%coupling(j) = w%coupling(j) + mu*w%q(i)
       end associate
     end do
+  end subroutine lump_forces
+
+  !> By the band factor.
+  pure subroutine solve_mass(self, work, x, y)
+    class(nodal_model), intent(in) :: self
+    real(wp), intent(inout), contiguous :: work(:, :)   !! (2, nf or more) [any]
+    real(wp), intent(inout) :: x(:)                 !! (nf) [N, N m], then [m/s2, rad/s2]
+    real(wp), intent(inout), optional :: y(:)       !! (nf) likewise [N, N m]
+    if (present(y)) then
+      call band_solve_two(self%mff, x, y, work)
+    else
+      call band_solve(self%mff, x, work)
+    end if
+  end subroutine solve_mass
+
+  !> Of all elements.
+  pure function strain_energy(self, b, d, q) result(energy)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp) :: energy                              !! [J]
+    energy = 0.5_wp*sum(energies(b, d))
   end function strain_energy
 
+  !> Axial, and in bending, of the linear strain.
+  pure function strain_parts(self, b, q) result(parts)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp) :: parts(2)                            !! [J]
+    real(wp) :: d(b%nd, b%ne)
+    call element_deformations(self, b, .false., [0.0_wp, q], d)
+    parts = energies(b, d)
+  end function strain_parts
+
+  !> Twice the energies of extensions and of bending.
+  pure function energies(b, d) result(parts)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp) :: parts(2)                            !! [J]
+    integer :: e
+    parts = 0.0_wp
+    do e = 1, b%ne
+      if (b%nd == 3) parts(1) = parts(1) + b%elements(e)%ea_l*d(1, e)**2
+      associate (p1 => d(b%nd - 1, e), p2 => d(b%nd, e))
+        parts(2) = parts(2) + 4*b%elements(e)%ei_l*(p1**2 + p1*p2 + p2**2)
+      end associate
+    end do
+  end function energies
+
+  !> Axial forces and end moments over length.
+  pure function largest_force(self, b, d, q) result(force)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp) :: force                               !! [N]
+    real(wp) :: s(4)
+    integer :: e
+    force = 0.0_wp
+    do e = 1, b%ne
+      s = element_stress(b, e, d(:, e), d(:, e), 0.0_wp)
+      force = max(force, abs(s(1)), abs(s(2)))
+    end do
+  end function largest_force
+
+  !> As they are.
+  pure function element_strain(self, b, e, w) result(d)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                        !! element
+    type(elastic_work), intent(in) :: w
+    real(wp) :: d(3)                                !! [m, rad, rad]
+    d = 0.0_wp
+    d(4 - b%nd:) = w%ds(:, e)
+  end function element_strain
+
+  !> Element by element: B^T D B at the deformation, which viscoelastic terms multiply, and the geometric part of stiffening.
+  pure subroutine add_stiffness(self, b, first, q, w, stiffness, segments)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: first                    !! coordinates before
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    type(elastic_work), intent(in) :: w
+    type(triplet_matrix), intent(inout) :: stiffness
+    type(triplet_matrix), intent(inout) :: segments(:)
+    real(wp) :: k(6, 6), g(6, 6), x(0:b%nf)
+    integer :: e, r, at(6)
+    x(0) = 0.0_wp
+    x(1:) = q
+    g = 0.0_wp
+    do e = 1, b%ne
+      at = merge(first + b%edof(:, e), 0, b%edof(:, e) > 0)
+      if (b%stiffening) then
+        call stiffening_tangent(b%elements(e), x(b%edof(:, e)), b%elements(e)%ea_l*w%ds(1, e), k, g)
+      else
+        k = element_stiffness(b%elements(e))
+      end if
+      call stiffness%add_block(at, at, k + g)
+      do r = 1, size(segments)
+        if (e >= b%segments(r)%first .and. e <= b%segments(r)%last) call segments(r)%add_block(at, at, k)
+      end do
+    end do
+  end subroutine add_stiffness
+
   !> The node's own coordinates.
-  pure function displacement(b, node, q) result(u)
+  pure function displacement(self, b, node, q) result(u)
+    class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: node
-    real(wp), intent(in) :: q(:)              !! (nf) [m, rad]
-    real(wp) :: u(3)                          !! [m, m, rad]
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp) :: u(3)                                !! [m, m, rad]
     integer :: k
     u = 0.0_wp
     do k = 1, 3
       if (b%dof(k, node) > 0) u(k) = q(b%dof(k, node))
     end do
   end function displacement
+
+  !> By its node's coordinates.
+  pure subroutine attach(self, b, p)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    type(marker_model), intent(inout) :: p
+    p%dof = b%dof(:, p%node)
+  end subroutine attach
+
+  !> The elements' constants and the factor.
+  pure logical function same(self, other)
+    class(nodal_model), intent(in) :: self
+    class(elastic_basis), intent(in) :: other
+    same = .false.
+    select type (other)
+    type is (nodal_model)
+      same = (self%chain .eqv. other%chain) .and. all(abs(self%constants - other%constants) <= 0.0_wp)
+      if (same) same = same_factor(self%mff, other%mff)
+    end select
+  end function same
 end module nodal_basis

@@ -27,11 +27,8 @@ contains
     character(:), allocatable :: unit
     associate (b => m%s%bodies(self%marker%body))
       unit = 'm'
-      if (b%modal) then
-        unit = 'kg^.5*m'
-      else if (any(b%dof(3, :) == self%index)) then
-        unit = 'rad'
-      end if
+      if (b%basis%rotation(self%index)) unit = 'rad'
+      if (b%basis%reduced_from > 0) unit = 'kg^.5*m'
     end associate
     list = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
   end subroutine columns

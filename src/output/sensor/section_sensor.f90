@@ -28,7 +28,7 @@ contains
     type(mechanism_model), intent(in) :: m
     character(suffix_length), allocatable, intent(out) :: list(:)
     list = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]']
-    if (m%s%bodies(self%marker%body)%fibre(self%element) > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
+    if (m%s%bodies(self%marker%body)%elements(self%element)%fibre > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
   end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
@@ -43,19 +43,10 @@ contains
     integer :: i
     associate (b => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
       i = m%s%qo(self%marker%body) + 3
-      if (b%modal) then
-        d = modal_strain(b, e, y(i + 1:i + b%nf), y(2*m%s%nq + 1:))
-      else
-        d = 0.0_wp
-        if (size(b%segments) > 0) then
-          d(4 - b%nd:3) = b%ds(:, e)
-        else
-          d(4 - b%nd:3) = b%d(:, e)
-        end if
-      end if
+      d = b%basis%element_strain(b, e, ev%elastic(self%marker%body))
       if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, y(m%s%nq + i + 1:m%s%nq + i + b%nf)))
       x(1:4) = real(section_forces(b, e, cmplx(d, kind=wp)))
-      if (b%fibre(e) > 0.0_wp) x(5) = abs(x(1))/b%area(e) + maxval(abs(x(3:4)))*b%fibre(e)/b%second(e)
+      if (g%fibre > 0.0_wp) x(5) = abs(x(1))/g%area + maxval(abs(x(3:4)))*g%fibre/g%second
     end associate
   end subroutine read_section
 
@@ -78,8 +69,8 @@ contains
       d = g%ray_k*motion%s*matmul(b, a) + (1 + element_ratio(body, e, motion%s))* &
           matmul(tangent(body, e, y(i + 1:i + body%nf), b), a)
       x(1:4) = section_forces(body, e, d)
-      if (.not. body%fibre(e) > 0.0_wp) return
-      fibre = x(1)/body%area(e) + [x(3), -x(3), x(4), -x(4)]*body%fibre(e)/body%second(e)
+      if (.not. g%fibre > 0.0_wp) return
+      fibre = x(1)/g%area + [x(3), -x(3), x(4), -x(4)]*g%fibre/g%second
       x(5) = fibre(maxloc(abs(fibre), 1))
     end associate
   end subroutine respond
@@ -109,26 +100,6 @@ contains
     a(1:3) = b%displacement(b%en(1, e), qf)
     a(4:6) = b%displacement(b%en(2, e), qf)
   end function element_coordinates
-
-  !> Deformations of an element of a modal body with the differences of its material's terms.
-  pure function modal_strain(b, e, qf, z) result(d)
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e                  !! element
-    real(wp), intent(in) :: qf(:)             !! (nf) [kg^.5 m]
-    real(wp), intent(in) :: z(:)              !! (nz) internal variables [kg^.5 m]
-    real(wp) :: d(3)
-    real(wp) :: x(size(qf))
-    integer :: r, k, o
-    x = qf
-    do r = 1, size(b%segments)
-      if (b%segments(r)%material /= b%material(e)) cycle
-      do k = 1, size(b%segments(r)%law%alpha)
-        o = b%segments(r)%start(k)
-        x = x + b%segments(r)%law%alpha(k)*(qf - z(o + 1:o + b%nf))
-      end do
-    end do
-    d = matmul(deformation_matrix(b%elements(e)), element_coordinates(b, e, x))
-  end function modal_strain
 
   !> The same of complex amplitudes.
   pure function nodal(b, e, x) result(a)
@@ -164,12 +135,7 @@ contains
     integer :: r
     g = 0.0_wp
     do r = 1, size(body%segments)
-      if (body%modal) then
-        if (body%segments(r)%material /= body%material(e)) cycle
-      else
-        if (e < body%segments(r)%first .or. e > body%segments(r)%last) cycle
-      end if
-      g = g + body%segments(r)%law%ratio(s)
+      if (body%segments(r)%material == body%elements(e)%material) g = body%segments(r)%law%ratio(s)
     end do
   end function element_ratio
 end module section_sensor

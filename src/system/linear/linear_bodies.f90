@@ -4,7 +4,7 @@
 module linear_bodies
   use kinds, only: wp
   use body_terms, only: body_equations, body_tangent, set_up_terms
-  use elastic_blocks, only: modal_block, nodal_block
+  use elastic_blocks, only: elastic_block
   use linear_matrices, only: linear_mechanism
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -43,14 +43,10 @@ contains
       allocate (origin(n, 2))
       origin(1:2, :) = body%mass*one
       origin(3, :) = [-ev%frame%pin(2, b), ev%frame%pin(1, b)]
-      if (body%flexible) origin(4:, :) = body%sbar
+      if (body%flexible) origin(4:, :) = body%shape%sbar
       call lin%damping%add_block(x, x(1:2), 2*v(i + 3)*matmul(origin, h))
       call lin%stiffness%add_block(x, x(1:2), matmul(origin, a(i + 3)*h - v(i + 3)**2*one))
-      if (body%modal) then
-        call modal_block(body, b, x(4:), v(i + 3), a(i + 3), lin)
-      else if (body%flexible) then
-        call nodal_block(body, b, i + 3, v(i + 3), a(i + 3), q(i + 4:i + n), lin)
-      end if
+      if (body%flexible) call elastic_block(body, b, ev%elastic(b), i + 3, v(i + 3), a(i + 3), q(i + 4:i + n), lin)
     end associate
   contains
     !> Adds one of the matrices: the frame, and what couples it and the elastic coordinates.
@@ -61,8 +57,8 @@ contains
         call body_tangent(t, body, a2, a1, a0, q(i + 1:i + n), v(i + 1:i + n), a(i + 1:i + n), acc)
         call matrix%add_block(x(1:3), x(1:3), t%block)
         if (.not. body%flexible) return
-        call matrix%add_block(x(1:2), x(4:), matmul(t%origin(1)*one + t%origin(2)*h, transpose(body%sbar)))
-        call matrix%add_block(x(4:), x(1:2), a2*body%sbar)
+        call matrix%add_block(x(1:2), x(4:), matmul(t%origin(1)*one + t%origin(2)*h, transpose(body%shape%sbar)))
+        call matrix%add_block(x(4:), x(1:2), a2*body%shape%sbar)
         call matrix%add_block(x(4:), x(3:3), reshape(t%column(1:), [n - 3, 1]))
         call matrix%add_block(x(3:3), x(4:), reshape(t%row(1:), [1, n - 3]))
       end associate

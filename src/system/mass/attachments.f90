@@ -2,7 +2,6 @@
 !> columns m_ff^-1 E_k^T, and the compliances E_i m_ff^-1 E_j^T between the markers (theory.md, section 7). All constant.
 module attachments
   use kinds, only: wp
-  use banded, only: band_solve
   use body, only: body_model
   use mechanism, only: mechanism_model, flexible_attachments
   use marker, only: marker_model
@@ -29,7 +28,7 @@ contains
       if (.not. self%s%bodies(b)%flexible) cycle
       call list_markers(self, b, local)
       associate (at => self%attached(b), body => self%s%bodies(b))
-        call number_columns(self%s%markers(at%marker), acts(:, at%marker), body%modal, at%column)
+        call number_columns(self%s%markers(at%marker), acts(:, at%marker), at%column)
         call fill_columns(self%s%markers(at%marker), body, at)
         call fill_compliances(self%s%markers(at%marker), body, at)
       end associate
@@ -58,22 +57,16 @@ contains
   end subroutine list_markers
 
   !> Numbers the columns that are needed: where a constraint acts on a coordinate that the body has.
-  pure subroutine number_columns(markers, acts, modal, column)
+  pure subroutine number_columns(markers, acts, column)
     type(marker_model), intent(in) :: markers(:) !! (na) attached markers of one body
     logical, intent(in) :: acts(:, :)            !! (3, na)
-    logical, intent(in) :: modal                 !! the body has modal coordinates
     integer, allocatable, intent(out) :: column(:, :)   !! (3, na) 0: none needed
     integer :: i, c, nc
     allocate (column(3, size(markers)), source=0)
     nc = 0
     do i = 1, size(markers)
       do c = 1, 3
-        if (modal) then
-          if (.not. allocated(markers(i)%psi)) cycle
-        else
-          if (markers(i)%dof(c) == 0) cycle
-        end if
-        if (.not. acts(c, i)) cycle
+        if (.not. (acts(c, i) .and. markers(i)%moves(c))) cycle
         nc = nc + 1
         column(c, i) = nc
       end do
@@ -83,8 +76,9 @@ contains
   !> The columns m_ff^-1 E_k^T.
   subroutine fill_columns(markers, body, at)
     type(marker_model), intent(in) :: markers(:) !! (na) attached markers of the body
-    type(body_model), intent(inout) :: body        !! its factor's work space changes
+    type(body_model), intent(in) :: body
     type(flexible_attachments), intent(inout) :: at
+    real(wp) :: work(2, body%nf)                 ! [any]
     integer :: i, c, nc
     nc = max(0, maxval(at%column))
     allocate (at%columns(body%nf, nc), source=0.0_wp)
@@ -92,12 +86,8 @@ contains
       do c = 1, 3
         if (at%column(c, i) == 0) cycle
         associate (x => at%columns(:, at%column(c, i)))
-          if (body%modal) then
-            x = markers(i)%psi(c, :)
-          else
-            x(markers(i)%dof(c)) = 1.0_wp
-            call band_solve(body%mff, x)
-          end if
+          call markers(i)%push_elastic(merge(1.0_wp, 0.0_wp, [1, 2, 3] == c), x)
+          call body%basis%solve_mass(work, x)
         end associate
       end do
     end do
@@ -112,8 +102,8 @@ contains
     n = size(markers)
     allocate (at%compliance(3, 3, n, n), at%ep(3, 2, n), source=0.0_wp)
     do i = 1, n
-      at%ep(:, 1, i) = markers(i)%elastic(body%pmat(:, 1))
-      at%ep(:, 2, i) = markers(i)%elastic(body%pmat(:, 2))
+      at%ep(:, 1, i) = markers(i)%elastic(body%shape%pmat(:, 1))
+      at%ep(:, 2, i) = markers(i)%elastic(body%shape%pmat(:, 2))
       do j = 1, n
         do c = 1, 3
           if (at%column(c, j) > 0) at%compliance(:, c, i, j) = markers(i)%elastic(at%columns(:, at%column(c, j)))

@@ -22,7 +22,7 @@ contains
   !> Corrects lambda and a of the last evaluation until the residual of the joints no longer falls. Where it stays large the
   !> masses are too uneven for the factor.
   subroutine correct_accelerations(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp) :: worst, before
     integer :: pass
@@ -42,7 +42,7 @@ contains
 
   !> Whether the accelerations meet the joints' equations to rounding already.
   logical function balanced(self, ev) result(yes)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     call joint_residual(self, ev, ev%lambda_change)
     yes = .not. maxval(abs(ev%lambda_change)) > 8*epsilon(1.0_wp)*largest_acceleration(self, ev)
@@ -63,7 +63,7 @@ contains
 
   !> Second derivatives of all rows at the present accelerations, with Baumgarte's terms where they are asked for.
   subroutine joint_residual(self, ev, r)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(out), contiguous :: r(:)        !! (rows) [m/s2]
     integer :: i, b, e

@@ -15,7 +15,7 @@ contains
 
   !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry says what that means.
   subroutine factor_joints(self, ev, accept_weak_pivots)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: accept_weak_pivots     !! the matrix as it is, as long as its pivots can be told from 0
     logical :: good
@@ -27,7 +27,7 @@ contains
 
   !> Sums G from the unit wrenches of the last evaluation, body by body.
   subroutine condense_geometry(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp) :: middle(2), reach
     integer :: b
@@ -62,7 +62,7 @@ contains
 
   !> What the frame's motion adds: wrenches about the middle of the joints.
   pure subroutine add_frame(self, ev, b, middle, reach)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(in) :: middle(2), reach      !! [m]
@@ -88,16 +88,15 @@ contains
 
   !> What the elastic coordinates of the markers add.
   pure subroutine add_elastic(self, ev, b, at, reach)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     type(flexible_attachments), intent(in) :: at
     real(wp), intent(in) :: reach                 !! [m]
     real(wp) :: unit(3), x
     integer :: e, f, i, j, c
-    logical :: modal, same
+    logical :: same
     unit = [1.0_wp, 1.0_wp, 1.0_wp/reach**2]
-    modal = self%s%bodies(b)%modal
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
       i = self%incidence%attachment(e)
       do f = self%incidence%first(b), e
@@ -105,7 +104,7 @@ contains
         x = 0.0_wp
         do c = 1, 3
           same = self%s%markers(at%marker(i))%dof(c) == self%s%markers(at%marker(j))%dof(c) .and. at%column(c, i) > 0
-          if (modal) then
+          if (allocated(self%s%markers(at%marker(i))%psi)) then
             x = x + self%s%bodies(b)%mass*ev%side%w(c, f)*dot_product(ev%side%w(:, e), at%compliance(:, c, i, j))
           else if (same) then
             x = x + unit(c)*ev%side%w(c, e)*ev%side%w(c, f)
@@ -118,7 +117,7 @@ contains
 
   !> Adds to the entry of two sides' rows, scaled as S is.
   pure subroutine add_pair(self, ev, e, f, x)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: e, f
     real(wp), intent(in) :: x                     !! [-]

@@ -12,7 +12,7 @@ contains
 
   !> push = Mc^-1 J^T w lambda of every body's frame, body axes.
   pure subroutine push_frames(self, ev, lambda)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
     call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
@@ -49,7 +49,7 @@ contains
 
   !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
   subroutine push_elastic(self, ev, b, lambda, a)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(in), contiguous :: lambda(:)     !! (rows) [N]
@@ -95,7 +95,7 @@ contains
 
   !> dq = -M^-1 Phi_q^T mu with the factors of the last evaluation: the mass-orthogonal correction (theory.md, section 6).
   subroutine apply_multipliers(self, ev, mu, dq)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: mu(:)         !! (rows) multipliers [N], or times s2 for positions
     real(wp), intent(out), contiguous :: dq(:)        !! (nq), global axes [m/s2, rad/s2], or [m, rad]
@@ -110,9 +110,8 @@ contains
         dq(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if
-      associate (body => self%s%bodies(b), prototype => self%s%bodies(self%prototype(b)))
-        call follow_frame(n, prototype%pmat, body%angle_coupling(1:n), ev%frame%push(:, b), dq(i + 4:i + 3 + n))
-      end associate
+      call follow_frame(n, self%s%bodies(self%prototype(b))%shape%pmat, ev%elastic(b)%coupling(1:n), ev%frame%push(:, b), &
+                        dq(i + 4:i + 3 + n))
       call push_elastic(self, ev, b, mu, dq(i + 4:i + 3 + n))
     end do
   end subroutine apply_multipliers

@@ -14,7 +14,7 @@ contains
 
   !> Phi, its gradients and the other parts of every constraint, from the markers' states.
   subroutine constraint_values(self, ev, options, t)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
@@ -62,7 +62,7 @@ contains
 
   !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
   subroutine condense_constraints(self, ev, elastic_held)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: elastic_held     !! elastic coordinates do not move
     integer :: b, first, last, n, pairs
@@ -205,7 +205,7 @@ contains
 
   !> lambda = Phi_q a_free + (second derivative at zero acceleration): what the multipliers must cancel [m/s2].
   pure subroutine joint_accelerations(self, ev)
-    type(mechanism_model), intent(inout) :: self
+    type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: b, first, last
     call add_marker_terms(self%s%rows, size(self%markers%body), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%bias, &

@@ -2,7 +2,6 @@
 !> coordinates, the frames' in body axes.
 module mass_solve
   use kinds, only: wp
-  use banded, only: band_solve
   use frame_axes, only: turn_to_body
   use joint_response, only: apply_multipliers
   use evaluation_results, only: evaluation
@@ -15,7 +14,7 @@ contains
 
   !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
   subroutine solve_mass(m, ev, held, r, u)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held                !! joints and drives held
     real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
@@ -39,7 +38,7 @@ contains
 
   !> u = M^-1 r, joints released.
   subroutine solve_bodies(m, ev, r, u)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
@@ -53,23 +52,23 @@ contains
 
   !> The same for one body alone: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
   subroutine solve_body(m, ev, b, r, u)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b                   !! body
     real(wp), intent(in) :: r(:)               !! (3+nf) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (3+nf) accelerations [m/s2], [rad/s2]
     real(wp) :: x(3)
     integer :: n, k
-    associate (body => m%s%bodies(b))
+    associate (body => m%s%bodies(b), coupling => ev%elastic(b)%coupling, shape => m%s%bodies(b)%shape)
       n = body%nf
       x = r(1:3)
       if (body%flexible) then
         u(4:) = r(4:)
         do k = 1, n
-          x(1:2) = x(1:2) - body%pmat(k, :)*u(3 + k)
-          x(3) = x(3) - body%angle_coupling(k)*u(3 + k)
+          x(1:2) = x(1:2) - shape%pmat(k, :)*u(3 + k)
+          x(3) = x(3) - coupling(k)*u(3 + k)
         end do
-        if (.not. body%modal) call band_solve(body%mff, u(4:))
+        call body%basis%solve_mass(ev%work, u(4:))
       end if
       x(2) = x(2) - ev%frame%l(1, b)*x(1)
       x(3) = x(3) - ev%frame%l(2, b)*x(1) - ev%frame%l(3, b)*x(2)
@@ -78,7 +77,7 @@ contains
       x(1) = x(1) - ev%frame%l(1, b)*x(2) - ev%frame%l(2, b)*x(3)
       u(1:3) = x
       do k = 1, n
-        u(3 + k) = u(3 + k) - body%pmat(k, 1)*x(1) - body%pmat(k, 2)*x(2) - body%angle_coupling(k)*x(3)
+        u(3 + k) = u(3 + k) - shape%pmat(k, 1)*x(1) - shape%pmat(k, 2)*x(2) - coupling(k)*x(3)
       end do
     end associate
   end subroutine solve_body

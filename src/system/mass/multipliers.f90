@@ -23,9 +23,9 @@ module multipliers
     integer :: kd = 0                          !! half band width
     integer, allocatable :: position(:)        !! (n) reordered marker of each row
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
-    real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j)
-    real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed
-    real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal, 1/D on it; columns beyond n are zero
+    real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j) [1/kg]
+    real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed [-]
+    real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal [-], 1/D on it [kg]; zero beyond n
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
                                                !! everywhere; larger in passing, where the weak direction must not move [-]
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
@@ -33,8 +33,8 @@ module multipliers
     logical :: uneven_masses = .false.         !! very uneven masses: multipliers are exact only after corrections
     logical :: ill_conditioned = .false.       !! masses so uneven that double precision no longer holds S
     logical :: was_ill_conditioned = .false.   !! at some evaluation of the run
-    real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n
-    real(wp), allocatable :: r(:), best(:)     !! (n) work
+    real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n [m/s2, N]
+    real(wp), allocatable :: r(:), best(:)     !! (n) work [m/s2, N]
     logical, allocatable :: dependent(:)       !! (n) reordered rows that depend on earlier ones by geometry
   contains
     procedure :: set_up
@@ -84,7 +84,7 @@ contains
   !> x = 0, as one run of memory.
   pure subroutine fill_zero(n, x)
     integer, intent(in) :: n
-    real(wp), intent(out) :: x(n)
+    real(wp), intent(out) :: x(n)             !! [any]
     x = 0.0_wp
   end subroutine fill_zero
 
@@ -187,8 +187,8 @@ contains
   !> f = S, with zeros beyond its last column.
   pure subroutine take_matrix(ns, nf, s, f)
     integer, intent(in) :: ns, nf             !! entries of s and f
-    real(wp), intent(in) :: s(ns)
-    real(wp), intent(out) :: f(nf)
+    real(wp), intent(in) :: s(ns)             !! [1/kg]
+    real(wp), intent(out) :: f(nf)            !! [1/kg]
     f(1:ns) = s
     f(ns + 1:) = 0.0_wp
   end subroutine take_matrix
@@ -196,7 +196,7 @@ contains
   !> Solves S lambda = r in place (minimum norm where S is singular).
   subroutine solve(self, lambda)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: lambda(:)      !! (n) right-hand side, then multipliers, in the constraints' own order
+    real(wp), intent(inout) :: lambda(:)      !! (n) right-hand side [m/s2], then multipliers [N], in the rows' own order
     integer :: k
     if (self%n == 0) return
     do k = 1, self%n
@@ -215,7 +215,7 @@ contains
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
   subroutine minimum_norm_equivalent(self, lambda)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
+    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order [N]
     integer :: k
     do k = 1, self%n
       self%r(self%position(k)) = lambda(k)/self%scale(k)
@@ -231,7 +231,7 @@ contains
   !> Leaves of the given multipliers what exerts no force: their part in the null space of S.
   subroutine remove_range(self, lambda)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order
+    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order [N]
     real(wp) :: shared(size(lambda))
     shared = lambda
     call self%minimum_norm_equivalent(shared)

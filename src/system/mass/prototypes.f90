@@ -3,7 +3,6 @@
 !> the processor's caches. The numbers being equal, so are the results, to the last bit.
 module prototypes
   use kinds, only: wp
-  use banded, only: same_factor
   use body, only: body_model
   use mechanism, only: mechanism_model, flexible_attachments
   implicit none (type, external)
@@ -26,7 +25,7 @@ contains
     held = 0
     do b = 1, n
       associate (body => self%s%bodies(b))
-        if (.not. body%flexible .or. body%modal) cycle
+        if (.not. body%flexible) cycle
       end associate
       self%prototype(b) = first_prototype(self, b, kinds, .false.)
       self%attached_prototype(b) = first_prototype(self, b, held, .true.)
@@ -51,15 +50,19 @@ contains
     kinds = [b, kinds(1:size(kinds) - 1)]
   end function first_prototype
 
-  !> Whether two bodies have the same elastic coordinates and constants.
+  !> Whether an evaluation finds the same in two nodal bodies: what they are made of but for names, positions, internal variables.
   logical function same_constants(a, b) result(same)
     type(body_model), intent(in) :: a, b
-    same = a%nf == b%nf .and. a%ne == b%ne .and. a%nd == b%nd .and. (a%chain .eqv. b%chain)
-    if (.not. same) return
-    same = all(a%edof == b%edof) .and. equal(size(a%factors), a%factors, b%factors) .and. &
-           equal(size(a%sbar), a%sbar, b%sbar) .and. equal(a%nf, a%i1f, b%i1f) .and. equal(a%nf, a%c0, b%c0) .and. &
-           equal(size(a%pmat), a%pmat, b%pmat)
-    if (same) same = same_factor(a%mff, b%mff)
+    same = .false.
+    if (a%nf /= b%nf .or. a%ne /= b%ne .or. a%nd /= b%nd .or. size(a%lumps) /= size(b%lumps)) return
+    if (a%stiffening .neqv. b%stiffening) return
+    if (any(a%edof /= b%edof) .or. any(a%lumps%node /= b%lumps%node)) return
+    same = equal(4, [a%mass, a%i1, a%i11], [b%mass, b%i1, b%i11]) .and. equal(size(a%lumps), a%lumps%mass, b%lumps%mass) .and. &
+           equal(size(a%shape%sbar), a%shape%sbar, b%shape%sbar) .and. equal(a%nf, a%shape%i1f, b%shape%i1f) .and. &
+           equal(a%nf, a%shape%c0, b%shape%c0) .and. equal(size(a%shape%pmat), a%shape%pmat, b%shape%pmat) .and. &
+           equal(2*a%ne, [a%elements%c, a%elements%ray_m], [b%elements%c, b%elements%ray_m]) .and. &
+           equal(2*a%ne, [a%elements%s, a%elements%ray_k], [b%elements%s, b%elements%ray_k])
+    if (same) same = a%basis%same(b%basis)
   end function same_constants
 
   !> Whether two bodies of the same constants are attached in the same way.

@@ -30,6 +30,7 @@ module elastic_block
     real(wp), allocatable :: lu(:, :)        !! its LU in LAPACK's band storage [N/m, N, N m]
     integer, allocatable :: pivots(:)        !! (n)
     real(wp), allocatable :: x(:, :)         !! (n, 1) work of its solves [any]
+    real(wp), allocatable :: work(:, :)      !! (2, n) of those with T0 [any]
   contains
     procedure :: set_up
     procedure :: factor_base
@@ -58,7 +59,8 @@ contains
                     maxval(abs(self%position(odd%row) - self%position(odd%col))))
       n = size(even%row)
     end associate
-    allocate (self%value(n), self%lower(size(self%entry)), self%lu(3*self%kb + 1, self%n), self%x(self%n, 1), source=0.0_wp)
+    allocate (self%value(n), self%lower(size(self%entry)), self%lu(3*self%kb + 1, self%n), self%x(self%n, 1), &
+              self%work(2, self%n), source=0.0_wp)
     allocate (self%band(0))
   end subroutine set_up
 
@@ -135,7 +137,7 @@ contains
     self%lu(2*self%kb + 1 + i - j, j) = self%lu(2*self%kb + 1 + i - j, j) + x
   end subroutine marker
 
-  !> Adds what stiffening changes of an element's stiffness, at the coordinates body%qx.
+  !> Adds what stiffening changes of an element's stiffness, at the coordinates of eq's last residual.
   subroutine add_stiffening(self, eq, body, e)
     class(block_factor), intent(inout) :: self
     type(body_equations), intent(in) :: eq
@@ -151,21 +153,19 @@ contains
     end do
   end subroutine add_stiffening
 
-  !> What stiffening changes of the stiffness of element e, at the coordinates body%qx of eq's last residual.
+  !> What stiffening changes of the stiffness of element e, at the coordinates of eq's last residual.
   subroutine stiffening_change(eq, body, e, k)
     type(body_equations), intent(in) :: eq
     type(body_model), intent(in) :: body
     integer, intent(in) :: e
     real(wp), intent(out) :: k(6, 6)         !! [N/m, N, N m]
-    real(wp) :: x(6), g(6, 6), n, factor
+    real(wp) :: g(6, 6), factor
     integer :: r
     factor = 1.0_wp
     do r = 1, size(body%segments)
       if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) factor = eq%factor(r)
     end do
-    x = body%qx(body%edof(:, e))
-    n = body%elements(e)%ea_l*merge(body%ds(1, e), body%d(1, e), size(body%segments) > 0)
-    call stiffening_tangent(body%elements(e), x, n, k, g)
+    call stiffening_tangent(body%elements(e), eq%w%q(body%edof(:, e)), body%elements(e)%ea_l*eq%w%ds(1, e), k, g)
     k = factor*(k - element_stiffness(body%elements(e))) + g
   end subroutine stiffening_change
 
@@ -176,7 +176,7 @@ contains
     real(wp), intent(inout) :: x(:)          !! (n) forces [N, N m], then displacements [m, rad]
     integer :: i, info
     if (.not. whole) then
-      call band_solve(self%base, x)
+      call band_solve(self%base, x, self%work)
       return
     end if
     do i = 1, self%n
@@ -197,7 +197,7 @@ contains
       call self%solve(whole, x)
       call self%solve(whole, y)
     else
-      call band_solve_two(self%base, x, y)
+      call band_solve_two(self%base, x, y, self%work)
     end if
   end subroutine solve_two
 end module elastic_block

@@ -36,7 +36,7 @@ contains
       rc = 0.0_wp
       associate (body => m%s%bodies(b))
         do k = 1, t%eq%n
-          y = y + body%sbar(k, :)*t%eq%column(k)
+          y = y + body%shape%sbar(k, :)*t%eq%column(k)
           rx = rx + t%eq%row(k)*t%at%xs(k, :)
           rc = rc + t%eq%row(k)*t%eq%column(k)
         end do
@@ -198,7 +198,7 @@ contains
         x = 0.0_wp
         y = 0.0_wp
         do k = 1, t%eq%n
-          x = x + m%s%bodies(b)%sbar(k, :)*t%eq%elastic(k)
+          x = x + m%s%bodies(b)%shape%sbar(k, :)*t%eq%elastic(k)
           y = y + t%eq%row(k)*t%eq%elastic(k)
         end do
         rc(1) = rc(1) - t%eq%origin(1)*x(1) + t%eq%origin(2)*x(2)
@@ -266,7 +266,7 @@ contains
     integer :: i, j
     associate (at => t%at)
       at%whole = whole
-      at%xs = body%sbar
+      at%xs = body%shape%sbar
       call t%block%solve_two(whole, at%xs(:, 1), at%xs(:, 2))
       at%xe = 0.0_wp
       at%compliance = 0.0_wp
@@ -276,7 +276,7 @@ contains
         call markers(at%marker(at%marker_of(j)))%push_elastic(unit, at%xe(:, j))
         call t%block%solve(whole, at%xe(:, j))
         do i = 1, 2
-          at%sxe(i, j) = dot_product(body%sbar(:, i), at%xe(:, j))
+          at%sxe(i, j) = dot_product(body%shape%sbar(:, i), at%xe(:, j))
         end do
         do i = 1, at%na
           at%compliance(:, at%component_of(j), i, at%marker_of(j)) = markers(at%marker(i))%elastic(at%xe(:, j))
@@ -284,7 +284,7 @@ contains
       end do
       do j = 1, 2
         do i = 1, 2
-          at%pss(i, j) = dot_product(body%sbar(:, i), at%xs(:, j))
+          at%pss(i, j) = dot_product(body%shape%sbar(:, i), at%xs(:, j))
         end do
         do i = 1, at%na
           at%exs(:, j, i) = markers(at%marker(i))%elastic(at%xs(:, j))

@@ -111,7 +111,7 @@ contains
   !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
   subroutine residual(self, m, ev, options, t, q, v, a, lambda)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]

@@ -19,8 +19,8 @@ contains
 
   !> What the dissipative coordinates move by from their predictions, at the final positions.
   subroutine term_increments(self, m, ev, q, v, z, zd, zdd, dz)
-    type(newton_matrix), intent(in) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
@@ -37,8 +37,8 @@ contains
 
   !> The deformations that the dissipative coordinates follow.
   subroutine term_deformations(self, m, ev, q, v, delta)
-    type(newton_matrix), intent(in) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)             !! (nz) [m, rad]
@@ -47,32 +47,33 @@ contains
     if (size(self%terms) == 0) return
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
-    call deform(m, q)
+    call deform(self, m, q)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
         if (b == 0) then
           call m%s%forces(t%element)%item%deformation(ev%p, delta(i), dd, e)
         else
-          associate (body => m%s%bodies(b), segment => m%s%bodies(b)%segments(t%segment))
-            delta(i:j) = reshape(body%d(:, segment%first:segment%last), [j - i + 1])
+          associate (segment => m%s%bodies(b)%segments(t%segment))
+            delta(i:j) = reshape(self%b(b)%eq%w%d(:, segment%first:segment%last), [j - i + 1])
           end associate
         end if
       end associate
     end do
   end subroutine term_deformations
 
-  !> Deformations of the viscoelastic bodies, kept in them.
-  subroutine deform(m, q)
-    type(mechanism_model), intent(inout) :: m
+  !> Deformations of the viscoelastic bodies.
+  subroutine deform(self, m, q)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
     integer :: b, i
     do b = 1, size(m%s%bodies)
-      associate (body => m%s%bodies(b))
+      associate (body => m%s%bodies(b), w => self%b(b)%eq%w)
         if (body%nz == 0) cycle
         i = m%s%qo(b) + 3
-        body%qx(1:body%nf) = q(i + 1:i + body%nf)
-        call body%basis%deform(body, body%qx, body%d)
+        w%q(1:) = q(i + 1:i + body%nf)
+        call body%basis%deform(body, w%q, w%d)
       end associate
     end do
   end subroutine deform
@@ -80,8 +81,8 @@ contains
   !> Rates of the internal variables of first order at the state of the last evaluation, and the rates' own derivatives,
   !> (delta' - z')/tau. Deformations are at most quadratic in q: delta' = (delta(q + v) - delta(q - v))/2, exactly.
   subroutine relaxation_rates(self, m, ev, q, v, zd, a)
-    type(newton_matrix), intent(in) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
@@ -92,7 +93,7 @@ contains
     zd(m%s%nzd + 1:) = ev%zdd(m%s%nzd + 1:)
     a(m%s%nzd + 1:) = -zd(m%s%nzd + 1:)
     do side = -1, 1, 2
-      call deform(m, q + side*v)
+      call deform(self, m, q + side*v)
       do k = 1, size(self%terms)
         associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
           if (i <= m%s%nzd) cycle
@@ -100,8 +101,8 @@ contains
             call m%s%forces(t%element)%item%deformation(ev%p, d, dd, e)
             a(i) = a(i) + 0.5_wp*dd
           else
-            associate (body => m%s%bodies(t%body), segment => m%s%bodies(t%body)%segments(t%segment))
-              a(i:j) = a(i:j) + 0.5_wp*side*reshape(body%d(:, segment%first:segment%last), [j - i + 1])
+            associate (segment => m%s%bodies(t%body)%segments(t%segment))
+              a(i:j) = a(i:j) + 0.5_wp*side*reshape(self%b(t%body)%eq%w%d(:, segment%first:segment%last), [j - i + 1])
             end associate
           end if
         end associate
@@ -117,7 +118,7 @@ contains
   !> Power dissipated in bodies and springs, and put in by loads and drives.
   subroutine find_powers(self, m, ev, t, q, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
@@ -200,10 +201,10 @@ contains
     f = 0.0_wp
     tf = 0.0_wp
     do k = 1, eq%n
-      p = p + body%sbar(k, :)*q(k)
+      p = p + body%shape%sbar(k, :)*q(k)
       do j = 1, 4
-        f(:, j) = f(:, j) + body%sbar(k, :)*x(3 + k, j)
-        tf(j) = tf(j) + body%c0(k)*x(3 + k, j)
+        f(:, j) = f(:, j) + body%shape%sbar(k, :)*x(3 + k, j)
+        tf(j) = tf(j) + body%shape%c0(k)*x(3 + k, j)
       end do
     end do
     total = 0.0_wp
@@ -256,7 +257,7 @@ contains
     real(wp), allocatable, intent(out) :: whole(:)            !! (nq) over the scene's size or one radian
     real(wp), allocatable, intent(out) :: scale(:)            !! (groups) least size [m, rad]
     logical, allocatable, intent(out) :: grows(:)             !! (groups) its size grows with its values: frames' do not
-    integer :: b, i, k
+    integer :: b, i
     allocate (group(m%s%nq), weight(m%s%nq), scale(4*size(m%s%bodies)), grows(4*size(m%s%bodies)))
     weight = 1.0_wp
     do b = 1, size(m%s%bodies)
@@ -265,14 +266,9 @@ contains
         group(i + 1:i + 2) = 4*b - 3
         group(i + 3) = 4*b - 2
         group(i + 4:i + 3 + body%nf) = 4*b - 1
-        if (body%modal) then
-          do k = 1, body%nf
-            weight(i + 3 + k) = maxval(abs(body%psi(:, k)))
-          end do
-        else if (body%flexible) then
-          do k = 1, body%nn
-            if (body%dof(3, k) > 0) group(i + 3 + body%dof(3, k)) = 4*b
-          end do
+        if (body%flexible) then
+          where (body%basis%rotation) group(i + 4:i + 3 + body%nf) = 4*b
+          weight(i + 4:i + 3 + body%nf) = body%basis%reach
         end if
         scale(4*b - 3:4*b) = [m%s%size, 1.0_wp, 1.0e-6_wp*m%s%size, 1.0e-6_wp]
         grows(4*b - 3:4*b) = [.false., .false., .true., .true.]

@@ -21,7 +21,7 @@ contains
   !> second order.
   subroutine smooth_accelerations(self, m, ev, options, t, q, v, lambda, a, bad)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                 !! [s]
@@ -58,7 +58,7 @@ contains
 
   !> First and second derivatives of all rows.
   subroutine row_gaps(m, ev, t, q, v, a, rate, acceleration)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)     !! (nq) [m, rad], rates, accelerations
@@ -81,7 +81,7 @@ contains
 
   !> Phi_q x at the positions of the last row_gaps.
   subroutine row_slopes(m, ev, q, x, slope)
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), x(:)        !! (nq) these positions [m, rad]; [any]
     real(wp), intent(out), contiguous :: slope(:)         !! (rows) [any]
@@ -93,7 +93,7 @@ contains
   !> dq with Phi_q dq + gap = 0 and T dq + Phi_q^T mu = 0, T the tangent that stands.
   subroutine along_rows(self, m, ev, q, gap, dq)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)              !! (nq) [m, rad]
     real(wp), intent(in) :: gap(:)                        !! (rows) [m] or its derivatives
@@ -110,7 +110,7 @@ contains
   !> x such that v + x satisfies the rates of all rows, by the tangent that stands.
   subroutine closing_rates(self, m, ev, options, t, q, v, x)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                             !! [s]

@@ -27,7 +27,7 @@ contains
   subroutine set_up_stages(self, newton, m, ev)
     type(stage_solver), intent(out) :: self
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     call set_up_stage_terms(self%terms, newton, m, ev)
     call set_up_factor(self%factor(1), self%terms, m)
@@ -37,7 +37,7 @@ contains
   !> Residual of motion in global axes and rates of the rows.
   subroutine stage_residual(newton, m, ev, options, t, q, v, a, z, lambda, r, gap)
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
@@ -66,7 +66,7 @@ contains
   subroutine renew_terms(self, newton, m, ev, t, v, a, lambda)
     type(stage_solver), intent(inout) :: self
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
@@ -119,7 +119,7 @@ contains
   !> stiff forces.
   subroutine close_rows(self, m, ev, options, t, q, v, a)
     type(stage_solver), intent(inout) :: self
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
@@ -153,7 +153,7 @@ contains
   !> Powers at a stage, whose rows' rates in time may not be those of the last residual.
   subroutine stage_power(newton, m, ev, options, t, q, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]

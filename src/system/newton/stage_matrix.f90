@@ -57,7 +57,7 @@ contains
   subroutine set_up_stage_terms(self, newton, m, ev)
     type(stage_terms), intent(out) :: self
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), allocatable :: none(:), lambda(:)
     integer :: b, k
@@ -86,7 +86,7 @@ contains
   subroutine fill_stage_terms(self, newton, m, ev, t, v, a, lambda)
     type(stage_terms), intent(inout) :: self
     type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(inout) :: m
+    type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) rates [m/s, rad/s] and accelerations
@@ -173,7 +173,7 @@ contains
     real(wp), intent(in) :: a2               !! 1 for the mass [-]
     integer :: i, j, k
     i = m%s%qo(b)
-    associate (eq => newton%b(b)%eq, s => m%s%bodies(b)%sbar)
+    associate (eq => newton%b(b)%eq, s => m%s%bodies(b)%shape%sbar)
       do j = 1, 3
         do k = 1, 3
           call note(self, i + k, i + j, kind, eq%block(k, j))
