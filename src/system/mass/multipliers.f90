@@ -26,8 +26,8 @@ module multipliers
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j) [1/kg]
     real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed [-]
     real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal [-], 1/D on it [kg]; zero beyond n
-    real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 relative to the mean diagonal: 1e-9 where rows are redundant
-                                               !! everywhere; larger in passing, where the weak direction must not move [-]
+    real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 over the mean diagonal: 1e-9 where rows are redundant [-]
+                                               !! everywhere; larger in passing, where the weak direction must not move
     real(wp) :: weakest = weak_pivot           !! relative pivot below which S is looked at more closely [-]
     logical :: singular = .false.              !! rows depend on others: the factor is that of a shifted S
     logical :: uneven_masses = .false.         !! very uneven masses: multipliers are exact only after corrections
