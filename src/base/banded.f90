@@ -129,34 +129,36 @@ contains
   end subroutine fill_block
 
   !> Solves A x = b in place for one right-hand side.
-  pure subroutine band_solve(factor, x, w)
+  pure subroutine band_solve(factor, n, x, w)
     type(band_factor), intent(in) :: factor
-    real(wp), intent(inout) :: x(:)                    !! (n) right-hand side, then solution [any]
-    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) work [any]
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: x(n)            !! right-hand side, then solution [any]
+    real(wp), intent(inout) :: w(2, n)         !! work [any]
     integer :: k
-    do k = 1, factor%n
+    do k = 1, n
       w(1, k) = x(factor%order(k))
       w(2, k) = 0.0_wp
     end do
-    call solve_blocks(factor, w)
-    do k = 1, factor%n
+    call solve_blocks(factor, n, w)
+    do k = 1, n
       x(factor%order(k)) = w(1, k)
     end do
   end subroutine band_solve
 
   !> Solves A [x y] = [bx by] in place: one pass over the factor for both.
-  pure subroutine band_solve_two(factor, x, y, w)
+  pure subroutine band_solve_two(factor, n, x, y, w)
     type(band_factor), intent(in) :: factor
-    real(wp), intent(inout) :: x(:), y(:)              !! (n) right-hand sides, then solutions [any]
-    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) work [any]
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: x(n), y(n)      !! right-hand sides, then solutions [any]
+    real(wp), intent(inout) :: w(2, n)         !! work [any]
     integer :: k, j
-    do k = 1, factor%n
+    do k = 1, n
       j = factor%order(k)
       w(1, k) = x(j)
       w(2, k) = y(j)
     end do
-    call solve_blocks(factor, w)
-    do k = 1, factor%n
+    call solve_blocks(factor, n, w)
+    do k = 1, n
       j = factor%order(k)
       x(j) = w(1, k)
       y(j) = w(2, k)
@@ -164,9 +166,10 @@ contains
   end subroutine band_solve_two
 
   !> Forward, diagonal and backward substitution of w.
-  pure subroutine solve_blocks(factor, w)
+  pure subroutine solve_blocks(factor, n, w)
     type(band_factor), intent(in) :: factor
-    real(wp), intent(inout), contiguous :: w(:, :)     !! (2, n or more) [any]
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: w(2, n)         !! [any]
     integer :: b
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))

@@ -188,7 +188,7 @@ contains
       call mass_product(b%op, x, mx)
       force = mx
       x = mx
-      call band_solve(factor, x, work)
+      call band_solve(factor, b%nf, x, work)
       call mass_product(b%op, x, mx)
       omega = sqrt(dot_product(x, force)/dot_product(x, mx))
       x = x/sqrt(dot_product(x, mx))

@@ -29,7 +29,7 @@ contains
         kinetic = kinetic + kinetic_energy(body, ev%frame%cos(b), ev%frame%sin(b), v(i + 1:i + 3), q(i + 4:i + 3 + n), &
                                            v(i + 4:i + 3 + n))
         p = body%i1
-        if (n > 0) p = p + matmul(q(i + 4:i + 3 + n), body%shape%sbar)
+        if (n > 0) p = p + body%shape%moment(q(i + 4:i + 3 + n))
         p = [ev%frame%cos(b)*p(1) - ev%frame%sin(b)*p(2), ev%frame%sin(b)*p(1) + ev%frame%cos(b)*p(2)]
         strain(b) = strain_energy(body, ev%elastic(b), q(i + 4:i + 3 + n), z, zd)
         potential = potential - dot_product(self%s%gravity, body%mass*q(i + 1:i + 2) + p) + strain(b)

@@ -170,7 +170,7 @@ contains
             if (.not. body%flexible) cycle
             w%force(1:) = body%shape%c0
             w%coupling(1:) = body%shape%i1f
-            call body%basis%solve_mass(run%sys%ev%work, w%force(1:), w%coupling(1:))
+            call body%basis%solve_mass(body%nf, run%sys%ev%work, w%force(1:), w%coupling(1:))
           end associate
         end do
       end do

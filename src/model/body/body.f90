@@ -26,6 +26,8 @@ module body
     real(wp), allocatable :: c0(:)            !! (nf) [kg m]
     real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
     real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
+  contains
+    procedure :: moment
   end type shape_integrals
 
   !> What tells nodal coordinates from modal amplitudes: the kinds of flexible body.
@@ -120,12 +122,13 @@ module body
     end subroutine to_forces
 
     !> m_ff^-1 x, and m_ff^-1 y, in place.
-    pure subroutine to_accelerations(self, work, x, y)
+    pure subroutine to_accelerations(self, n, work, x, y)
       import :: elastic_basis, wp
       class(elastic_basis), intent(in) :: self
-      real(wp), intent(inout), contiguous :: work(:, :)   !! (2, nf or more) [any]
-      real(wp), intent(inout) :: x(:)                 !! (nf) [N, N m], then [m/s2, rad/s2]
-      real(wp), intent(inout), optional :: y(:)       !! (nf) likewise [N, N m]
+      integer, intent(in) :: n                        !! nf
+      real(wp), intent(inout) :: work(2, n)           !! [any]
+      real(wp), intent(inout) :: x(n)                 !! [N, N m], then [m/s2, rad/s2]
+      real(wp), intent(inout), optional :: y(n)       !! likewise [N, N m]
     end subroutine to_accelerations
 
     !> Strain energy at E_R of deformations and coordinates.
@@ -205,6 +208,14 @@ module body
   end interface
 
 contains
+
+  !> S-bar q.
+  pure function moment(self, q) result(p)
+    class(shape_integrals), intent(in) :: self
+    real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates [m, rad]
+    real(wp) :: p(2)                   !! [kg m]
+    p = [dot_product(self%sbar(:, 1), q), dot_product(self%sbar(:, 2), q)]
+  end function moment
 
   !> Elastic displacement (u, v, rotation) of a node in body axes; also its rate, from rates.
   pure function node_displacement(self, node, q) result(u)

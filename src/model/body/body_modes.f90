@@ -167,7 +167,7 @@ contains
     real(wp), intent(inout) :: y(:)                      !! (nf) forces [N, N m], then displacements [m, rad]
     real(wp) :: work(2, size(y))                         ! [any]
     integer :: i
-    call band_solve(self%factor, y, work)
+    call band_solve(self%factor, size(y), y, work)
     do i = 1, size(self%rigid, 2)
       y = y - dot_product(self%rigid(:, i), self%mass_times(y))*self%rigid(:, i)
     end do

@@ -154,7 +154,7 @@ contains
     integer :: k
     associate (shape => b%shape)
       shape%pmat = shape%sbar
-      call b%basis%solve_mass(work, shape%pmat(:, 1), shape%pmat(:, 2))
+      call b%basis%solve_mass(b%nf, work, shape%pmat(:, 1), shape%pmat(:, 2))
       shape%sps = matmul(transpose(shape%sbar), shape%pmat)
     end associate
     b%nz = 0

@@ -59,11 +59,12 @@ contains
   end subroutine add_stress
 
   !> m_ff = 1.
-  pure subroutine solve_mass(self, work, x, y)
+  pure subroutine solve_mass(self, n, work, x, y)
     class(modal_model), intent(in) :: self
-    real(wp), intent(inout), contiguous :: work(:, :)   !! [any]
-    real(wp), intent(inout) :: x(:)                 !! (nf) [kg^.5 m/s2]
-    real(wp), intent(inout), optional :: y(:)       !! (nf) [kg^.5 m/s2]
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: work(2, n)           !! [any]
+    real(wp), intent(inout) :: x(n)                 !! [kg^.5 m/s2]
+    real(wp), intent(inout), optional :: y(n)       !! [kg^.5 m/s2]
   end subroutine solve_mass
 
   !> q^T Omega2 q/2.

@@ -179,15 +179,16 @@ contains
   end subroutine lump_forces
 
   !> By the band factor.
-  pure subroutine solve_mass(self, work, x, y)
+  pure subroutine solve_mass(self, n, work, x, y)
     class(nodal_model), intent(in) :: self
-    real(wp), intent(inout), contiguous :: work(:, :)   !! (2, nf or more) [any]
-    real(wp), intent(inout) :: x(:)                 !! (nf) [N, N m], then [m/s2, rad/s2]
-    real(wp), intent(inout), optional :: y(:)       !! (nf) likewise [N, N m]
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: work(2, n)           !! [any]
+    real(wp), intent(inout) :: x(n)                 !! [N, N m], then [m/s2, rad/s2]
+    real(wp), intent(inout), optional :: y(n)       !! likewise [N, N m]
     if (present(y)) then
-      call band_solve_two(self%mff, x, y, work)
+      call band_solve_two(self%mff, n, x, y, work)
     else
-      call band_solve(self%mff, x, work)
+      call band_solve(self%mff, n, x, work)
     end if
   end subroutine solve_mass
 

@@ -2,7 +2,6 @@
 !> banded solves of a flexible body, and the 3 x 3 mass and forces that are left of it, in body axes.
 module body_condensation
   use kinds, only: wp
-  use body, only: elastic_work, shape_integrals
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, factor_frame
   use flexible_forces, only: elastic_forces
@@ -68,7 +67,8 @@ contains
       n = body%nf
       g(1) = ev%frame%cos(b)*gravity(1) + ev%frame%sin(b)*gravity(2)
       g(2) = -ev%frame%sin(b)*gravity(1) + ev%frame%cos(b)*gravity(2)
-      call start_forces(n, q(i + 1:i + n), v(i + 1:i + n), body%shape, g, thetad, w)
+      call take_coordinates(n, q(i + 1:i + n), v(i + 1:i + n), w%q(1), w%v(1))
+      call start_forces(n, body%shape%sbar, body%shape%i1f, body%shape%c0, g, thetad, w%force(1), w%coupling(1))
       call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), body%shape%sbar, body%shape%i1f, p, sv, i1q, i1v)
       p = p + body%i1
       call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, power)
@@ -88,18 +88,24 @@ contains
     if (.not. all(ev%frame%dinv(:, b) > 0.0_wp)) ev%broken = .true.
   end subroutine flexible_body
 
-  !> Copies the coordinates and their rates; Q_f without elastic and velocity-product terms, m_theta_f without Z q.
-  pure subroutine start_forces(n, q, v, shape, g, thetad, w)
+  !> Copies the coordinates and their rates.
+  pure subroutine take_coordinates(n, q, v, x, xd)
     integer, intent(in) :: n
     real(wp), intent(in) :: q(n), v(n)                !! [m, rad] and per second
-    type(shape_integrals), intent(in) :: shape
+    real(wp), intent(out) :: x(n), xd(n)              !! [m, rad] and per second
+    x = q
+    xd = v
+  end subroutine take_coordinates
+
+  !> Q_f without elastic and velocity-product terms, m_theta_f without Z q.
+  pure subroutine start_forces(n, sbar, i1f, c0, g, thetad, force, coupling)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: sbar(n, 2), i1f(n), c0(n)   !! [kg], [kg m], [kg m]
     real(wp), intent(in) :: g(2)                      !! gravity in body axes [m/s2]
     real(wp), intent(in) :: thetad                    !! [rad/s]
-    type(elastic_work), intent(inout) :: w
-    w%q(1:n) = q
-    w%v(1:n) = v
-    w%force(1:n) = thetad**2*shape%i1f(1:n) + shape%sbar(1:n, 1)*g(1) + shape%sbar(1:n, 2)*g(2)
-    w%coupling(1:n) = shape%c0(1:n)
+    real(wp), intent(out) :: force(n), coupling(n)    !! [N, N m], [kg m, kg m2]
+    force = thetad**2*i1f + sbar(:, 1)*g(1) + sbar(:, 2)*g(2)
+    coupling = c0
   end subroutine start_forces
 
   !> Products with q_f and q_f'.
@@ -135,9 +141,9 @@ contains
     associate (body => self%s%bodies(self%prototype(b)), at => self%attached(b), found => ev%attached(b), w => ev%elastic(b))
       n = body%nf
       ! S-bar m_ff^-1 x = (m_ff^-1 S-bar^T)^T x
-      call products(n, body%shape%pmat, w%force(1:n), w%coupling(1:n), sx, sy)
+      call products(n, body%shape%pmat, w%force(1), w%coupling(1), sx, sy)
       w%v(1:n) = w%coupling(1:n)
-      call body%basis%solve_mass(ev%work, w%force(1:n), w%coupling(1:n))
+      call body%basis%solve_mass(n, ev%work, w%force(1), w%coupling(1))
       ev%solves = ev%solves + 2*body%basis%factors
       tx = 0.0_wp
       ty = 0.0_wp

@@ -68,7 +68,7 @@ contains
           x(1:2) = x(1:2) - shape%pmat(k, :)*u(3 + k)
           x(3) = x(3) - coupling(k)*u(3 + k)
         end do
-        call body%basis%solve_mass(ev%work, u(4:))
+        call body%basis%solve_mass(n, ev%work, u(4:))
       end if
       x(2) = x(2) - ev%frame%l(1, b)*x(1)
       x(3) = x(3) - ev%frame%l(2, b)*x(1) - ev%frame%l(3, b)*x(2)

@@ -176,7 +176,7 @@ contains
     real(wp), intent(inout) :: x(:)          !! (n) forces [N, N m], then displacements [m, rad]
     integer :: i, info
     if (.not. whole) then
-      call band_solve(self%base, x, self%work)
+      call band_solve(self%base, self%n, x, self%work)
       return
     end if
     do i = 1, self%n
@@ -197,7 +197,7 @@ contains
       call self%solve(whole, x)
       call self%solve(whole, y)
     else
-      call band_solve_two(self%base, x, y, self%work)
+      call band_solve_two(self%base, self%n, x, y, self%work)
     end if
   end subroutine solve_two
 end module elastic_block
