@@ -8,7 +8,7 @@ module build_bodies
   use deck_records, only: deck, body_record
   use beam_element, only: beam_geometry
   use body, only: body_model, lump
-  use segment_model, only: viscoelastic_segment
+  use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
                         body_length, sort_segments
   use loaded_coordinates, only: coordinates_under_load
@@ -201,13 +201,14 @@ contains
         return
       end if
       call elastic_integrals(b)
+      call sort_segments(b, viscoelastic)
+      do e = 1, size(b%segments)
+        b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
+      end do
+      call nodal_operators(b, b%op)
       if (r%modes > 0) then
-        call reduce(d, k, b, viscoelastic, faults)
+        call reduce(d, k, b, faults)
       else
-        call sort_segments(b, viscoelastic)
-        do e = 1, size(b%segments)
-          b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
-        end do
         call make_nodal(b, bad)
         if (bad > 0) then
           call refuse(r, faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
@@ -229,14 +230,12 @@ contains
   end subroutine refuse
 
   !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
-  subroutine reduce(d, k, b, viscoelastic, faults)
+  subroutine reduce(d, k, b, faults)
     type(deck), intent(in) :: d
     integer, intent(in) :: k                  !! number of the body
     type(body_model), intent(inout) :: b
-    logical, intent(in) :: viscoelastic(:)
     type(fault_list), intent(inout) :: faults
-    type(viscoelastic_segment), allocatable :: segments(:)
-    integer :: e, n, available
+    integer :: available
     logical :: bad
     associate (r => d%bodies(k))
       available = b%nf
@@ -246,16 +245,7 @@ contains
                     to_text(available))
         return
       end if
-      allocate (segments(b%ne))
-      n = 0
-      do e = 1, b%ne
-        if (.not. viscoelastic(e)) cycle
-        if (any(segments(1:n)%material == b%elements(e)%material)) cycle
-        n = n + 1
-        segments(n)%material = b%elements(e)%material
-        segments(n)%law = law_of(d%materials(b%elements(e)%material)%law)
-      end do
-      call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), segments(1:n), bad)
+      call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
       if (bad) call refuse(r, faults, 'the modes could not be computed: the mass matrix is not positive definite')
     end associate
   end subroutine reduce

@@ -3,9 +3,9 @@
 module validity
   use kinds, only: wp, pi
   use archive, only: value_archive
-  use banded, only: band_factor, factor_symmetric, band_solve
+  use banded, only: band_factor, band_solve
   use body, only: body_model
-  use elastic_operators, only: mass_product
+  use elastic_operators, only: factor_entries, mass_product
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use text, only: es_text, fixed_text
@@ -174,14 +174,12 @@ contains
     real(wp), intent(out) :: omega                   !! [rad/s]
     real(wp), allocatable, intent(out) :: x(:)       !! (nf) shape of that mode, of any size [m, rad]
     type(band_factor) :: factor
-    logical, allocatable :: lower(:)
     real(wp), allocatable :: mx(:), force(:)
     real(wp) :: work(2, b%nf)
     integer :: bad, k, pass
     omega = huge(1.0_wp)
     allocate (x(b%nf), mx(b%nf))
-    lower = b%op%even%row >= b%op%even%col
-    call factor_symmetric(b%nf, pack(b%op%even%row, lower), pack(b%op%even%col, lower), pack(b%op%k, lower), factor, bad)
+    call factor_entries(b%op%even, b%op%k, factor, bad)
     if (bad > 0) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30

@@ -10,7 +10,6 @@ program bench
   use energy_balance, only: balance_watch
   use errors, only: failure, fault_list
   use lapack, only: use_one_blas_thread, dpbtrf, dgesv
-  use body_matrices, only: mass_triplets, stiffness_triplets
   use projection, only: project
   use results, only: result_set
   use scene_run, only: run_state, prepare_run
@@ -252,17 +251,14 @@ contains
     type(body_model), intent(in) :: body
     real(wp), allocatable, intent(out) :: ab(:, :)
     integer, intent(out) :: kd
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)
-    integer :: k, i, j
-    call mass_triplets(body, rows, cols, values)
-    kd = maxval(abs(rows - cols))
-    allocate (ab(0:kd, body%nf), source=0.0_wp)
-    do k = 1, size(values)
-      i = max(rows(k), cols(k))
-      j = min(rows(k), cols(k))
-      ab(i - j, j) = ab(i - j, j) + values(k)
-    end do
+    integer :: k
+    associate (even => body%op%even)
+      kd = maxval(abs(even%row - even%col))
+      allocate (ab(0:kd, body%nf), source=0.0_wp)
+      do k = 1, size(even%row)
+        if (even%row(k) >= even%col(k)) ab(even%row(k) - even%col(k), even%col(k)) = body%op%m(k) + body%op%j(k)
+      end do
+    end associate
   end subroutine mass_band
 
   !> The paper's way, one flexible body: M_G, C_G and K_G (VRL 31) of the coordinates, the dissipative coordinates and the
@@ -321,26 +317,15 @@ contains
   subroutine dense_matrices(body, mass, stiff)
     type(body_model), intent(in) :: body
     real(wp), allocatable, intent(out) :: mass(:, :), stiff(:, :)
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)
-    call mass_triplets(body, rows, cols, values)
-    call fill(body%nf, rows, cols, values, mass)
-    call stiffness_triplets(body, rows, cols, values)
-    call fill(body%nf, rows, cols, values, stiff)
+    integer :: k
+    allocate (mass(body%nf, body%nf), stiff(body%nf, body%nf), source=0.0_wp)
+    associate (op => body%op)
+      do k = 1, size(op%m)
+        mass(op%even%row(k), op%even%col(k)) = op%m(k) + op%j(k)
+        stiff(op%even%row(k), op%even%col(k)) = op%k(k)
+      end do
+    end associate
   end subroutine dense_matrices
-
-  !> Sums the triplets of one triangle into both.
-  subroutine fill(n, rows, cols, values, a)
-    integer, intent(in) :: n, rows(:), cols(:)
-    real(wp), intent(in) :: values(:)
-    real(wp), allocatable, intent(out) :: a(:, :)
-    integer :: i
-    allocate (a(n, n), source=0.0_wp)
-    do i = 1, size(values)
-      a(rows(i), cols(i)) = a(rows(i), cols(i)) + values(i)
-      if (rows(i) /= cols(i)) a(cols(i), rows(i)) = a(cols(i), rows(i)) + values(i)
-    end do
-  end subroutine fill
 
   !> The augmented matrices at the undeformed state, frame in body axes, constraint rows as a border.
   subroutine augment(body, rows, mass, stiff, m, c, k)

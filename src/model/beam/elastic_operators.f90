@@ -2,10 +2,11 @@
 !> that forces, residuals, tangents and energies take with them.
 module elastic_operators
   use kinds, only: wp
+  use banded, only: band_factor, factor_symmetric
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
   private
-  public :: inertia_forces, damping_forces, inertia_products, mass_product, bilinear, add_product
+  public :: inertia_forces, damping_forces, inertia_products, mass_product, bilinear, add_product, factor_entries
 
   !> The operators. An entry of row i stands among first(i) to first(i+1) - 1, its column in `row` (the patterns are symmetric).
   type, public :: elastic_operator
@@ -145,4 +146,15 @@ contains
       y(i) = y(i) + s
     end do
   end subroutine add_product
+
+  !> Factors a symmetric positive definite matrix given by its entries on a pattern.
+  subroutine factor_entries(pattern, a, factor, bad)
+    type(symmetric_pattern), intent(in) :: pattern
+    real(wp), intent(in) :: a(:)                   !! (entries) [any]
+    type(band_factor), intent(out) :: factor
+    integer, intent(out) :: bad                    !! 0, or the row at which the matrix is not positive definite
+    logical :: lower(size(a))
+    lower = pattern%row >= pattern%col
+    call factor_symmetric(size(pattern%first) - 1, pack(pattern%row, lower), pack(pattern%col, lower), pack(a, lower), factor, bad)
+  end subroutine factor_entries
 end module elastic_operators

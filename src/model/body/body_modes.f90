@@ -2,11 +2,12 @@
 !> with lumps included: densely for small bodies, by subspace iteration beyond. Set-up work only.
 module body_modes
   use kinds, only: wp
-  use banded, only: band_factor, factor_symmetric, band_solve
+  use banded, only: band_factor, band_solve
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
-  use body_matrices, only: mass_triplets, stiffness_triplets
+  use elastic_operators, only: elastic_operator, factor_entries, mass_product
   use lapack, only: dsyev, dsygvd
+  use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
   private
   public :: lowest_modes, add_static_shapes
@@ -19,8 +20,7 @@ module body_modes
 
   !> K + shift M and m_ff of a body; the shift is zero but where rigid motions are free.
   type, extends(inertia_operator) :: body_operator
-    integer, allocatable :: rows(:), cols(:)             !! of the lower triangle of m_ff
-    real(wp), allocatable :: values(:)                   !! its entries [kg, kg m, kg m2]
+    type(elastic_operator) :: matrices
     real(wp), allocatable :: rigid(:, :)                 !! (nf, n) free rigid motions, mass-orthonormal [m, rad, over kg^.5 m]
     type(band_factor) :: factor                          !! of K + shift M
   contains
@@ -117,19 +117,13 @@ contains
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)
     integer :: where_bad
-    call mass_triplets(b, self%rows, self%cols, self%values)
+    self%matrices = b%op
     call find_rigid_modes(b, self)
-    call stiffness_triplets(b, rows, cols, values)
     if (size(self%rigid, 2) > 0) then                    ! of the order of the lowest bending frequency of the body as one beam
       self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
-      rows = [rows, self%rows]
-      cols = [cols, self%cols]
-      values = [values, self%shift*self%values]
     end if
-    call factor_symmetric(b%nf, rows, cols, values, self%factor, where_bad)
+    call factor_entries(b%op%even, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, where_bad)
     bad = where_bad > 0
   end subroutine set_up
 
@@ -178,14 +172,7 @@ contains
     class(body_operator), intent(in) :: self
     real(wp), intent(in) :: x(:)                         !! (nf) [m, rad]
     real(wp) :: y(size(x))                               !! [kg m, kg m2]
-    integer :: i, j, k
-    y = 0.0_wp
-    do k = 1, size(self%values)
-      i = self%rows(k)
-      j = self%cols(k)
-      y(i) = y(i) + self%values(k)*x(j)
-      if (i /= j) y(j) = y(j) + self%values(k)*x(i)
-    end do
+    call mass_product(self%matrices, x, y)
   end function mass_times
 
   !> All modes of a small body.
@@ -198,14 +185,12 @@ contains
     real(wp), intent(out) :: highest                     !! squared frequency of all [rad2/s2]
     logical, intent(out) :: bad
     real(wp), allocatable :: k(:, :), m(:, :), lambda(:), part(:), work(:)
-    integer, allocatable :: iwork(:), rows(:), cols(:)
-    real(wp), allocatable :: values(:)
+    integer, allocatable :: iwork(:)
     real(wp) :: mx(b%nf), length                         ! [kg m, kg m2], [kg^.5 m]
     integer :: nr, j, n, info
-    call stiffness_triplets(b, rows, cols, values)
-    k = dense(b%nf, rows, cols, values)
-    m = dense(b%nf, op%rows, op%cols, op%values)
     n = b%nf
+    k = dense(n, b%op%even, b%op%k)
+    m = dense(n, b%op%even, b%op%m + b%op%j)
     allocate (lambda(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
     call dsygvd(1, 'V', 'L', n, k, n, m, n, lambda, work, size(work), iwork, size(iwork), info)
     bad = info /= 0
@@ -219,17 +204,16 @@ contains
     end do
   end subroutine dense_modes
 
-  !> A symmetric matrix from its lower triangle.
-  pure function dense(n, rows, cols, values) result(a)
+  !> A matrix from its entries on a pattern.
+  pure function dense(n, pattern, entries) result(a)
     integer, intent(in) :: n
-    integer, intent(in) :: rows(:), cols(:)
-    real(wp), intent(in) :: values(:)                    !! [any]
+    type(symmetric_pattern), intent(in) :: pattern
+    real(wp), intent(in) :: entries(:)                   !! [any]
     real(wp) :: a(n, n)                                  !! [any]
-    integer :: i
+    integer :: k
     a = 0.0_wp
-    do i = 1, size(rows)
-      a(rows(i), cols(i)) = a(rows(i), cols(i)) + values(i)
-      if (rows(i) /= cols(i)) a(cols(i), rows(i)) = a(cols(i), rows(i)) + values(i)
+    do k = 1, size(entries)
+      a(pattern%row(k), pattern%col(k)) = entries(k)
     end do
   end function dense
 

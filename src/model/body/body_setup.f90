@@ -2,13 +2,11 @@
 !> factor of the mass matrix, dissipative coordinates. All set-up work; nothing here runs in a step.
 module body_setup
   use kinds, only: wp, pi
-  use banded, only: factor_symmetric
   use beam_element, only: beam_geometry, shape_integral, shape_moment
   use body, only: body_model, lump
   use segment_model, only: viscoelastic_segment
-  use body_matrices, only: mass_triplets
-  use body_operators, only: nodal_operators
   use chain_kernel, only: element_factors
+  use elastic_operators, only: factor_entries
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
@@ -112,16 +110,13 @@ contains
     cc(dof(3)) = cc(dof(3)) + l%inertia
   end subroutine add_elastic_lump
 
-  !> Makes a body nodal: the factor of m_ff, the elements' constants, the viscoelastic segments' stiffness, the operators.
+  !> Makes a body nodal: the factor of m_ff, the elements' constants, the viscoelastic segments' stiffness.
   subroutine make_nodal(b, bad)
     type(body_model), intent(inout) :: b
     integer, intent(out) :: bad           !! 0, or the coordinate at which m_ff is not positive definite
     type(nodal_model) :: nodal
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: values(:)
     integer :: k
-    call mass_triplets(b, rows, cols, values)
-    call factor_symmetric(b%nf, rows, cols, values, nodal%mff, bad)
+    call factor_entries(b%op%even, b%op%m + b%op%j, nodal%mff, bad)
     nodal%factors = 1
     nodal%columns = b%ne
     nodal%angle = [(k > 3, k=6 - b%nd, 5)]
@@ -143,7 +138,6 @@ contains
         segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
       end associate
     end do
-    call nodal_operators(b, b%op)
     allocate (b%basis, source=nodal)
   end subroutine make_nodal
 

@@ -2,11 +2,12 @@
 !> and the materials' stiffness in the modal basis. Set-up work only.
 module modal_reduction
   use kinds, only: wp
-  use beam_element, only: element_stiffness, element_mass, element_gyroscopic
   use body, only: body_model
   use segment_model, only: viscoelastic_segment
+  use sparse_pattern, only: symmetric_pattern
   use body_operators, only: modal_operators
   use body_modes, only: lowest_modes, add_static_shapes
+  use elastic_operators, only: elastic_operator, add_product
   use modal_basis, only: modal_model
   implicit none (type, external)
   private
@@ -15,19 +16,18 @@ module modal_reduction
 contains
 
   !> Replaces the nodal coordinates of a body by its `modes` lowest modes and by static shapes.
-  subroutine reduce_to_modes(b, modes, shapes, loaded, viscoelastic, bad)
-    type(body_model), intent(inout) :: b                !! nodal integrals are set
+  subroutine reduce_to_modes(b, modes, shapes, loaded, bad)
+    type(body_model), intent(inout) :: b                !! with nodal integrals and operators
     integer, intent(in) :: modes                        !! modes kept
     logical, intent(in) :: shapes                       !! whether static shapes are kept, too
     integer, intent(in) :: loaded(:)                    !! nodal coordinates on which forces and moments act
-    type(viscoelastic_segment), intent(in) :: viscoelastic(:) !! one entry a distinct viscoelastic material
     logical, intent(out) :: bad                         !! the eigenvalue problem failed
     real(wp), allocatable :: x(:, :), w(:)
     call lowest_modes(b, modes, x, w, bad)
     if (bad) return
     if (shapes) call add_static_shapes(b, static_loads(b, loaded), x, w, bad)
     if (bad) return
-    call project_integrals(b, x, w, viscoelastic)
+    call project_integrals(b, x, w)
     call set_basis(b, nodal_shapes(b, x), w, size(w) - modes)
     b%nf = size(w)
   end subroutine reduce_to_modes
@@ -75,76 +75,59 @@ contains
   end function static_loads
 
   !> Shape integrals, gyroscopic matrix, damping and material stiffnesses in the modal basis.
-  subroutine project_integrals(b, x, w, viscoelastic)
+  subroutine project_integrals(b, x, w)
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     real(wp), intent(in) :: w(:)                         !! (modes) squared frequencies [rad2/s2]
-    type(viscoelastic_segment), intent(in) :: viscoelastic(:)
-    real(wp), dimension(size(w), size(w)) :: z, inertia, c    ! gyroscopic, of lumps' rotation [-]; damping [1/s]
-    real(wp) :: xe(6, size(w)), m(6, 6), k(6, 6)
-    integer :: e, r, i, n
-    n = size(w)
+    type(elastic_operator) :: op                         ! of the modes
     b%shape%sbar = matmul(transpose(x), b%shape%sbar)
     b%shape%i1f = matmul(b%shape%i1f, x)
     b%shape%c0 = matmul(b%shape%c0, x)
-    b%segments = viscoelastic
-    z = 0.0_wp
-    inertia = 0.0_wp
-    c = 0.0_wp
-    do r = 1, size(b%segments)
-      allocate (b%segments(r)%stiffness(n, n), source=0.0_wp)
-      b%segments(r)%first = r
-      b%segments(r)%last = r
-    end do
-    do e = 1, b%ne
-      do i = 1, 6
-        xe(i, :) = 0.0_wp
-        if (b%edof(i, e) > 0) xe(i, :) = x(b%edof(i, e), :)
-      end do
-      z = z + sandwich(xe, element_gyroscopic(b%elements(e)))
-      k = element_stiffness(b%elements(e))
-      if (b%rayleigh) then
-        m = element_mass(b%elements(e))
-        c = c + sandwich(xe, b%elements(e)%ray_m*m + b%elements(e)%ray_k*k)
-      end if
-      do r = 1, size(b%segments)
-        if (b%segments(r)%material == b%elements(e)%material) b%segments(r)%stiffness = b%segments(r)%stiffness + sandwich(xe, k)
-      end do
-    end do
-    call project_lumps(b, x, z, inertia)
-    call modal_operators(b%segments, w, z, inertia, c, b%op)
+    call join_segments(b, x)
+    call modal_operators(b%segments, w, projected(b%op%odd, b%op%z, x), projected(b%op%even, b%op%j, x), &
+                         projected(b%op%even, b%op%c, x), op)
+    b%op = op
   end subroutine project_integrals
 
-  !> Lumps' part of the gyroscopic matrix, and their rotary inertia.
-  pure subroutine project_lumps(b, x, z, inertia)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: x(:, :)   !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
-    real(wp), intent(inout) :: z(:, :), inertia(:, :)   !! (modes, modes) [-]
-    real(wp) :: xl(3, size(x, 2))
-    integer :: k, c, i, j
-    do k = 1, size(b%lumps)
-      do c = 1, 3
-        xl(c, :) = 0.0_wp
-        associate (d => b%dof(c, b%lumps(k)%node))
-          if (d > 0) xl(c, :) = x(d, :)
-        end associate
-      end do
-      do j = 1, size(x, 2)
-        do i = 1, size(x, 2)
-          z(i, j) = z(i, j) + b%lumps(k)%mass*(xl(1, i)*xl(2, j) - xl(2, i)*xl(1, j))
-          inertia(i, j) = inertia(i, j) + b%lumps(k)%inertia*xl(3, i)*xl(3, j)
-        end do
-      end do
+  !> Segments of one material become one, with its stiffness in the modal basis.
+  subroutine join_segments(b, x)
+    type(body_model), intent(inout) :: b
+    real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
+    type(viscoelastic_segment), allocatable :: joined(:)
+    real(wp) :: part(size(b%op%k))                       ! stiffness of one material [N/m, N, N m]
+    integer :: r, k, e
+    allocate (joined(0))
+    do r = 1, size(b%segments)
+      if (any(joined%material == b%segments(r)%material)) cycle
+      joined = [joined, b%segments(r)]
     end do
-  end subroutine project_lumps
+    do k = 1, size(joined)
+      part = 0.0_wp
+      do e = 1, size(b%op%part)
+        if (b%segments(b%op%segment(e))%material /= joined(k)%material) cycle
+        part(b%op%entry(e)) = part(b%op%entry(e)) + b%op%part(e)
+      end do
+      joined(k)%first = k
+      joined(k)%last = k
+      joined(k)%stiffness = projected(b%op%even, part, x)
+    end do
+    b%segments = joined
+  end subroutine join_segments
 
-  !> X^T A X for one element.
-  pure function sandwich(x, a) result(y)
-    real(wp), intent(in) :: x(:, :), a(6, 6)   !! the element's part of the modes, its matrix [any]
-    real(wp) :: y(size(x, 2), size(x, 2)), ax(6, size(x, 2))
-    ax = matmul(a, x)
-    y = matmul(transpose(x), ax)
-  end function sandwich
+  !> X^T A X, A given by its entries on a pattern.
+  pure function projected(pattern, a, x) result(y)
+    type(symmetric_pattern), intent(in) :: pattern
+    real(wp), intent(in) :: a(:)                         !! (entries) [any]
+    real(wp), intent(in) :: x(:, :)                      !! (nf, modes) [m, rad, over kg^.5 m]
+    real(wp) :: y(size(x, 2), size(x, 2))                !! [any]
+    real(wp) :: ax(size(x, 1))                           ! [any]
+    integer :: j
+    do j = 1, size(x, 2)
+      ax = 0.0_wp
+      call add_product(pattern, a, x(:, j), ax)
+      y(:, j) = matmul(ax, x)
+    end do
+  end function projected
 
   !> Displacements of every node in every mode.
   pure function nodal_shapes(b, x) result(psi)
