@@ -24,12 +24,12 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
         *("settings", "method", "error", "last", "moved", "slope"),
     },
-    ("implicit_march", "implicit_stepper", "implicit_march", "self"): {"settings", "passes"},
+    ("implicit_march", "implicit_stepper", "implicit_march", "self"): {"settings", "order", "patience", "passes"},
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "scale", "steepest", "noise"),
     },
     ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "whole"},
-    ("generalized_alpha", "step_memory", "alpha_stepper", "self%memory"): set(),
+    ("implicit_march", "step_memory", "implicit_march", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
         *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),

@@ -22,6 +22,7 @@ module border_block
     integer, allocatable :: pivots(:)                 !! (n)
     real(wp), allocatable :: row_scale(:), col_scale(:)   !! (n) of A; right and left are scaled with it [1/any]
     integer :: weak(slots) = 0                        !! replaced pivots
+    complex(wp), allocatable :: y(:, :)               !! (n, 1) work of a solve [any]
   end type block_part
 
 contains

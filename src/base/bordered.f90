@@ -87,7 +87,7 @@ contains
       do k = 1, size(kept)
         p%kd = max(p%kd, abs(self%place(rows(kept(k))) - self%place(cols(kept(k)))))
       end do
-      allocate (p%ab(3*p%kd + 1, p%n), p%pivots(p%n), p%row_scale(p%n), p%col_scale(p%n))
+      allocate (p%y(p%n, 1), p%ab(3*p%kd + 1, p%n), p%pivots(p%n), p%row_scale(p%n), p%col_scale(p%n))
     end associate
   end subroutine order_block
 
@@ -219,7 +219,6 @@ contains
     class(bordered_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)                !! (n) right-hand side, then solution [any]
     logical, intent(in) :: transposed
-    complex(wp), allocatable :: y(:, :)
     integer :: b, k, info
     self%x = 0.0_wp
     do k = 1, self%n
@@ -228,14 +227,17 @@ contains
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
         if (p%n == 0) cycle
-        y = reshape(x(p%unknown)*merge(p%col_scale, p%row_scale, transposed), [p%n, 1])
-        if (transposed) then
-          self%x(p%border, 1) = self%x(p%border, 1) - matmul(y(:, 1), p%right)
-        else
-          call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
-          self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, y(:, 1))
+        do k = 1, p%n
+          p%y(k, 1) = x(p%unknown(k))*merge(p%col_scale(k), p%row_scale(k), transposed)
+        end do
+        if (any(abs(real(p%y)) + abs(aimag(p%y)) > 0.0_wp)) then
+          if (transposed) then
+            self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%y(:, 1), p%right)
+          else
+            call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, p%y, p%n, info)
+            self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, p%y(:, 1))
+          end if
         end if
-        x(p%unknown) = y(:, 1)
       end associate
     end do
     self%x(:, 1) = self%x(:, 1)*merge(self%col_scale, self%row_scale, transposed)
@@ -249,11 +251,14 @@ contains
       associate (p => self%blocks(b))
         if (p%n == 0) cycle
         if (transposed) then
-          y = reshape(x(p%unknown) - matmul(self%x(p%border, 1), p%left), [p%n, 1])
-          call zgbtrs('T', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, y, p%n, info)
-          x(p%unknown) = y(:, 1)*p%row_scale
+          p%y(:, 1) = p%y(:, 1) - matmul(self%x(p%border, 1), p%left)
+          call zgbtrs('T', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, p%y, p%n, info)
+          x(p%unknown) = p%y(:, 1)*p%row_scale
         else
-          x(p%unknown) = (x(p%unknown) - matmul(p%right, self%x(p%border, 1)))*p%col_scale
+          do k = 1, size(p%border)
+            p%y(:, 1) = p%y(:, 1) - p%right(:, k)*self%x(p%border(k), 1)
+          end do
+          x(p%unknown) = p%y(:, 1)*p%col_scale
         end if
       end associate
     end do

@@ -6,7 +6,7 @@ module alpha_stepper
   use alpha_newton, only: solve_trial, take_trial
   use alpha_start, only: start_method, change_step
   use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, pack_accepted, pack_rates, exchange_alpha
-  use generalized_alpha, only: chung_hulbert, step_memory, predict_step
+  use generalized_alpha, only: chung_hulbert
   use implicit_march, only: implicit_stepper, exchange_march
   use stage_system, only: stage_ode
   use summary_text, only: summary_record
@@ -14,7 +14,6 @@ module alpha_stepper
   private
 
   real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
-  real(wp), parameter :: failed = 8.0_wp      !! error that a step counts with whose Newton iteration failed [-]
 
   !> The method.
   type, extends(implicit_stepper), public :: alpha_march
@@ -22,14 +21,12 @@ module alpha_stepper
     type(alpha_solver) :: solver
     logical :: fresh = .false.                !! the method's variables started here, no step has been accepted since
     real(wp), allocatable :: error(:)         !! (n) adaptive: estimated local error [unit of each unknown]
-    type(step_memory) :: memory               !! adaptive: errors since the step last changed
   contains
     procedure :: set_up
     procedure :: limit_first_step
     procedure :: try_step
     procedure :: measure_step
     procedure :: accept_step
-    procedure :: next_step
     procedure :: pack_state
     procedure :: interpolate
     procedure :: account
@@ -42,6 +39,8 @@ contains
   subroutine set_up(self, system)
     class(alpha_march), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
+    self%order = 3
+    self%patience = 12
     self%error = self%y
     call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
   end subroutine set_up
@@ -113,15 +112,6 @@ contains
     call self%end_step(system, h, self%solver%x(1:self%solver%nq), self%solver%measure%scale)
   end subroutine accept_step
 
-  !> The next step.
-  subroutine next_step(self, h, error, next)
-    class(alpha_march), intent(inout) :: self
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: error             !! [-]
-    real(wp), intent(out) :: next             !! [s]
-    call predict_step(self%memory, h, merge(error, failed, error < huge(1.0_wp)), next)
-  end subroutine next_step
-
   !> The method's own state, whose rates are not projected.
   subroutine pack_state(self, tried, y)
     class(alpha_march), intent(in) :: self
@@ -163,8 +153,6 @@ contains
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
     call a%exchange(self%fresh)
-    call a%exchange(self%memory%worst)
-    call a%exchange(self%memory%steps)
     call exchange_alpha(self%solver, a)
   end subroutine exchange
 end module alpha_stepper

@@ -9,7 +9,7 @@ module generalized_alpha
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: alpha_method, alpha_step, step_memory, chung_hulbert, step_coefficients, predict_step
+  public :: alpha_method, alpha_step, chung_hulbert, step_coefficients
 
   !> The method of one spectral radius.
   type :: alpha_method
@@ -23,15 +23,6 @@ module generalized_alpha
     real(wp) :: local = 0.0_wp          !! local error of a step: local h3 q''' [-]
     real(wp) :: local_rate = 0.0_wp     !! local error of the rates: local_rate h3 v''' [-]
   end type alpha_method
-
-  integer, parameter :: patience = 12   !! steps whose errors are seen before a step grows
-  real(wp), parameter :: hasty = 0.02_wp   !! error below which it grows at once [-]
-
-  !> Errors since the step last changed.
-  type :: step_memory
-    real(wp) :: worst = 0.0_wp          !! over the tolerance [-]
-    integer :: steps = 0
-  end type step_memory
 
   !> What one step size makes of it.
   type :: alpha_step
@@ -82,26 +73,4 @@ contains
     s%c1 = (1 - m%alpha_m)/(1 - m%alpha_f)/s%qa1
     s%c2 = s%va1/s%qa1
   end function step_coefficients
-
-  !> Step that estimated errors ask for (third-order local error). A new step means new factors, and errors of a vibration
-  !> come and go with its phase: a step grows only where the worst of several steps, or one that is far too small, says so.
-  subroutine predict_step(memory, h, error, hn)
-    type(step_memory), intent(inout) :: memory
-    real(wp), intent(in) :: h           !! last step [s]
-    real(wp), intent(in) :: error       !! its estimated error over the tolerance [-]
-    real(wp), intent(out) :: hn         !! [s]
-    real(wp) :: factor
-    hn = h
-    if (error > 1.0_wp) then
-      hn = h*max(0.2_wp, min(0.8_wp, 0.85_wp*error**(-1.0_wp/3.0_wp)))
-      memory = step_memory()
-      return
-    end if
-    memory%worst = max(memory%worst, error)
-    memory%steps = memory%steps + 1
-    if (memory%steps < patience .and. memory%worst > hasty) return
-    factor = 0.85_wp*max(memory%worst, 1.0e-6_wp)**(-1.0_wp/3.0_wp)
-    if (factor > 1.2_wp) hn = h*min(factor, 2.0_wp)
-    memory = step_memory()
-  end subroutine predict_step
 end module generalized_alpha

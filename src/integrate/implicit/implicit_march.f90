@@ -20,7 +20,18 @@ module implicit_march
   integer, parameter :: most_halvings = 30         !! of a fixed step that fails
   integer, parameter :: hopeless_halvings = 16     !! of every fixed step: the run would never end
   real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! to the end of the run, in every step: likewise
-  integer, parameter :: patience = 20000           !! hopeless steps in a row
+  integer, parameter :: most_hopeless = 20000      !! hopeless steps in a row
+  real(wp), parameter :: failed = 8.0_wp           !! error that a step counts with whose Newton iteration failed [-]
+  real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
+  real(wp), parameter :: at_once = 2.0_wp          !! growth of a step that does not wait for them [-]
+  real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
+  real(wp), parameter :: too_little = 1.2_wp       !! growth of a step that does not pay new matrices [-]
+
+  !> Errors since the step last changed.
+  type, public :: step_memory
+    real(wp) :: worst = 0.0_wp                !! over the tolerance [-]
+    integer :: steps = 0
+  end type step_memory
 
   !> A march with its state.
   type, abstract, extends(stepper), public :: implicit_stepper
@@ -33,6 +44,9 @@ module implicit_march
     integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: hopeless = 0                   !! steps in a row from which the run would never end
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
+    integer :: order = 0                      !! adaptive: the estimated error is of this order in the step
+    integer :: patience = 0                   !! adaptive: steps whose errors are seen before a step grows
+    type(step_memory) :: memory               !! adaptive
     logical :: passes = .false.               !! adaptive: the step that is tried reaches an output time
     real(wp), allocatable :: dense(:, :)      !! (n, 4) what the method interpolates in the last such step [unit of each unknown]
     real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
@@ -46,7 +60,6 @@ module implicit_march
     procedure(solve_step), deferred :: try_step
     procedure(estimate_step), deferred :: measure_step
     procedure(take_step), deferred :: accept_step
-    procedure(choose_next), deferred :: next_step
     procedure(pack_state), deferred :: pack_state
     procedure(interpolate_step), deferred :: interpolate
   end type implicit_stepper
@@ -87,14 +100,6 @@ module implicit_march
       class(stage_ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! [s]
     end subroutine take_step
-    !> The step that follows one of size h, accepted where its error is at most 1.
-    subroutine choose_next(self, h, error, next)
-      import :: implicit_stepper, wp
-      class(implicit_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h               !! [s]
-      real(wp), intent(in) :: error           !! huge: Newton's method failed [-]
-      real(wp), intent(out) :: next           !! [s]
-    end subroutine choose_next
     !> The state at self%t, or the end of the step that was tried, in the system's layout.
     subroutine pack_state(self, tried, y)
       import :: implicit_stepper, wp
@@ -182,7 +187,7 @@ contains
       self%failures = self%failures + 1
       self%level = self%level + 1
       self%part = 2*self%part
-      if (self%level > most_halvings .or. self%hopeless >= patience) call give_up(self, trouble_iteration)
+      if (self%level > most_halvings .or. self%hopeless >= most_hopeless) call give_up(self, trouble_iteration)
       return
     end if
     call self%accept_step(system, h)
@@ -224,16 +229,40 @@ contains
     if (error > 1.0_wp) then
       self%rejected = self%rejected + 1
       if (.not. ok) self%failures = self%failures + 1
-      call self%next_step(h, error, self%h)
-      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < patience) return
+      self%h = next_step(self, h, error)
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
       call give_up(self, merge(trouble_accuracy, trouble_iteration, ok))
       return
     end if
     call self%accept_step(system, h)
-    call self%next_step(h, error, next)
+    next = next_step(self, h, error)
     self%h = merge(max(self%h, next), next, at_stop)
     if (.not. self%started) self%h = 0.0_wp
   end subroutine controlled_step
+
+  !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
+  !> with its phase: a step grows only where the worst of several steps, or one that is far too small, says so.
+  function next_step(self, h, error) result(next)
+    class(implicit_stepper), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: error             !! its estimated error over what is allowed, huge: Newton's method failed [-]
+    real(wp) :: next                          !! [s]
+    real(wp) :: factor                        ! [-]
+    associate (m => self%memory)
+      m%worst = max(m%worst, merge(error, failed, error < huge(1.0_wp)))
+      m%steps = m%steps + 1
+      factor = safety*max(m%worst, 1.0e-6_wp)**(-1.0_wp/self%order)
+      next = h
+      if (error > 1.0_wp) then
+        next = h*max(0.2_wp, min(0.8_wp, factor))
+      else if (factor > at_once .or. (m%steps >= self%patience .and. factor > too_little)) then
+        next = h*min(factor, most_growth)
+      else if (m%steps < self%patience) then
+        return
+      end if
+      m = step_memory()
+    end associate
+  end function next_step
 
   !> The end of an accepted step: the run is lost where the state is no longer one of a mechanism; where accelerations jump the
   !> method starts anew from the projected state.
@@ -307,6 +336,8 @@ contains
     call a%exchange(self%failures)
     call a%exchange(self%hopeless)
     call a%exchange(self%h)
+    call a%exchange(self%memory%worst)
+    call a%exchange(self%memory%steps)
     call a%exchange(self%norm%largest)
     call a%exchange(self%dense)
     call a%exchange(self%dense_times)

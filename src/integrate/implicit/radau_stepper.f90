@@ -15,15 +15,9 @@ module radau_stepper
   implicit none (type, external)
   private
 
-  real(wp), parameter :: safety = 0.9_wp           !! on the step that the error model predicts [-]
-  real(wp), parameter :: most_shrink = 8.0_wp, most_growth = 5.0_wp   !! of a step [-]
-  real(wp), parameter :: same = 1.2_wp             !! growth of a step that does not pay new factors [-]
-
   !> The method.
   type, extends(implicit_stepper), public :: radau_march
     type(radau_stage_values) :: stages
-    logical :: after_rejection = .false.
-    real(wp) :: last(2) = 0.0_wp              !! adaptive: last accepted step [s] and its error [-]
     real(wp), allocatable :: bend(:, :)       !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
     type(position_measure) :: measure
   contains
@@ -32,7 +26,6 @@ module radau_stepper
     procedure :: try_step
     procedure :: measure_step
     procedure :: accept_step
-    procedure :: next_step
     procedure :: pack_state
     procedure :: interpolate
     procedure :: account
@@ -45,6 +38,8 @@ contains
   subroutine set_up(self, system)
     class(radau_march), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
+    self%order = 4
+    self%patience = 8
     call system%start_stages()
     call set_up_stages(self%stages, system, radau_iia())
     call self%measure%set_up(system)
@@ -58,7 +53,6 @@ contains
     class(stage_ode), intent(inout) :: system
     real(wp) :: change
     call ready(self, system)
-    self%last = 0.0_wp
     associate (s => self%stages, e => self%trial)
       e = 0.0_wp
       e(1:s%nq) = self%h*s%v0
@@ -101,32 +95,8 @@ contains
     real(wp), intent(out) :: error            !! [-]
     call pack_stage(self, 3, self%trial)
     call measure_error(self%stages, system, self%norm, self%trial, self%settings%tolerance, &
-                       self%after_rejection .or. .not. self%stages%past_h > 0.0_wp, error)
+                       self%memory%steps == 0, error)
   end subroutine measure_step
-
-  !> The next step: by the last two errors (Gustafsson), and the same one where it could hardly grow.
-  subroutine next_step(self, h, error, next)
-    class(radau_march), intent(inout) :: self
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: error             !! [-]
-    real(wp), intent(out) :: next             !! [s]
-    real(wp) :: factor, err
-    if (error > 1.0_wp) then
-      self%after_rejection = .true.
-      next = 0.5_wp*h
-      if (error < huge(1.0_wp)) next = h*min(0.9_wp, max(1/most_shrink, safety*error**(-0.25_wp)))
-      return
-    end if
-    err = max(error, 1.0e-10_wp)
-    factor = safety*err**(-0.25_wp)
-    if (self%last(1) > 0.0_wp) factor = min(factor, safety*h/self%last(1)*(self%last(2)/err**2)**0.25_wp)
-    factor = min(most_growth, max(1/most_shrink, factor))
-    if (self%after_rejection) factor = min(factor, 1.0_wp)
-    self%after_rejection = .false.
-    self%last = [h, max(1.0e-2_wp, err)]
-    if (factor >= 1.0_wp .and. factor <= same) factor = 1.0_wp
-    next = factor*h
-  end subroutine next_step
 
   !> The state, or the last stage.
   subroutine pack_state(self, tried, y)
@@ -233,8 +203,6 @@ contains
     class(radau_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
-    call a%exchange(self%after_rejection)
-    call a%exchange(self%last)
     call a%exchange(self%bend)
     call self%measure%exchange(a)
     call exchange_stages(self%stages, a)
