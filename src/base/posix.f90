@@ -6,7 +6,7 @@ module posix
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
-  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, host_name, c_open
+  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, c_open
   public :: standard_output, standard_error, nameless_file, read_back
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
@@ -111,13 +111,6 @@ module posix
       integer(c_int), value :: fd
       integer(c_int) :: yes
     end function c_isatty
-    !> gethostname(2).
-    function c_gethostname(name, length) bind(c, name='gethostname') result(status)
-      import :: c_char, c_int, c_size_t
-      character(kind=c_char), intent(out) :: name(256)
-      integer(c_size_t), value :: length
-      integer(c_int) :: status
-    end function c_gethostname
     !> fsync(2): data to the disk.
     function c_fsync(fd) bind(c, name='fsync') result(status)
       import :: c_int
@@ -308,20 +301,6 @@ contains
     logical :: yes
     yes = c_isatty(int(fd, c_int)) == 1
   end function is_terminal
-
-  !> Name of this machine; empty where the system does not tell it.
-  function host_name() result(name)
-    character(:), allocatable :: name
-    character(kind=c_char) :: letters(256)
-    integer :: k
-    name = ''
-    letters = c_null_char
-    if (c_gethostname(letters, int(size(letters) - 1, c_size_t)) /= 0) return
-    do k = 1, size(letters)
-      if (letters(k) == c_null_char) exit
-      name = name//letters(k)
-    end do
-  end function host_name
 
   !> Waits until what was written to a file (or the names in a folder) is on the disk.
   function sync_file(path) result(ok)

@@ -41,11 +41,7 @@ contains
     integer :: i
     i = self%first
     call drive_values(self%target, self%rate, self%origin, t, r%left_limit, h)
-    r%na(:, i) = 0.0_wp
-    r%nb(:, i) = 0.0_wp
-    r%sa(i) = self%size
-    r%sb(i) = -self%size
-    r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - h(0))
+    call self%hold_angle(i, h(0), p, r)
     r%phi_t(i) = -self%size*h(1)
     r%acceleration_bias(i) = -self%size*h(2)
   end subroutine rotation_rows
