@@ -4,6 +4,7 @@ Nothing diverges at 0.98 of the safe bound, and the smallest current bound along
 that stays stable, found by bisection over 1000 periods of the limiting mode.
 """
 
+import json
 import math
 import re
 
@@ -215,3 +216,18 @@ def test_the_bound_of_a_slow_motion_is_followed(run_deck):
     )
     found = re.search(r"smallest current bound of the step: +(\S+) s", run.summary)
     assert float(found[1]) == pytest.approx(4.0 * math.sqrt(2.0), rel=1e-3)
+
+
+def test_a_bound_of_a_material_is_not_estimated_again(run_deck):
+    """A GHM pole does not change with the motion; here it is that of the first segment of the first body."""
+    run = run_deck(
+        "&material name='m' density=1600.0 young=2.1e7 ghm_alpha=0.4 ghm_zeta=5.0 ghm_omega=1.0e6 /\n"
+        "&section name='s' shape='rectangle' width=0.02 height=0.01 /\n"
+        "&body name='rod' kind='beam' length=0.3 elements=2 material='m' section='s' angular_velocity=3.0 /\n"
+        "&joint name='a' type='revolute' body_a='rod' node_a=1 /\n"
+        "&transient t_end=1e-5 method='rk4' step=1.0e-7 /\n"
+    )
+    found = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
+    assert found["stable_steps"]["rk4"]["limited_by"].startswith("GHM pole")
+    assert found["transient"]["bound_estimates"] == 0
+    assert found["transient"]["smallest_bound"] == found["stable_steps"]["rk4"]["safe_bound"]

@@ -33,7 +33,8 @@ contains
     real(wp) :: value
     integer :: assignment
     logical :: good
-    range = range_text(name, above, least, most, below)
+    range = ''
+    if (present(need)) range = range_text(name, above, least, most, below)
     call deck%look_up(name, need, kinds, range, assignment)
     call single_value(deck, name, assignment, good, '; decimals take a point')
     if (good) call real_of(deck, name, deck%token(assignment, 1), value, good)
@@ -42,6 +43,7 @@ contains
       x = value
       call deck%mark_good(assignment)
     else
+      range = range_text(name, above, least, most, below)
       if (present(hint) .and. abs(value) <= 0.0_wp) range = range//'; '//hint
       call out_of_range(deck, name, assignment, range)
     end if
@@ -85,7 +87,8 @@ contains
     character(:), allocatable :: range
     integer :: assignment, value
     logical :: good
-    range = whole_range(name, least, most)
+    range = ''
+    if (present(need)) range = whole_range(name, least, most)
     call deck%look_up(name, need, kinds, range, assignment)
     call single_value(deck, name, assignment, good)
     if (good) call integer_of(deck, name, deck%token(assignment, 1), value, good)
@@ -96,7 +99,7 @@ contains
       n = value
       call deck%mark_good(assignment)
     else
-      call out_of_range(deck, name, assignment, range)
+      call out_of_range(deck, name, assignment, whole_range(name, least, most))
     end if
   end subroutine get_integer
 

@@ -29,8 +29,10 @@ contains
     character(*), intent(in) :: words(:)          !! the words that may be
     logical, intent(in), optional :: need         !! whether it is required
     character(*), intent(in), optional :: kinds   !! kinds it applies to
-    character(:), allocatable :: value
-    call get(deck, name, value, need, kinds, word_list(words))
+    character(:), allocatable :: value, wanted
+    wanted = ''
+    if (present(need)) wanted = word_list(words)
+    call get(deck, name, value, need, kinds, wanted)
     if (.not. deck%is_set(name)) return
     if (len_trim(value) > 0 .and. any(words == lower(value))) then
       word = lower(value)
@@ -63,7 +65,7 @@ contains
     character(*), intent(in), optional :: kinds           !! kinds it applies to
     character(name_length), allocatable :: values(:)
     integer :: k
-    call text_list(deck, name, values, word_list(words), .false., kinds)
+    call text_list(deck, name, values, '', .false., kinds)
     allocate (found(size(values)))
     do k = 1, size(values)
       found(k) = lower(values(k)(1:1))
