@@ -105,7 +105,7 @@ def _points(study: Study) -> list[str]:
 
 def _removals(study: Study) -> list[str]:
     width = max([44, *(len(s.label) for s in study.steps)])
-    lines = [f"{'round':>5}  {'without':{width}} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
+    lines = [f"{'round':>5}  {'simplified':{width}} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
     for s in study.steps:
         seconds = f"{s.best.cost:9.4f}" if s.best else " " * 9
         note = "taken" if s.taken else (s.note[:60] if s.note else ("" if s.effect.largest <= study.room else "too much"))
@@ -136,7 +136,7 @@ def verdict(study: Study, result: Result) -> str:
             f"The deck as written is the cheapest that was found to meet {tolerance}: keep it. Its error is "
             f"{chosen.gap.largest:.1e} {known}, it takes {chosen.cost:.4f} s."
         )
-    model = "the model " + (" and ".join(["without: " + "; ".join(result.taken)]) if result.taken else "in full")
+    model = "the model " + ("simplified: " + "; ".join(result.taken) if result.taken else "in full")
     said = (
         f"{'The cheapest setting that meets' if result.meets else 'The most accurate setting within the budget, which misses'} "
         f"{tolerance} is {setting_words(study, chosen)} with {model}. "

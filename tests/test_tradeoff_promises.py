@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -151,6 +152,31 @@ def test_a_deck_that_is_the_cheapest_is_recommended_as_it_is(tmp_path, monkeypat
         assert text.endswith(written.deck.text) == kept
         assert result.chosen.cost <= result.written.cost
         assert result.meets
+
+
+def test_a_point_that_met_the_tolerance_by_luck_gives_way_to_the_next(tmp_path, monkeypatch):
+    lucky, next_best, last = point(5e-3, 0.0, 0.1, index=0), point(5e-3, 0.0, 0.2, index=1), point(1e-3, 0.0, 0.5, index=2)
+    study = study_with(tmp_path, lucky, next_best, last)
+    written = point(1e-3, 1e-3, 1.0)
+    steps = {p.setting.size(study.grid): p for p in study.points}
+
+    def of_text(text: str) -> Point:
+        return steps[deck_text.parse(text).one("transient").number("step")]
+
+    def beside(text: str, _: str) -> tuple[Outcome, Outcome]:
+        return (last.outcome if of_text(text) is last else outcome(TIMES + 5e-2, TIMES)), written.outcome
+
+    monkeypatch.setattr(study.runner, "beside", beside, raising=False)
+    monkeypatch.setattr(study.runner, "timed", lambda text: of_text(text).outcome, raising=False)
+    monkeypatch.setattr(tradeoff, "cancellation", lambda *_: [])
+    result = Result("deck.nml", "deck", [], [], written, [])
+    tradeoff.recommend(study, result, tradeoff.choose(study, np.inf), tmp_path)
+    assert result.chosen.setting == last.setting
+    assert result.meets
+    study.points, result.chosen, result.written = [lucky], None, replace(written, gap=gap(lucky.outcome, study.truth))
+    monkeypatch.setattr(study.runner, "beside", lambda *_: (outcome(TIMES + 5e-2, TIMES), lucky.outcome), raising=False)
+    tradeoff.recommend(study, result, lucky, tmp_path)
+    assert result.meets, "nothing cheaper is left: the deck as written"
 
 
 def test_effects_are_measured_at_the_cheapest_adequate_setting(tmp_path):

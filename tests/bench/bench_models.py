@@ -48,15 +48,15 @@ def maxwell(table, measure, run_process, folder, quick):
         elastic, ghm, prony = (parts["step"][1] for parts in measure(jobs))
         share = (prony - elastic) / (ghm - elastic)
         table.add(f"a Maxwell term at {elements} elements costs {share:.2f} of a GHM term in a step (three of each)")
-    runs = {}
-    for name, step in {"elastomer_cantilever": "5e-6", "elastomer_cantilever_maxwell": "1.25e-5"}.items():  # near their bounds
-        deck = deck_text.read(HERE / "input" / f"{name}.nml")
+    found = []
+    for name, step in (("", "5e-6"), ("_maxwell", "5e-6"), ("_maxwell", "1.25e-5")):  # the first and the last near their bounds
+        deck = deck_text.read(HERE / "input" / f"elastomer_cantilever{name}.nml")
         text = deck.set(deck.one("transient"), step=step, motion_step=None).text
         seconds = min(run_process("law", text)[1] for _ in range(3))
-        runs[name] = f"{seconds:.3f} s at steps of {step} s", read(folder / "law")
-    (slow, ghm), (fast, prony) = runs.values()
+        found.append((f"{seconds:.3f} s at steps of {step} s", read(folder / "law")))
+    (slow, ghm), (same, prony), (fast, _) = found
     gap = max(abs(prony[c] - ghm[c]).max() / (ghm[c].max() - ghm[c].min()) for c in ("tip.v", "tip.r", "wall.fy", "wall.m"))
-    words = f"three GHM terms {slow}, three Maxwell terms {fast}; worst column {gap:.1e} apart"
+    words = f"three GHM terms {slow}; three Maxwell terms {same}, worst column {gap:.1e} apart; {fast}"
     table.add(f"elastomer cantilever, rk4, 0.5 s: {words}")
 
 
