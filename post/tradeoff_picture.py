@@ -22,8 +22,9 @@ TALLEST = 2.0  # larger errors are not drawn
 
 def model_words(model: str) -> str:
     """Return how a model is simplified, changes that later ones overtook not named."""
-    changes = "; ".join(in_force(model.split("; ")))
-    return "model in full" if model == FULL else "\n".join(textwrap.wrap(f"simplified: {changes}", 58))
+    if model == FULL:
+        return "model in full"
+    return "\n".join(textwrap.wrap("simplified: " + "; ".join(in_force(model.split("; "))), 58))
 
 
 def _curves(study: Study, result: Result) -> dict[str, dict[str, list[Point]]]:
