@@ -103,24 +103,35 @@ contains
   end function measure_slopes
 
   !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
-  function measure(self, e, y, h, tolerance) result(worst)
+  !> Allowed besides is rounding, the largest of any group since joints pass it on, of values and of rates: that of the largest
+  !> values so far, or what is known of e.
+  function measure(self, e, y, h, tolerance, rounding) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
     real(wp), intent(in) :: e(:), y(:)        !! (n) error and state [unit of each unknown]
     real(wp), intent(in) :: h                 !! step [s]
+    real(wp), intent(in), optional :: rounding(:)   !! (n) what of the error is rounding [unit of each unknown]
     real(wp) :: worst                         !! [-]
+    real(wp) :: value_digits, rate_digits     ! rounding of values, of rates, over their floors [-]
     integer :: k
+    value_digits = epsilon(1.0_wp)*maxval(self%largest/self%floor, .not. self%rate)
+    rate_digits = epsilon(1.0_wp)*maxval(self%largest/self%floor, self%rate)
+    do k = 1, merge(size(e), 0, present(rounding))
+      if (self%group(k) == 0) cycle
+      if (self%rate(self%group(k))) rate_digits = max(rate_digits, abs(rounding(k))/self%floor(self%group(k)))
+      if (.not. self%rate(self%group(k))) value_digits = max(value_digits, abs(rounding(k))/self%floor(self%group(k)))
+    end do
     do k = 1, size(self%scale)
       self%scale(k) = max(self%largest(k), merge(self%floor(k)/h, self%floor(k), self%rate(k)))
     end do
     do k = 1, size(y)
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(y(k)))
     end do
+    self%scale = tolerance*self%scale + merge(rate_digits, value_digits, self%rate)*self%floor
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
     end do
-    worst = worst/tolerance
   end function measure
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).

@@ -26,14 +26,15 @@ contains
     kept = pack([(r, r=1, size(segments))], parts > small)
     ok = .false.
     if (sum([(size(segments(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
-      call mode_pair(segments(kept), k, c, parts(kept), roots, ok)
+      call mode_pair(segments, kept, k, c, parts, roots, ok)
     end if
-    if (.not. ok) call all_roots(segments(kept), k, c, parts(kept), roots)
+    if (.not. ok) call all_roots(segments, kept, k, c, parts, roots)
   end subroutine modal_roots
 
   !> The two roots that the instantaneous stiffness leads to, by Newton's method.
-  subroutine mode_pair(segments, k, c, parts, roots, ok)
+  subroutine mode_pair(segments, kept, k, c, parts, roots, ok)
     type(linear_segment), intent(in) :: segments(:)
+    integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
@@ -43,8 +44,8 @@ contains
     integer :: i, r, pass
     allocate (roots(2))
     s = k
-    do r = 1, size(segments)
-      s = s + parts(r)*sum(segments(r)%law%alpha)
+    do r = 1, size(kept)
+      s = s + parts(kept(r))*sum(segments(kept(r))%law%alpha)
     end do
     s = sqrt(c**2/4 - s)
     roots = [-c/2 + s, -c/2 - s]
@@ -53,9 +54,9 @@ contains
         s = roots(i)
         f = s**2 + c*s + k
         df = 2*s + c
-        do r = 1, size(segments)
-          f = f + parts(r)*segments(r)%law%ratio(s)
-          df = df + parts(r)*segments(r)%law%slope(s)
+        do r = 1, size(kept)
+          f = f + parts(kept(r))*segments(kept(r))%law%ratio(s)
+          df = df + parts(kept(r))*segments(kept(r))%law%slope(s)
         end do
         step = f/df
         roots(i) = s - step
@@ -68,8 +69,9 @@ contains
   end subroutine mode_pair
 
   !> All of them that have to do with the motion, as poles of a system of one motion.
-  subroutine all_roots(segments, k, c, parts, roots)
+  subroutine all_roots(segments, kept, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
+    integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
@@ -83,9 +85,11 @@ contains
     model%k = reshape([k], [1, 1])
     model%g = 0*model%k
     model%c = reshape([c], [1, 1])
-    model%part = reshape(parts, [1, 1, size(parts)])
-    model%law = [(segments(r)%law, r=1, size(segments))]
-    allocate (model%scale(1))
+    model%part = reshape(parts(kept), [1, 1, size(kept)])
+    allocate (model%scale(1), model%law(size(kept)))
+    do r = 1, size(kept)
+      model%law(r) = segments(kept(r))%law
+    end do
     call model%find_scale()
     call poles%find(model, [1], .true., ok)
     roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]
@@ -110,7 +114,7 @@ contains
     complex(wp), allocatable, intent(out) :: poles(:)    !! [1/s]
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
-    call all_roots([segment], lambda, 0.0_wp, [lambda], roots)
+    call all_roots([segment], [1], lambda, 0.0_wp, [lambda], roots)
     call mark_mode(roots, sqrt(lambda*(1 + sum(segment%law%alpha))), is_mode)
     poles = pack(roots, .not. is_mode)
   end subroutine segment_poles

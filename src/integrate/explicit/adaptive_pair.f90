@@ -77,15 +77,21 @@ contains
   subroutine measure_noise(self, system)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
-    integer :: k
-    do k = 1, size(self%y)
-      self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
-    end do
+    call last_digits_changed(self)
     call system%derivative(self%t, self%y, .false., self%last)
     call system%derivative(self%t, self%moved, .false., self%slope)
     self%slope = self%slope - self%last
     call self%norm%watch_noise(self%slope)
   end subroutine measure_noise
+
+  !> Moves the state in its last digits.
+  subroutine last_digits_changed(self)
+    class(adaptive_stepper), intent(inout) :: self
+    integer :: k
+    do k = 1, size(self%y)
+      self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
+    end do
+  end subroutine last_digits_changed
 
   !> Marches towards an output time (see `time_stepper`).
   subroutine advance(self, system, from, to, most, y, outcome)
@@ -148,6 +154,7 @@ contains
     wanted = min(self%h, self%settings%max_step)
     call step_end(self%t, wanted, self%settings%stops, next, h, self%tried, at_stop)
     call try_step(self, system, h, err)
+    if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call discount_rounding(self, system, h, err)
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
@@ -171,7 +178,7 @@ contains
     if (self%settings%jumps(next)) call self%control%restart()
   end subroutine one_step
 
-  !> The stages of a step, its projected end and the error estimate, in tolerances; negative where the step is lost.
+  !> Tries a step: its error in tolerances, negative where the step is lost.
   subroutine try_step(self, system, h, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -179,6 +186,16 @@ contains
     real(wp), intent(out) :: err              !! [-]
     logical :: ok
     err = -1.0_wp
+    call estimate_error(self, system, h, ok)
+    if (ok) call measure_error(self, system, h, err)
+  end subroutine try_step
+
+  !> The stages of a step, its projected end and the error; not ok where the step is lost.
+  subroutine estimate_error(self, system, h, ok)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    logical, intent(out) :: ok
     self%trial = self%y
     call self%stages%step(system, self%t, h, self%trial, ok)
     self%trouble = trouble_size
@@ -188,22 +205,49 @@ contains
     if (.not. ok) return
     call system%derivative(self%tried, self%trial, .true., self%last)
     self%trouble = trouble_size
-    if (.not. is_bounded(self%last)) return
-    call self%stages%weighted(self%method%error, h, self%last, self%error)
-    call measure_error(self, system, h, err)
-  end subroutine try_step
+    ok = is_bounded(self%last)
+    if (ok) call self%stages%weighted(self%method%error, h, self%last, self%error)
+  end subroutine estimate_error
+
+  !> Measures the error of a step that is refused again beside what rounding gives of it: the change of the estimate when the
+  !> start changes in its last digits. Near positions where constraints become dependent they amplify it beyond any tolerance,
+  !> and no smaller step would help.
+  subroutine discount_rounding(self, system, h, err)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(inout) :: err            !! [-]
+    real(wp), dimension(size(self%y)) :: y, slope, rounding   ! start, its derivative, rounding of the error [unit], [unit/s], [unit]
+    logical :: ok, again
+    y = self%y
+    slope = self%stages%k(:, 1)
+    rounding = self%error
+    call last_digits_changed(self)
+    self%y = self%moved
+    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    call system%project(self%t, self%y, ok)
+    if (ok) call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    if (ok) call estimate_error(self, system, h, ok)
+    rounding = self%error - rounding
+    self%y = y
+    self%stages%k(:, 1) = slope
+    if (.not. ok) return
+    call estimate_error(self, system, h, again)
+    if (again) call measure_error(self, system, h, err, rounding)
+  end subroutine discount_rounding
 
   !> The error of a step over what is allowed.
-  subroutine measure_error(self, system, h, err)
+  subroutine measure_error(self, system, h, err, rounding)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: err              !! [-]
+    real(wp), intent(in), optional :: rounding(:)   !! (n) what of the error is known to be rounding [unit]
     real(wp) :: length, allowed, s
     integer :: k
     length = self%settings%stops(size(self%settings%stops))
     allowed = self%settings%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
-    err = self%norm%measure(self%error, self%trial, h, allowed)
+    err = self%norm%measure(self%error, self%trial, h, allowed, rounding)
     if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
     s = shift/(err*allowed)
     do k = 1, size(self%y)

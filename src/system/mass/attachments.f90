@@ -15,6 +15,7 @@ contains
   subroutine attach_markers(self)
     type(mechanism_model), intent(inout) :: self
     logical, allocatable :: acts(:, :)           !! (3, markers) whether constraints act on u, v and the rotation of a marker
+    type(marker_model), allocatable :: markers(:)   !! of one body
     integer, allocatable :: local(:)
     integer :: k, b
     allocate (local(size(self%s%markers)), source=0)
@@ -28,10 +29,15 @@ contains
       if (.not. self%s%bodies(b)%flexible) cycle
       call list_markers(self, b, local)
       associate (at => self%attached(b), body => self%s%bodies(b))
-        call number_columns(self%s%markers(at%marker), acts(:, at%marker), at%column)
-        call fill_columns(self%s%markers(at%marker), body, at)
-        call fill_compliances(self%s%markers(at%marker), body, at)
+        allocate (markers(size(at%marker)))
+        do k = 1, size(markers)
+          markers(k) = self%s%markers(at%marker(k))
+        end do
+        call number_columns(markers, acts(:, at%marker), at%column)
+        call fill_columns(markers, body, at)
+        call fill_compliances(markers, body, at)
       end associate
+      deallocate (markers)
     end do
   end subroutine attach_markers
 
