@@ -103,8 +103,7 @@ contains
   end function measure_slopes
 
   !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
-  !> Allowed besides is rounding, the largest of any group since joints pass it on, of values and of rates: that of the largest
-  !> values so far, or what is known of e.
+  !> Allowed besides is what is known to be rounding, the largest of any group since joints pass it on, of values and of rates.
   function measure(self, e, y, h, tolerance, rounding) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
@@ -114,8 +113,8 @@ contains
     real(wp) :: worst                         !! [-]
     real(wp) :: value_digits, rate_digits     ! rounding of values, of rates, over their floors [-]
     integer :: k
-    value_digits = epsilon(1.0_wp)*maxval(self%largest/self%floor, .not. self%rate)
-    rate_digits = epsilon(1.0_wp)*maxval(self%largest/self%floor, self%rate)
+    value_digits = 0.0_wp
+    rate_digits = 0.0_wp
     do k = 1, merge(size(e), 0, present(rounding))
       if (self%group(k) == 0) cycle
       if (self%rate(self%group(k))) rate_digits = max(rate_digits, abs(rounding(k))/self%floor(self%group(k)))
@@ -127,11 +126,12 @@ contains
     do k = 1, size(y)
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(y(k)))
     end do
-    self%scale = tolerance*self%scale + merge(rate_digits, value_digits, self%rate)*self%floor
+    self%scale = self%scale + merge(rate_digits, value_digits, self%rate)*self%floor/tolerance
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
     end do
+    worst = worst/tolerance
   end function measure
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).

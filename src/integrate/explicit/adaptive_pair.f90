@@ -187,7 +187,7 @@ contains
     logical :: ok
     err = -1.0_wp
     call estimate_error(self, system, h, ok)
-    if (ok) call measure_error(self, system, h, err)
+    if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
   end subroutine try_step
 
   !> The stages of a step, its projected end and the error; not ok where the step is lost.
@@ -233,16 +233,16 @@ contains
     self%stages%k(:, 1) = slope
     if (.not. ok) return
     call estimate_error(self, system, h, again)
-    if (again) call measure_error(self, system, h, err, rounding)
+    if (again) call measure_error(self, system, h, max(abs(rounding), epsilon(1.0_wp)*abs(self%trial)), err)
   end subroutine discount_rounding
 
   !> The error of a step over what is allowed.
-  subroutine measure_error(self, system, h, err, rounding)
+  subroutine measure_error(self, system, h, rounding, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: rounding(:)       !! (n) what of the error is rounding [unit]
     real(wp), intent(out) :: err              !! [-]
-    real(wp), intent(in), optional :: rounding(:)   !! (n) what of the error is known to be rounding [unit]
     real(wp) :: length, allowed, s
     integer :: k
     length = self%settings%stops(size(self%settings%stops))
