@@ -217,7 +217,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(inout) :: err            !! [-]
-    real(wp), dimension(size(self%y)) :: y, slope, rounding   ! start, its derivative, rounding of the error [unit], [unit/s], [unit]
+    real(wp), dimension(size(self%y)) :: y, slope, rounding   ! start [unit], its derivative [unit/s], of the error [unit]
     logical :: ok, again
     y = self%y
     slope = self%stages%k(:, 1)
