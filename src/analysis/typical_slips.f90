@@ -176,61 +176,38 @@ contains
   !> Joints or drives between the same places that hold the same.
   subroutine doubled_constraints(d)
     type(deck), intent(in) :: d
-    integer :: earlier(max(size(d%joints), size(d%drives)))
-    integer :: k, j, first
-    call find_neighbours(d%joints%a, d%joints%b, earlier)
-    do k = 1, size(d%joints)
-      first = 0
-      j = earlier(k)
-      do while (j > 0)
-        associate (x => d%joints(j), y => d%joints(k))
-          if (x%type == y%type .and. .not. abs(x%direction - y%direction) > 0.0_wp) then
-            if (same(x%a, y%a) .and. same(x%b, y%b)) first = j
-            if (same(x%a, y%b) .and. same(x%b, y%a) .and. y%type /= 'slider' .and. y%type /= 'prismatic') first = j
-          end if
-        end associate
-        j = earlier(j)
-      end do
-      if (first > 0) call warn(d%joints(k)%at, 'joint/'//d%joints(k)%name, twin('joint', d%joints(first)%name, d%joints(first)%at))
-    end do
-    call find_neighbours(d%drives%a, d%drives%b, earlier)
-    do k = 1, size(d%drives)
-      first = 0
-      j = earlier(k)
-      do while (j > 0)
-        associate (x => d%drives(j), y => d%drives(k))
-          if (x%type == y%type .and. .not. abs(x%direction - y%direction) > 0.0_wp) then
-            if (same(x%a, y%a) .and. same(x%b, y%b)) first = j
-          end if
-        end associate
-        j = earlier(j)
-      end do
-      if (first > 0) call warn(d%drives(k)%at, 'drive/'//d%drives(k)%name, twin('drive', d%drives(first)%name, d%drives(first)%at))
-    end do
+    call look_for_twins('joint', d%joints%at, d%joints%name, d%joints%type, d%joints%a, d%joints%b, d%joints%direction)
+    call look_for_twins('drive', d%drives%at, d%drives%name, d%drives%type, d%drives%a, d%drives%b, d%drives%direction)
   end subroutine doubled_constraints
 
-  !> For each pair of markers the one before it, 0: none, that may lie on the same bodies and nodes, whichever is named first:
-  !> only those need a closer look.
-  pure subroutine find_neighbours(a, b, earlier)
+  !> Those of one kind. Only pairs whose bodies and nodes, whichever is named first, make the same number need a closer look.
+  subroutine look_for_twins(kind, at, name, type, a, b, direction)
+    character(*), intent(in) :: kind
+    type(origin), intent(in) :: at(:)
+    character(*), intent(in) :: name(:), type(:)
     type(marker_record), intent(in) :: a(:), b(:)
-    integer, intent(out) :: earlier(:)
-    integer :: newest(0:size(a))               ! of the pairs with the same remainder
-    integer :: k, r
+    real(wp), intent(in) :: direction(:)       !! [rad]
+    character(*), parameter :: either_way(3) = [character(10) :: 'revolute', 'weld', 'distance']
+    integer :: newest(0:size(a)), earlier(size(a))     ! of the pairs with the same remainder, 0: none
+    integer :: k, j, r, first
     newest = 0
     do k = 1, size(a)
       r = modulo(31*(a(k)%body + b(k)%body) + a(k)%node + b(k)%node, size(a) + 1)
       earlier(k) = newest(r)
       newest(r) = k
+      first = 0
+      j = earlier(k)
+      do while (j > 0)
+        if (type(j) == type(k) .and. .not. abs(direction(j) - direction(k)) > 0.0_wp) then
+          if (same(a(j), a(k)) .and. same(b(j), b(k))) first = j
+          if (any(either_way == type(k)) .and. same(a(j), b(k)) .and. same(b(j), a(k))) first = j
+        end if
+        j = earlier(j)
+      end do
+      if (first > 0) call warn(at(k), kind//'/'//name(k), 'it holds the same as '//kind//' "'//trim(name(first))// &
+                               '" in line '//to_text(at(first)%line)//': one of them is too many')
     end do
-  end subroutine find_neighbours
-
-  !> What is wrong with the second of two that are the same.
-  pure function twin(kind, name, at) result(text)
-    character(*), intent(in) :: kind, name     !! the first of them
-    type(origin), intent(in) :: at             !! where it stands
-    character(:), allocatable :: text
-    text = 'it holds the same as '//kind//' "'//trim(name)//'" in line '//to_text(at%line)//': one of them is too many'
-  end function twin
+  end subroutine look_for_twins
 
   !> Whether two markers are one.
   pure function same(a, b) result(yes)

@@ -6,7 +6,7 @@ module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use gyroscopic_modes, only: turning_basis
-  use mode_list, only: mode_set, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
+  use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
   use pole_check, only: check_undamped, check_damped
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
@@ -84,7 +84,7 @@ contains
       call poles%find(model, [(j, j=1, p)], .false., ok)
       if (.not. ok) return
       twins = pack(poles%lambda, decays(poles%lambda))
-      call by_modulus(poles%lambda, order)
+      order = by_modulus(poles%lambda)
       order = pack(order, .not. decays(poles%lambda(order)))
       starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
     end if
@@ -112,20 +112,6 @@ contains
     complex(wp), intent(in) :: lambda                  !! [1/s]
     yes = abs(lambda%im) <= 1.0e-9_wp*abs(lambda) .and. lambda%re < 0.0_wp
   end function decays
-
-  !> Order of ascending modulus.
-  pure subroutine by_modulus(lambda, order)
-    complex(wp), intent(in) :: lambda(:)               !! [1/s]
-    integer, allocatable, intent(out) :: order(:)
-    logical :: left(size(lambda))
-    integer :: i
-    left = .true.
-    allocate (order(size(lambda)))
-    do i = 1, size(lambda)
-      order(i) = minloc(abs(lambda), 1, left)
-      left(order(i)) = .false.
-    end do
-  end subroutine by_modulus
 
   !> The undamped modes that are asked for.
   subroutine list_undamped(ds, model, starts, shapes, wanted, modes)

@@ -3,7 +3,7 @@ module pole_check
   use kinds, only: wp, pi
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev
-  use mode_list, only: mode_set, undamped_mode
+  use mode_list, only: mode_set, by_modulus, undamped_mode
   use pole_count, only: pole_region, unnamed_poles
   use text, only: to_text
   use viscoelastic_law, only: viscoelastic_terms
@@ -200,20 +200,14 @@ contains
   !> Eigenvalues by ascending modulus.
   function eigenvalues(matrix) result(values)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
-    complex(wp) :: values(size(matrix, 1)), all(size(matrix, 1))
+    complex(wp) :: values(size(matrix, 1))
     real(wp) :: a(size(matrix, 1), size(matrix, 1)), wr(size(matrix, 1)), wi(size(matrix, 1)), work(8*size(matrix, 1)), v(1, 2)
-    logical :: left(size(matrix, 1))
-    integer :: n, k, j, info
+    integer :: n, info
     n = size(matrix, 1)
     a = matrix
     call dgeev('N', 'N', n, a, n, wr, wi, v(:, 1:1), 1, v(:, 2:2), 1, work, size(work), info)
-    all = cmplx(wr, wi, wp)
-    left = .true.
-    do k = 1, n
-      j = minloc(abs(all), 1, left)
-      left(j) = .false.
-      values(k) = all(j)
-    end do
+    values = cmplx(wr, wi, wp)
+    values = values(by_modulus(values))
   end function eigenvalues
 
   !> The count in words.
