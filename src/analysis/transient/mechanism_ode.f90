@@ -8,7 +8,7 @@ module mechanism_ode
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_condensation, only: correction
-  use newton_equations, only: prepare, predict_terms, residual, renew, solve_elastic
+  use newton_equations, only: prepare, predict_terms, hold_terms, residual, renew, solve_elastic
   use newton_results, only: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, &
                             position_groups, scene_reach
   use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
@@ -18,7 +18,7 @@ module mechanism_ode
   use second_order_system, only: sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
   use stage_equations, only: stage_solver, set_up_stages, stage_residual, renew_terms, factor_stages, solve_stage, close_rows, &
-                             stage_power
+                             stage_kinematics
   use stage_system, only: stage_ode
   implicit none (type, external)
   private
@@ -192,7 +192,7 @@ contains
     logical, intent(out) :: ok
     logical :: bad
     associate (in_step => self%ev%options%left_limit)
-      call renew(self%t, self%m, self%ev, t, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
+      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
       if (hold .and. .not. in_step) call hold_weak_rows(self%t%rows)
     end associate
     ok = .not. bad
@@ -429,7 +429,9 @@ contains
     logical, intent(in) :: left
     real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
-    call stage_residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, z, lambda, r, gap)
+    call hold_terms(self%t, self%m, z)
+    call residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, lambda)
+    call stage_residual(self%t, self%m, self%ev, q, r, gap)
   end subroutine mechanism_stage
 
   !> Mass, damping and stiffness there.
@@ -498,6 +500,7 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call stage_power(self%t, self%m, self%ev, at_side(self%options, .true.), t, q, v, lambda, z, zd, power)
+    call stage_kinematics(self%m, self%ev, at_side(self%options, .true.), t, q, v)
+    call find_powers(self%t, self%m, self%ev, t, q, v, lambda, z, zd, power)
   end subroutine mechanism_stage_powers
 end module mechanism_ode

@@ -42,21 +42,21 @@ module border_rows
     integer, allocatable :: local(:)         !! (sides) the marker's number on its flexible body
     integer, allocatable :: kind(:)          !! (sides) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
     logical, allocatable :: acts(:, :)       !! (3, sides) components of the marker that it may see
-    real(wp), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row and column on the marker, body axes
-    real(wp), allocatable :: frame_row(:, :), frame_column(:, :)   !! (3, sides) the same on the condensed frame
-    real(wp), allocatable :: solved_column(:, :)        !! (3, sides) inverse of the condensed frame times frame_column
+    real(wp), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row, column on the marker, body axes [-, m]
+    real(wp), allocatable :: frame_row(:, :), frame_column(:, :)   !! (3, sides) the same on the condensed frame [-, m]
+    real(wp), allocatable :: solved_column(:, :)        !! (3, sides) inverse of the condensed frame times frame_column [m/N, rad/N]
     type(coupling), allocatable :: laws(:)
     logical, allocatable :: rate_row(:)      !! (n)
     integer :: kd = 0                        !! half band width
     integer, allocatable :: position(:)      !! (n)
-    real(wp), allocatable :: s(:, :)         !! (-kd:kd, n) compliance by rows: s(j-i, i)
-    real(wp), allocatable :: e(:, :)         !! (-kd:kd, n) equations by rows
-    real(wp), allocatable :: lu(:, :)        !! (3 kd + 1, n) LAPACK band storage
-    real(wp), allocatable :: scale(:)        !! (n) of the equations, by position
+    real(wp), allocatable :: s(:, :)         !! (-kd:kd, n) compliance by rows: s(j-i, i) [m/N, ...]
+    real(wp), allocatable :: e(:, :)         !! (-kd:kd, n) equations by rows [m/N, -]
+    real(wp), allocatable :: lu(:, :)        !! (3 kd + 1, n) LAPACK band storage [-]
+    real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
     integer, allocatable :: pivots(:)        !! (n)
-    real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows
-    real(wp), allocatable :: y(:)            !! (n) solution, by row
-    real(wp), allocatable :: x(:)            !! (n) right-hand side, by position
+    real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows [m]
+    real(wp), allocatable :: y(:)            !! (n) solution, by row [N]
+    real(wp), allocatable :: x(:)            !! (n) right-hand side, by position [-]
     real(wp) :: shift_used = light_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
@@ -127,8 +127,8 @@ contains
   !> e <- e + x s, s the compliance of the row o markers further on.
   pure subroutine add_row(kd, o, x, s, e)
     integer, intent(in) :: kd, o
-    real(wp), intent(in) :: x, s(-kd:kd)
-    real(wp), intent(inout) :: e(-kd:kd)
+    real(wp), intent(in) :: x, s(-kd:kd)   !! [N/m], [m/N]
+    real(wp), intent(inout) :: e(-kd:kd)   !! [-]
     integer :: c
     do c = max(-kd, -kd - o), min(kd, kd - o)
       e(c + o) = e(c + o) + x*s(c)

@@ -203,11 +203,10 @@ contains
   end subroutine gather_wrenches
 
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored.
-  subroutine renew(self, m, ev, t, q, v, a, lambda, whole, shift, bad)
+  subroutine renew(self, m, ev, q, v, a, lambda, whole, shift, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     logical, intent(in) :: whole             !! factors the whole elastic blocks
@@ -224,7 +223,7 @@ contains
                         frame_acceleration(m, ev, b, a))
     end do
     call turn_wrenches(self, m, ev)
-    call fill_laws(self, m, ev, t, lambda)
+    call fill_laws(self, m, ev, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%eq%n > 0) then
@@ -278,11 +277,10 @@ contains
   end subroutine turn_wrenches
 
   !> Marker-level tangents of curved joints and of force elements.
-  subroutine fill_laws(self, m, ev, t, lambda)
+  subroutine fill_laws(self, m, ev, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     type(marker_stiffness) :: p
     integer :: k

@@ -254,7 +254,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, allocatable, intent(out) :: group(:)             !! (nq)
     real(wp), allocatable, intent(out) :: weight(:)           !! (nq) of a unit [m, rad]
-    real(wp), allocatable, intent(out) :: whole(:)            !! (nq) over the scene's size or one radian
+    real(wp), allocatable, intent(out) :: whole(:)            !! (nq) over the scene's size or one radian [1/m, 1/rad]
     real(wp), allocatable, intent(out) :: scale(:)            !! (groups) least size [m, rad]
     logical, allocatable, intent(out) :: grows(:)             !! (groups) its size grows with its values: frames' do not
     integer :: b, i

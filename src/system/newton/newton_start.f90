@@ -45,7 +45,7 @@ contains
       self%b(b)%eq%frame = self%c1*(self%b(b)%eq%frame - inertia(i + 1:i + 3))
       if (n > 0) self%b(b)%eq%elastic(1:n) = self%c1*(self%b(b)%eq%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
-    call renew(self, m, ev, t, q, v, none, lambda, .false., light_shift, bad)
+    call renew(self, m, ev, q, v, none, lambda, .false., light_shift, bad)
     if (bad) return
     call hold_weak_rows(self%rows)
     call marker_kinematics(m, ev, q, a)

@@ -24,12 +24,12 @@ module newton_system
     real(wp), allocatable :: xs(:, :)        !! (n, 2) T0^-1 S-bar^T [m/N kg ...]
     real(wp), allocatable :: xe(:, :)        !! (n, nc) T0^-1 E^T [m/N ...]
     real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i T0^-1 E_j^T [m/N ...]
-    real(wp), allocatable :: exs(:, :, :)    !! (3, 2, na) E_k T0^-1 S-bar^T
-    real(wp), allocatable :: sxe(:, :)       !! (2, nc) S-bar T0^-1 E^T
-    real(wp) :: pss(2, 2) = 0.0_wp           !! S-bar T0^-1 S-bar^T
-    real(wp), allocatable :: exy(:, :)       !! (3, na) E_k T0^-1 times the angle's column
-    real(wp), allocatable :: exf(:, :)       !! (3, na) E_k T0^-1 times the residual
-    real(wp), allocatable :: rxe(:)          !! (nc) the angle's row times T0^-1 E^T
+    real(wp), allocatable :: exs(:, :, :)    !! (3, 2, na) E_k T0^-1 S-bar^T [kg m/N ...]
+    real(wp), allocatable :: sxe(:, :)       !! (2, nc) S-bar T0^-1 E^T [kg m/N ...]
+    real(wp) :: pss(2, 2) = 0.0_wp           !! S-bar T0^-1 S-bar^T [kg2 m/N ...]
+    real(wp), allocatable :: exy(:, :)       !! (3, na) E_k T0^-1 times the angle's column [m, rad]
+    real(wp), allocatable :: exf(:, :)       !! (3, na) E_k T0^-1 times the residual [m, rad]
+    real(wp), allocatable :: rxe(:)          !! (nc) the angle's row times T0^-1 E^T [-, m]
     real(wp), allocatable :: load(:)         !! (nc) forces of the rows on the columns [N, N m]
   end type marker_columns
 
@@ -38,7 +38,7 @@ module newton_system
     type(body_equations) :: eq
     type(block_factor) :: block
     type(marker_columns) :: at
-    real(wp) :: inverse(3, 3) = 0.0_wp       !! of the condensed frame
+    real(wp) :: inverse(3, 3) = 0.0_wp       !! of the condensed frame [m/N, rad/N]
     real(wp) :: free(3) = 0.0_wp             !! frame's correction without rows [m, m, rad]
   end type newton_body
 

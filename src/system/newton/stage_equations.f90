@@ -6,14 +6,12 @@ module stage_equations
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use newton_equations, only: hold_terms, residual
-  use newton_results, only: find_powers
   use newton_start, only: row_gaps
   use newton_system, only: newton_matrix
   use stage_matrix, only: stage_terms, stage_factor, set_up_stage_terms, fill_stage_terms, set_up_factor, factor_stage
   implicit none (type, external)
   private
-  public :: set_up_stages, stage_residual, renew_terms, factor_stages, solve_stage, close_rows, stage_power
+  public :: set_up_stages, stage_residual, renew_terms, factor_stages, solve_stage, close_rows, stage_kinematics
 
   !> M, C, K and the two factors that a method with one real and one pair of complex eigenvalues needs.
   type, public :: stage_solver
@@ -34,21 +32,15 @@ contains
     self%factor(2) = self%factor(1)
   end subroutine set_up_stages
 
-  !> Residual of motion in global axes and rates of the rows.
-  subroutine stage_residual(newton, m, ev, options, t, q, v, a, z, lambda, r, gap)
+  !> The last residual in global axes, and rates of the rows there.
+  subroutine stage_residual(newton, m, ev, q, r, gap)
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
-    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+    real(wp), intent(in), contiguous :: q(:)               !! (nq) its positions [m, rad]
     real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
     integer :: b, i
-    call hold_terms(newton, m, z)
-    call residual(newton, m, ev, options, t, q, v, a, lambda)
     newton%q = q
     call row_rates(m, ev, gap)
     do b = 1, size(newton%b)
@@ -126,14 +118,9 @@ contains
     real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp) :: rate(self%terms%rows), acceleration(self%terms%rows)
     if (self%terms%rows == 0) return
-    ev%options = options
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
-    call constraint_values(m, ev, options, t)
+    call stage_kinematics(m, ev, options, t, q, v)
     call close(ev%rows%phi, q)
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
-    call constraint_values(m, ev, options, t)
+    call stage_kinematics(m, ev, options, t, q, v)
     call row_rates(m, ev, rate)
     call close(rate, v)
     call row_gaps(m, ev, t, q, v, a, rate, acceleration)
@@ -150,21 +137,16 @@ contains
     end subroutine close
   end subroutine close_rows
 
-  !> Powers at a stage, whose rows' rates in time may not be those of the last residual.
-  subroutine stage_power(newton, m, ev, options, t, q, v, lambda, z, zd, power)
-    type(newton_matrix), intent(inout) :: newton
+  !> Markers and rows at a stage; their rates in time are not those of the last residual.
+  subroutine stage_kinematics(m, ev, options, t, q, v)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t                !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
-    real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
-    real(wp), intent(out) :: power(2)        !! dissipated, put in [W]
     ev%options = options
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, options, t)
-    call find_powers(newton, m, ev, t, q, v, lambda, z, zd, power)
-  end subroutine stage_power
+  end subroutine stage_kinematics
 end module stage_equations

@@ -11,7 +11,7 @@ module stage_matrix
   use bordered, only: bordered_system
   use constraint, only: marker_stiffness
   use elastic_block, only: stiffening_change
-  use linearisation, only: marker_jacobian, rate_jacobian, in_body_axes, to_body
+  use linearisation, only: pair_block, pair_blocks, marker_jacobian, to_body
   use evaluation_results, only: evaluation, conditions_of
   use mechanism, only: mechanism_model
   use newton_equations, only: turn_wrenches, frame_acceleration
@@ -293,7 +293,7 @@ contains
     end do
   end subroutine note_laws
 
-  !> J^T k J of a pair of markers, stiffness and damping given in global axes.
+  !> Notes the blocks of a pair of markers.
   subroutine note_pair(self, m, ev, p, v, damped, group)
     type(stage_terms), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -302,40 +302,23 @@ contains
     real(wp), intent(in) :: v(:)             !! (nq) [m/s, rad/s]
     logical, intent(in) :: damped
     integer, intent(in) :: group             !! of viscoelastic terms that multiply it, 0: none
-    integer, allocatable :: ci(:), cj(:)
-    real(wp), allocatable :: ji(:, :), jj(:, :), rj(:, :), x(:, :)
-    real(wp) :: k(3, 3), c(3, 3)
-    integer :: side, other, pi, pj, i, j
-    do side = 0, 1
-      pi = merge(p%ia, p%ib, side == 0)
-      call marker_jacobian(m, ev, pi, ci, ji)
-      if (size(ci) == 0) cycle
-      do other = 0, 1
-        pj = merge(p%ia, p%ib, other == 0)
-        call marker_jacobian(m, ev, pj, cj, jj)
-        if (size(cj) == 0) cycle
-        k = in_body_axes(m, ev, pi, pj, p%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-        x = matmul(transpose(ji), matmul(k, jj))
-        if (damped) then
-          c = in_body_axes(m, ev, pi, pj, p%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-          rj = rate_jacobian(m, ev, pj, v, jj)
-          rj(:, 1:2) = 0.0_wp                ! the origin's displacement keeps its direction
-          x = x + matmul(transpose(ji), matmul(c, rj))
+    type(pair_block) :: blocks(4)
+    integer :: n, i, j
+    call pair_blocks(m, ev, p, v, blocks)
+    do n = 1, 4
+      associate (x => blocks(n))
+        if (damped .and. size(x%cols) > 0) then
+          x%turning(:, 1:2) = 0.0_wp         ! the origin's displacement keeps its direction
+          x%k = x%k + x%turning
         end if
-        do j = 1, size(cj)
-          do i = 1, size(ci)
-            if (group > 0) call note_part(self, ci(i), cj(j), group, x(i, j))
-            if (group == 0) call note(self, ci(i), cj(j), of_stiffness, x(i, j))
+        do j = 1, size(x%cols)
+          do i = 1, size(x%rows)
+            if (group > 0) call note_part(self, x%rows(i), x%cols(j), group, x%k(i, j))
+            if (group == 0) call note(self, x%rows(i), x%cols(j), of_stiffness, x%k(i, j))
+            if (damped) call note(self, x%rows(i), x%cols(j), of_damping, x%c(i, j))
           end do
         end do
-        if (.not. damped) cycle
-        x = matmul(transpose(ji), matmul(c, jj))
-        do j = 1, size(cj)
-          do i = 1, size(ci)
-            call note(self, ci(i), cj(j), of_damping, x(i, j))
-          end do
-        end do
-      end do
+      end associate
     end do
   end subroutine note_pair
 
