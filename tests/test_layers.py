@@ -111,3 +111,14 @@ def test_an_upward_use_is_found(tmp_path, folder, line, told):
     (tmp_path / folder).mkdir(exist_ok=True)
     (tmp_path / folder / "x.f90").write_text(f"module x\n{line}\nend module x\n")
     assert faults(tmp_path) == ([told] if told else [])
+
+
+# Set-up and assembly: whoever else takes a mechanism cannot change it.
+SET_UP = {"mechanism_setup", "incidence", "attachments", "prototypes", "assembly", "redundancy"}
+
+
+def test_mechanism_is_constant_after_set_up():
+    changed = re.compile(r"type\(\s*(?:mechanism_model|scene|body_model)\s*\)\s*,\s*intent\(\s*inout", re.IGNORECASE)
+    found = {path for path, text in sources(ROOT / "src").items() if layer(path, ROOT / "src") not in ("model", "build")
+             and changed.search(text)}
+    assert {path.stem for path in found} <= SET_UP
