@@ -214,14 +214,14 @@ contains
       if (pass == 1) allocate (rows(n), cols(n))
     end do
     call reverse_cuthill_mckee(r%n, rows, cols, order, starts)
-    allocate (r%position(r%n), r%pivots(r%n))
+    allocate (r%position(r%n), r%system%pivots(r%n))
     r%position(order) = [(k, k=1, r%n)]
     r%kd = 0
     do k = 1, n
       r%kd = max(r%kd, abs(r%position(rows(k)) - r%position(cols(k))))
     end do
-    allocate (r%s(-r%kd:r%kd, r%n), r%e(-r%kd:r%kd, r%n), r%lu(3*r%kd + 1, r%n), r%scale(r%n), r%d(r%n), r%y(r%n), &
-              r%x(r%n), source=0.0_wp)
+    allocate (r%s(-r%kd:r%kd, r%n), r%system%e(-r%kd:r%kd, r%n), r%system%lu(3*r%kd + 1, r%n), r%system%scale(r%n), &
+              r%d(r%n), r%y(r%n), r%system%x(r%n), source=0.0_wp)
   contains
     !> Counts a pair, and in the second pass notes it.
     subroutine pair(x, y)

@@ -32,6 +32,15 @@ module border_rows
     real(wp) :: g(6, 6) = 0.0_wp             !! on the rates that turning adds [N s/m]
   end type coupling
 
+  !> The equations between rows and their factor.
+  type :: row_equations
+    real(wp), allocatable :: e(:, :)         !! (-kd:kd, n) equations by rows [m/N, -]
+    real(wp), allocatable :: lu(:, :)        !! (3 kd + 1, n) LAPACK band storage [-]
+    real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
+    integer, allocatable :: pivots(:)        !! (n)
+    real(wp), allocatable :: x(:)            !! (n) right-hand side, by position [-]
+  end type row_equations
+
   !> Rows, their sides on bodies, and the system between them.
   type :: row_system
     integer :: n = 0                         !! all rows
@@ -50,13 +59,9 @@ module border_rows
     integer :: kd = 0                        !! half band width
     integer, allocatable :: position(:)      !! (n)
     real(wp), allocatable :: s(:, :)         !! (-kd:kd, n) compliance by rows: s(j-i, i) [m/N, ...]
-    real(wp), allocatable :: e(:, :)         !! (-kd:kd, n) equations by rows [m/N, -]
-    real(wp), allocatable :: lu(:, :)        !! (3 kd + 1, n) LAPACK band storage [-]
-    real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
-    integer, allocatable :: pivots(:)        !! (n)
+    type(row_equations) :: system
     real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows [m]
     real(wp), allocatable :: y(:)            !! (n) solution, by row [N]
-    real(wp), allocatable :: x(:)            !! (n) right-hand side, by position [-]
     real(wp) :: shift_used = light_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
@@ -76,14 +81,14 @@ contains
     if (n == 0) return
     do i = 1, r%nc
       p = r%position(i)
-      r%e(:, p) = r%s(:, p)
-      r%e(0, p) = r%e(0, p)*(1 + shift)
+      r%system%e(:, p) = r%s(:, p)
+      r%system%e(0, p) = r%system%e(0, p)*(1 + shift)
     end do
     do i = r%nc + 1, n
       p = r%position(i)
-      r%e(:, p) = 0.0_wp
-      if (r%rate_row(i)) r%e(:, p) = r%s(:, p)
-      r%e(0, p) = r%e(0, p) + 1.0_wp
+      r%system%e(:, p) = 0.0_wp
+      if (r%rate_row(i)) r%system%e(:, p) = r%s(:, p)
+      r%system%e(0, p) = r%system%e(0, p) + 1.0_wp
     end do
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
@@ -92,28 +97,28 @@ contains
           do j = 1, t%n
             o = r%position(t%row(j)) - p
             x = t%k(t%slot(i), t%slot(j))
-            if (abs(x) > 0.0_wp) call add_row(r%kd, o, x, r%s(:, p + o), r%e(:, p))
+            if (abs(x) > 0.0_wp) call add_row(r%kd, o, x, r%s(:, p + o), r%system%e(:, p))
           end do
           do j = 1, t%nr
             o = r%position(t%rate(j)) - p
-            r%e(o, p) = r%e(o, p) - t%g(t%slot(i), t%rate_slot(j))
+            r%system%e(o, p) = r%system%e(o, p) - t%g(t%slot(i), t%rate_slot(j))
           end do
         end do
       end associate
     end do
-    r%lu = 0.0_wp
+    r%system%lu = 0.0_wp
     do i = 1, n
-      x = maxval(abs(r%e(:, i)))
+      x = maxval(abs(r%system%e(:, i)))
       r%bad = r%bad .or. .not. (x > 0.0_wp .and. x < huge(1.0_wp))
       if (r%bad) return
-      r%scale(i) = 1.0_wp/x
+      r%system%scale(i) = 1.0_wp/x
       do o = max(-r%kd, 1 - i), min(r%kd, n - i)
-        r%lu(2*r%kd + 1 - o, i + o) = r%e(o, i)*r%scale(i)
+        r%system%lu(2*r%kd + 1 - o, i + o) = r%system%e(o, i)*r%system%scale(i)
       end do
     end do
-    call dgbtrf(n, n, r%kd, r%kd, r%lu, 3*r%kd + 1, r%pivots, info)
+    call dgbtrf(n, n, r%kd, r%kd, r%system%lu, 3*r%kd + 1, r%system%pivots, info)
     r%bad = info /= 0
-    r%weakest = minval(abs(r%lu(2*r%kd + 1, :)))
+    r%weakest = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
 
   !> Factors again where the tangent's rows are nearly dependent, these rows held back: the directions in which they act would
@@ -142,27 +147,27 @@ contains
     integer :: i, j, k, p, info
     if (r%n == 0) return
     do i = 1, r%nc
-      r%x(r%position(i)) = r%d(i) + phi(i)
+      r%system%x(r%position(i)) = r%d(i) + phi(i)
     end do
     do i = r%nc + 1, r%n
-      r%x(r%position(i)) = merge(r%d(i), 0.0_wp, r%rate_row(i))
+      r%system%x(r%position(i)) = merge(r%d(i), 0.0_wp, r%rate_row(i))
     end do
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
         do i = 1, t%n
           p = r%position(t%row(i))
           do j = 1, t%n
-            r%x(p) = r%x(p) + t%k(t%slot(i), t%slot(j))*r%d(t%row(j))
+            r%system%x(p) = r%system%x(p) + t%k(t%slot(i), t%slot(j))*r%d(t%row(j))
           end do
         end do
       end associate
     end do
     do i = 1, r%n
-      r%x(i) = r%x(i)*r%scale(i)
+      r%system%x(i) = r%system%x(i)*r%system%scale(i)
     end do
-    call dgbtrs('N', r%n, r%kd, r%kd, 1, r%lu, 3*r%kd + 1, r%pivots, r%x, r%n, info)
+    call dgbtrs('N', r%n, r%kd, r%kd, 1, r%system%lu, 3*r%kd + 1, r%system%pivots, r%system%x, r%n, info)
     do i = 1, r%n
-      r%y(i) = r%x(r%position(i))
+      r%y(i) = r%system%x(r%position(i))
     end do
   end subroutine solve_rows
 end module border_rows
