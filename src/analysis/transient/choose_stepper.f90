@@ -46,7 +46,9 @@ contains
     settings%tolerance = r%tolerance
     settings%first_step = r%first_step
     if (r%max_step > 0.0_wp) settings%max_step = r%max_step
-    call stop_times(r, s, settings%stops, settings%jumps)
+    if (r%adaptive .or. r%method == 'generalized_alpha' .or. r%method == 'radau') then
+      call stop_times(r, s, settings%stops, settings%jumps)
+    end if
     if (r%method == 'generalized_alpha') then
       allocate (march, source=alpha_march(spectral_radius=r%spectral_radius))
     else if (r%method == 'radau') then
