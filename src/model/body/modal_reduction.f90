@@ -95,12 +95,12 @@ contains
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     type(viscoelastic_segment), allocatable :: joined(:)
     real(wp) :: part(size(b%op%k))                       ! stiffness of one material [N/m, N, N m]
+    logical :: is_first(size(b%segments))                ! of its material
     integer :: r, k, e
-    allocate (joined(0))
     do r = 1, size(b%segments)
-      if (any(joined%material == b%segments(r)%material)) cycle
-      joined = [joined, b%segments(r)]
+      is_first(r) = .not. any(b%segments(:r - 1)%material == b%segments(r)%material)
     end do
+    joined = b%segments(pack([(r, r=1, size(is_first))], is_first))
     do k = 1, size(joined)
       part = 0.0_wp
       do e = 1, size(b%op%part)
