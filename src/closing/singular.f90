@@ -19,6 +19,13 @@ module singular
   real(wp), parameter :: offsets(4) = [-1.0_wp, 1.0_wp, -2.0_wp, 2.0_wp]               !! of the states, in steps [-]
   real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
 
+  !> What the branch of motion decides.
+  type :: branch_values
+    real(wp), allocatable :: a(:)               !! (nq) accelerations [m/s2, rad/s2]
+    real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
+    real(wp) :: power = 0.0_wp                  !! put in [W]
+  end type branch_values
+
 contains
 
   !> Accelerations, multipliers and powers at a state, those of the branch of motion where the position is singular.
@@ -44,8 +51,8 @@ contains
     real(wp), intent(in) :: t                   !! [s]
     real(wp), intent(in) :: q(:), v(:)          !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: z(:), zd(:)         !! (nz) [m, rad], [m/s, rad/s]
-    real(wp), allocatable :: a(:), lambda(:)
-    real(wp) :: s, power, rate
+    type(branch_values) :: branch
+    real(wp) :: s, rate
     logical :: ok
     integer :: round
     if (held(m, ev, v)) then
@@ -56,13 +63,11 @@ contains
     ok = rate > 0.0_wp
     if (ok) then
       s = reach/rate
-      a = ev%a
-      lambda = ev%lambda
-      power = ev%input_power
+      branch%a = ev%a
       ok = passes(m, ev, options, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
-      if (ok) call mean_of_neighbours(m, ev, options, t, s, q, v, z, zd, a, lambda, power, ok)
+      if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zd, branch)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
       call evaluate_regular(m, ev, options, t, q, v, z, zd)
@@ -70,9 +75,9 @@ contains
     end if
     call evaluate(m, ev, options, t, q, v, z, zd)
     if (.not. ok) return
-    ev%a = a
-    ev%lambda = lambda
-    ev%input_power = power
+    ev%a = branch%a
+    ev%lambda = branch%lambda
+    ev%input_power = branch%power
   end subroutine smooth_accelerations
 
   !> Whether drives at rest leave no freedom: no acceleration either, though a singular position seems to let one through.
@@ -117,37 +122,34 @@ contains
     end do
   end function steadily
 
-  !> Mean over neighbouring states, reached with the present accelerations and projected onto the constraints there.
-  subroutine mean_of_neighbours(m, ev, options, t, s, q, v, z, zd, a, lambda, power, ok)
+  !> The mean over neighbouring states, reached with the present accelerations and projected onto the constraints there; whether
+  !> they are regular.
+  logical function found_by_neighbours(m, ev, options, t, s, q, v, z, zd, branch) result(ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
     real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
-    real(wp), intent(inout) :: a(:)             !! accelerations, improved [m/s2, rad/s2]
-    real(wp), intent(out) :: lambda(:)          !! multipliers [N]
-    real(wp), intent(out) :: power              !! [W]
-    logical, intent(out) :: ok
-    real(wp), allocatable :: qn(:), vn(:), zn(:), mean(:)
+    type(branch_values), intent(inout) :: branch      !! its accelerations are improved
+    type(branch_values) :: mean
+    real(wp), allocatable :: qn(:), vn(:), zn(:)
     real(wp) :: h
     integer :: k
-    allocate (mean(size(a)), source=0.0_wp)
-    lambda = 0.0_wp
-    power = 0.0_wp
+    allocate (mean%a(size(ev%a)), mean%lambda(size(ev%lambda)), source=0.0_wp)
     do k = 1, size(offsets)
       h = offsets(k)*s
-      qn = q + h*v + 0.5_wp*h**2*a
-      vn = v + h*a
+      qn = q + h*v + 0.5_wp*h**2*branch%a
+      vn = v + h*branch%a
       zn = z + h*zd
       call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
       ok = .not. ev%schur%singular .and. .not. ev%broken
       if (ok) call project(m, ev, options, t + h, qn, vn, zn, zd, ok)
       if (.not. ok) return
       call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
-      mean = mean + weights(k)*ev%a
-      lambda = lambda + weights(k)*ev%lambda
-      power = power + weights(k)*ev%input_power
+      mean%a = mean%a + weights(k)*ev%a
+      mean%lambda = mean%lambda + weights(k)*ev%lambda
+      mean%power = mean%power + weights(k)*ev%input_power
     end do
-    a = mean
-  end subroutine mean_of_neighbours
+    branch = mean
+  end function found_by_neighbours
 end module singular

@@ -204,10 +204,10 @@ contains
     logical, intent(out) :: ok
     type(reduced_poles) :: found
     complex(wp) :: v(model%p)
-    real(wp), allocatable :: x(:, :)
+    real(wp), allocatable :: y(:, :)               ! (p, poles) real parts, in the motions of the basis [-]
     integer :: part, i, j
     call model%take_apart()
-    allocate (x(size(model%basis, 1), 0))
+    allocate (y(model%p, 0))
     ok = .true.
     do part = 1, model%parts
       call found%find(model, pack([(j, j=1, model%p)], model%label == part), .true., ok)
@@ -216,9 +216,12 @@ contains
       do i = 1, size(found%lambda)
         v = found%shape(:, i)
         v = v/v(maxloc(abs(v), 1))                 ! the largest motion real
-        x = reshape([x, matmul(model%basis, real(v, wp)/norm2(real(v, wp)))], [size(x, 1), size(x, 2) + 1])
+        y = reshape([y, real(v, wp)/norm2(real(v, wp))], [model%p, size(y, 2) + 1])
       end do
     end do
-    call move_alloc(x, poles%x)
+    allocate (poles%x(size(model%basis, 1), size(y, 2)))
+    do i = 1, size(y, 2)
+      poles%x(:, i) = matmul(model%basis, y(:, i))
+    end do
   end subroutine solve
 end module fast_poles
