@@ -112,8 +112,8 @@ contains
     if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
       call fast%largest(m, ev, held, only_damping, 100, lambda)
       call append(min(most_damped, fast%steps))
+      call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     end if
-    call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     call append(min(widest - p, fast%steps))
     x = x(:, 1:p)
   contains
