@@ -1,9 +1,11 @@
-"""The places at which `make mutants` makes mistakes, and the tests that meet them first."""
+"""The places at which `make mutants` makes mistakes, and what stands in the source with them."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+
+import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "mutants"))
 
@@ -11,18 +13,36 @@ import mutants
 
 
 def test_mistakes_are_made_in_statements_only():
-    places = mutants.places()
-    assert len({path for path, *_ in places}) > 100
-    for path, number, column, old, new in places[::50]:
-        line = path.read_text(encoding="utf-8").split("\n")[number]
-        assert line[column : column + len(old)] == old != new
-        assert not line.lstrip().startswith(("!", "use ", "end "))
-        assert line[:column].count("'") % 2 == 0
-        assert "::" not in line.split("!")[0]
+    sources, told = mutants.draw(400, 1)
+    assert len(told) == 400
+    planted = [(path, s) for path, found in sources.items() for s in found if s.mistakes]
+    assert len({path for path, _ in planted}) > 100
+    for path, statement in planted:
+        lines = path.read_text(encoding="utf-8").split("\n")
+        first = lines[statement.start]
+        assert first.startswith(statement.lines[0])
+        assert not first.lstrip().startswith(("!", "use ", "end ", "case"))
+        assert "::" not in first.split("!")[0]
 
 
-def test_tests_that_name_a_file_come_first():
-    first, others = mutants.tests_of(mutants.ROOT / "src" / "base" / "decimal.f90")
-    assert "tests/test_reference.py" in first
-    assert "tests/test_pictures.py" in others
-    assert not set(first) & set(others)
+@pytest.mark.parametrize(
+    ("source", "first", "text"),
+    [
+        ("x = a + b", "x = a - b", ["if (planted(1)) then", "x = a - b", "else", "x = a + b", "end if"]),
+        ("if (a > b) exit", "if (a >= b) exit", ["if (planted(1)) then", "if (a >= b) exit", "else", "if (a > b) exit", "end if"]),
+        ("if (a > b) then", "if (a >= b) then", ["if ((planted(1) .and. (a >= b)) .or. (.not. (planted(1)) .and. (a > b))) then"]),
+        ("do i = 1, f(n, 3)", "do i = 2, f(n, 3)", ["do i = merge(2, 1, planted(1)), f(n, 3)"]),
+    ],
+)
+def test_each_mistake_stands_behind_its_question(source, first, text):
+    (statement,) = mutants.can_be_mistaken(mutants.statements(source))
+    number, column, old, new = statement.candidates()[0]
+    line = statement.lines[number]
+    statement.mistakes[1] = [line[:column] + new + line[column + len(old) :]]
+    assert statement.mistakes[1] == [first]
+    assert statement.text() == text
+
+
+@pytest.mark.parametrize("source", ["real(wp) :: x = 1.0", "case (1)", "end if", "pure subroutine f(x)", "x = 1; y = 2", "else"])
+def test_what_cannot_be_mistaken(source):
+    assert mutants.can_be_mistaken(mutants.statements(source)) == []

@@ -1,37 +1,35 @@
 #!/usr/bin/env python3
-"""Mutants: small mistakes planted in src/, one at a time; which of them no test notices?
+"""Mutants: small mistakes planted in src/; which of them does no test notice?
 
-`make mutants` calls it; results/mutants.txt lists the survivors. Each mistake is made in a copy of the sources, built there
-(what the mistake does not touch is not compiled again) and met by the tests that name the file, then by the others, until one
-fails. MUTANTS= says how many, SEED= which; what no longer compiles is not counted. MUTANT_FILES= limits the files by a pattern.
+`make mutants` calls it; results/mutants.txt lists the survivors. All mistakes are built into one copy of the program, each behind
+a question: if (planted(17)) then the mistake, else the statement as it is. The environment variable PLANTED says which one is
+made. A first run of the tests, without any, tells which test asks which question; a mistake then meets the tests that reach it,
+short ones first, until one fails. MUTANTS= says how many, SEED= which, MUTANT_FILES= limits the files by a pattern.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COPY = ROOT / "build" / "mutants"
-SHARED = [
-    "tests",
-    "post",
-    "input",
-    "share",
-    ".venv",
-    "requirements.txt",
-    "setup.sh",
-    "setup.py",
-    "pyproject.toml",
-    "fortitude.toml",
-]
-FIRST = {"reference", "faulty_decks", "static", "modal", "generalized_alpha", "dopri5", "energy", "frequency_response", "sensors"}
-SECONDS = 1500  # of all tests
+SEEN = COPY / "seen"
+LINKED = ["tests", "post", "input", "share", ".venv", "README.md", "requirements.txt", "setup.sh", "setup.py"]
+LINKED += ["pyproject.toml", "fortitude.toml"]
+# what builds the program, or reads its sources, says nothing about a mistake
+APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]
+MOST = 4000
+SECONDS = 900  # of the tests that one mistake meets
 SWAPS = [
     (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < ", " <= "), (r" > ", " >= "),
     (r" <= ", " < "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "), (r"\.and\.", ".or."), (r"\.or\.", ".and."),
@@ -39,96 +37,284 @@ SWAPS = [
     (r"\bmaxval\(", "minval("), (r"\b1\b(?![._])", "2"), (r"\b0\b(?![._])", "1"), (r"\b2\b(?![._])", "3"), (r"\b0\.5_wp", "0.6_wp"),
     (r"\b2\*", "3*"), (r"\bexit\b", "cycle"), (r"\bcycle\b", "exit"), (r"^ *call .*", "continue"), (r"\breturn\b", "continue"),
 ]  # fmt: skip
-NOT_CODE = re.compile(
-    r"^\s*(!|use\b|end\b|module\b|contains|private|public|implicit|import|interface|abstract|type\b|class\b|$)|::"
+NO_STATEMENT = re.compile(
+    r"(!|use|end|module|submodule|program|contains|private|public|implicit|import|interface|abstract|type|class|select|case|where|"
+    r"elsewhere|else *$|associate|block|enum|do +concurrent|(\w+: *)?do *$|pure|elemental|impure|recursive|subroutine|function|"
+    r"real|integer|logical|character|complex)\b|.*::|.*;|\w+: *(block|associate)|$"
 )
+CONDITION = re.compile(r"((?:\w+: *)?(?:if|else *if|do *while)) *\(", re.IGNORECASE)
+LOOP = re.compile(r"^(?P<head>(?:\w+: *)?do +\w+ *= *)(?P<inside>.*)$", re.IGNORECASE)
+QUESTION = """module planted_mistakes
+  use, intrinsic :: iso_c_binding, only: c_bool, c_int
+  implicit none (type, external)
+  interface
+    pure logical(c_bool) function planted(k) bind(c)
+      import :: c_bool, c_int
+      integer(c_int), value :: k
+    end function planted
+  end interface
+end module planted_mistakes
+"""
+ANSWER = f"""#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <unistd.h>
+static unsigned char own[{MOST}], *asked = own;
+static int chosen;
+__attribute__((constructor)) static void start(void) {{
+  const char *number = getenv("PLANTED"), *path = getenv("PLANTED_SEEN");
+  int file = path ? open(path, O_RDWR | O_CREAT, 0600) : -1;
+  if (number) chosen = atoi(number);
+  if (file < 0) return;
+  if (!ftruncate(file, {MOST})) {{
+    void *shared = mmap(0, {MOST}, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (shared != MAP_FAILED) asked = shared;
+  }}
+  close(file);
+}}
+_Bool planted(int k) {{ asked[k] = 1; return k == chosen; }}
+"""
 
 
-def places() -> list[tuple[Path, int, int, str, str]]:
-    """Return where mistakes can be made: file, line, column, what stands there, what is put in its place."""
-    found = []
-    for path in sorted((ROOT / "src").rglob("*.f90")):
-        if not re.search(os.environ.get("MUTANT_FILES", ""), str(path)):
+class Statement:
+    """A statement: its first line (from 0), its lines without comments, and the lines that its mistakes make of them."""
+
+    def __init__(self, start: int, lines: list[str]):
+        self.start, self.lines, self.mistakes = start, lines, {}
+
+    @staticmethod
+    def joined(lines: list[str]) -> str:
+        """Return the statement as one line."""
+        return " ".join(line.strip().removesuffix("&").removeprefix("&").strip() for line in lines).strip()
+
+    def text(self) -> list[str]:
+        """Return the statement with its mistakes, each behind its question."""
+        if not self.mistakes:
+            return self.lines
+        plain = self.joined(self.lines)
+        if found := condition(plain):
+            head, inside, tail = found
+            wrong = [f"(planted({k}) .and. ({condition(self.joined(new))[1]}))" for k, new in self.mistakes.items()]
+            none = " .or. ".join(f"planted({k})" for k in self.mistakes)
+            return [f"{head} ({' .or. '.join(wrong)} .or. (.not. ({none}) .and. ({inside}))){tail}"]
+        if found := LOOP.match(plain):
+            parts = bounds = split(found["inside"])
+            for k, new in self.mistakes.items():
+                others = split(LOOP.match(self.joined(new))["inside"])
+                parts = [p if b == o else f"merge({o}, {p}, planted({k}))" for b, p, o in zip(bounds, parts, others)]
+            return [found["head"] + ", ".join(parts)]
+        text, word = [], "if"
+        for k, new in self.mistakes.items():
+            text += [f"{word} (planted({k})) then", *new]
+            word = "else if"
+        return [*text, "else", *self.lines, "end if"]
+
+    def candidates(self) -> list[tuple[int, int, str, str]]:
+        """Return line within the statement, column, what stands there, what is put in its place."""
+        hits = []
+        for number, line in enumerate(self.lines):
+            code = re.sub(r"'[^']*'|\"[^\"]*\"", lambda text: "_" * len(text[0]), line)
+            hits += [(number, m.start(), m[0], new) for old, new in SWAPS for m in re.finditer(old, code)]
+        if len(self.lines) > 1:
+            hits = [hit for hit in hits if hit[3] != "continue"]
+        if LOOP.match(self.joined(self.lines)):
+            hits = [hit for hit in hits if hit[2].strip() != "="]
+        return hits
+
+
+def condition(text: str) -> tuple[str, str, str] | None:
+    """Return head, condition and tail of a statement that opens a block with a condition, None for all others."""
+    if not (found := CONDITION.match(text)):
+        return None
+    depth, end = 1, found.end()
+    while depth and end < len(text):
+        depth += (text[end] == "(") - (text[end] == ")")
+        end += 1
+    tail = text[end:]
+    return (found[1], text[found.end() : end - 1], tail) if tail.strip().lower() in ("then", "") else None
+
+
+def split(text: str) -> list[str]:
+    """Return the parts of a list with commas, those within brackets left alone."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "([") - (letter in ")]")
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
+
+
+def statements(text: str) -> list[Statement]:
+    """Return the statements of a source file, in order; comments are left out."""
+    found, lines, start = [], [], 0
+    for number, line in enumerate(text.split("\n")):
+        code = re.match(r"(?:'[^']*'|\"[^\"]*\"|[^'\"!])*", line)[0].rstrip()
+        if not code and lines:
             continue
-        for number, line in enumerate(path.read_text(encoding="utf-8").split("\n")):
-            code = re.sub(r"'[^']*'", lambda text: "_" * len(text[0]), line).split("!")[0]
-            if NOT_CODE.search(code) or re.match(r"\s*(pure|elemental|subroutine|function|real|integer|logical|character)\b", code):
-                continue
-            hits = [(m.span(), new) for old, new in SWAPS for m in re.finditer(old, code)]
-            found += [(path, number, a, line[a:b], new) for (a, b), new in hits]
+        if not lines:
+            start = number
+        lines.append(code)
+        if not code.endswith("&"):
+            found.append(Statement(start, lines))
+            lines = []
     return found
 
 
-def tests_of(path: Path) -> tuple[list[str], list[str]]:
-    """Return the tests that name a file or its folder, with a few that reach most lines, and all others."""
-    words = {path.stem, *path.stem.split("_")} - {"of", "the"}
-    files = sorted((ROOT / "tests").glob("test_*.py"))
-    first = [f for f in files if f.stem[5:] in FIRST or words & set(f.stem[5:].split("_")) or path.stem in f.read_text()]
-    slow = {"test_extremes", "test_fuzz", "test_faults", "test_build", "test_install", "test_layers", "test_units_stated"}
-    return (
-        [str(f.relative_to(ROOT)) for f in group] for group in (first, [f for f in files if f not in first and f.stem not in slow])
-    )
+def can_be_mistaken(all_of_them: list[Statement]) -> list[Statement]:
+    """Return the statements that can stand behind a question."""
+    found, masked = [], False
+    for statement in all_of_them:
+        code = statement.joined(statement.lines).lower()
+        if re.match(r"where *\(", code) and code.endswith(")") and len(split(code)) == 1 and " = " not in code:
+            masked = True
+        elif re.match(r"end *where", code):
+            masked = False
+        elif not masked and not NO_STATEMENT.match(code):
+            found.append(statement)
+    return found
 
 
-def run(*command: str, seconds: float = SECONDS, **environment: str) -> bool:
-    """Return whether a command in the copy succeeds in time."""
-    try:
-        done = subprocess.run(
-            command, cwd=COPY, env={**os.environ, **environment}, capture_output=True, timeout=seconds, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 0
+def draw(count: int, seed: int) -> tuple[dict[Path, list[Statement]], dict[int, str]]:
+    """Return the sources with mistakes planted, and a line on each of these."""
+    sources, places = {}, []
+    for path in sorted((ROOT / "src").rglob("*.f90")):
+        sources[path] = statements(path.read_text(encoding="utf-8"))
+        if re.search(os.environ.get("MUTANT_FILES", ""), str(path)):
+            places += [(path, s, hit) for s in can_be_mistaken(sources[path]) for hit in s.candidates()]
+    random.Random(seed).shuffle(places)
+    told = {}
+    for k, (path, statement, (number, column, old, new)) in enumerate(places[: min(count, MOST - 1)], 1):
+        lines = list(statement.lines)
+        lines[number] = lines[number][:column] + new + lines[number][column + len(old) :]
+        statement.mistakes[k] = lines
+        told[k] = f"{path.relative_to(ROOT)}:{statement.start + number + 1}: {lines[number].strip()}   (was {old.strip()})"
+    return sources, told
 
 
-def caught(path: Path) -> str:
-    """Return which part of the tests notices the mistake that stands in the copy: '' none, 'build' where it does not compile."""
-    if not run("make", "all", "probe"):
-        return "build"
+def write(sources: dict[Path, list[Statement]]) -> dict[Path, list[int]]:
+    """Write the sources into the copy; return for each file the mistake that each of its lines belongs to, 0 for none."""
+    owners = {}
+    for path, found in sources.items():
+        lines, owner = [], []
+        for statement in found:
+            new = statement.text()
+            lines += new
+            of_line = [0] * len(new)
+            for k, wrong in statement.mistakes.items():
+                for i in range(len(new)):
+                    if f"planted({k})" in new[i]:
+                        of_line[i : i + 1 + len(wrong)] = [k] * min(1 + len(wrong), len(new) - i)
+            owner += of_line
+            if re.match(r"\s*(module\s+\w+|submodule\s*\(.*\)\s*\w+|program\s+\w+)$", new[0]):
+                lines.append("use planted_mistakes, only: planted")
+                owner.append(0)
+        target = COPY / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        text = "\n".join(lines)
+        if not target.exists() or target.read_text(encoding="utf-8") != text:
+            target.write_text(text, encoding="utf-8")
+        owners[target] = owner
+    return owners
+
+
+def build(sources: dict[Path, list[Statement]]) -> set[int]:
+    """Build the copy; return the mistakes that do not compile, and were taken out."""
+    refused = set()
+    libraries = f"LDLIBS={COPY}/answer.o {os.environ.get('LDLIBS', '-llapack -lblas')}"
+    command = ["make", "-k", "all", "probe", "FFLAGS=-O1 -ffree-line-length-none -w", "WERROR=", libraries]
+    while True:
+        owners = write(sources)
+        done = subprocess.run(command, cwd=COPY, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            return refused
+        wrong = set()
+        for name, line in re.findall(r"^(src/\S+\.f90):(\d+):[\d-]+:$", done.stdout + done.stderr, re.MULTILINE):
+            wrong.add(owners[COPY / name][int(line) - 1])
+        wrong -= {0}
+        if not wrong:
+            sys.exit(f"mutants: the copy does not build\n{done.stderr[-3000:]}")
+        refused |= wrong
+        for found in sources.values():
+            for statement in found:
+                statement.mistakes = {k: new for k, new in statement.mistakes.items() if k not in wrong}
+
+
+def pytest(*words: str, seconds: float | None = None, **environment: str) -> int:
+    """Return the status of the tests named, run on the copy; 1 where they take too long."""
     names = {name.upper(): str(COPY / "bin" / name) for name in ("biela", "probe", "tangent", "terms")}
-    for part, files in zip(("first", "others"), tests_of(path)):
-        if not run(".venv/bin/python", "-m", "pytest", "-q", "-x", "-n", os.environ.get("JOBS", "auto"), *files, **names):
-            return part
-    return ""
+    command = [".venv/bin/python", "-m", "pytest", "-q", "-p", "no:cacheprovider", *words]
+    child = subprocess.Popen(
+        command, cwd=COPY, env={**os.environ, **names, **environment}, stdout=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        return child.wait(seconds)
+    except subprocess.TimeoutExpired:
+        os.killpg(child.pid, signal.SIGKILL)  # with the programs that hang
+        child.wait()
+        return 1
+
+
+def reach(jobs: str) -> dict[int, list[tuple[float, str]]]:
+    """Run all tests without a mistake; return the tests that reach each one, with their seconds, short ones first."""
+    apart = [f"--ignore=tests/test_{name}.py" for name in APART]
+    folder = str(Path(__file__).parent)
+    pytest("-n", jobs, "-p", "reach", "tests", *apart, PYTHONPATH=folder, PLANTED_FOLDER=str(SEEN))
+    tests = defaultdict(list)
+    for record in SEEN.glob("*.json"):
+        test = json.loads(record.read_text(encoding="utf-8"))
+        seen = record.with_suffix(".seen")
+        if test["passed"] and seen.exists():
+            for k, asked in enumerate(seen.read_bytes()):
+                if asked:
+                    tests[k].append((test["seconds"], test["name"]))
+    return {k: sorted(found) for k, found in tests.items()}
+
+
+def caught(k: int, tests: list[tuple[float, str]]) -> bool:
+    """Return whether a test that reaches a mistake fails: the shortest of each file first, then the others."""
+    files, first, others = set(), [], []
+    for seconds, name in tests:
+        file = name.split("::")[0]
+        (others if file in files or seconds > 2.0 else first).append(name)
+        files.add(file)
+    return any(group and pytest("-x", *group, seconds=SECONDS, PLANTED=str(k)) == 1 for group in (first, others))
 
 
 def main() -> int:
     """Plant the mistakes; exit status 1 where more than three in a hundred survive."""
-    count, seed = int(os.environ.get("MUTANTS", "20")), int(os.environ.get("SEED", "1"))
+    count, seed, jobs = int(os.environ.get("MUTANTS", "20")), int(os.environ.get("SEED", "1")), os.environ.get("JOBS", "auto")
     shutil.rmtree(COPY, ignore_errors=True)
-    for name in ("src", "bin", "build/release"):  # times are kept, so that nothing is compiled again
-        shutil.copytree(ROOT / name, COPY / name)
-    for name in ("Makefile", "build/toolchain.ok"):
-        shutil.copy2(ROOT / name, COPY / name)
-    for name in SHARED:
-        if not (COPY / name).is_symlink():
-            (COPY / name).symlink_to(ROOT / name)
-    if caught(Path("none")):
-        sys.exit("mutants: the tests fail without any mistake")
-    drawn = random.Random(seed)
-    candidates, tried, survivors = places(), 0, []
-    drawn.shuffle(candidates)
-    for path, number, column, old, new in candidates:
-        if tried == count:
-            break
-        target = COPY / path.relative_to(ROOT)
-        lines = path.read_text(encoding="utf-8").split("\n")
-        lines[number] = lines[number][:column] + new + lines[number][column + len(old) :]
-        target.write_text("\n".join(lines), encoding="utf-8")
-        by = caught(path)
-        shutil.copyfile(path, target)
-        if by == "build":
-            continue
-        tried += 1
-        where = f"{path.relative_to(ROOT)}:{number + 1}: {lines[number].strip()}   (was {old.strip()})"
-        if not by:
-            survivors.append(where)
-        print(f"{tried} {'caught' if by else 'SURVIVED'} {where}", flush=True)
-    report = f"{tried} mistakes of seed {seed}, {tried - len(survivors)} caught\n" + "".join(f"{line}\n" for line in survivors)
+    SEEN.mkdir(parents=True)
+    for name in LINKED:
+        (COPY / name).symlink_to(ROOT / name)
+    (COPY / "build").mkdir()
+    shutil.copy2(ROOT / "Makefile", COPY)
+    shutil.copy2(ROOT / "build" / "toolchain.ok", COPY / "build")
+    sources, told = draw(count, seed)
+    (COPY / "src" / "base").mkdir(parents=True)
+    (COPY / "src" / "base" / "planted_mistakes.f90").write_text(QUESTION, encoding="utf-8")
+    (COPY / "answer.c").write_text(ANSWER, encoding="utf-8")
+    subprocess.run(["cc", "-O2", "-c", "answer.c", "-o", "answer.o"], cwd=COPY, check=True)
+    for k in build(sources):
+        del told[k]
+    print(f"{len(told)} mistakes planted, of {count} drawn; the others do not compile", flush=True)
+    tests = reach(jobs)
+    if not tests:
+        sys.exit("mutants: no test passes without any mistake")
+    survivors = []
+    with ThreadPoolExecutor(os.cpu_count() if jobs == "auto" else int(jobs)) as pool:
+        for k, found in zip(told, pool.map(lambda k: caught(k, tests.get(k, [])), told)):
+            word = "caught" if found else "SURVIVED" if k in tests else "NOT REACHED"
+            print(f"{word} {told[k]}", flush=True)
+            if not found:
+                survivors.append(f"{word} {told[k]}")
+    report = f"{len(told)} mistakes of seed {seed}, {len(told) - len(survivors)} caught\n" + "".join(f"{s}\n" for s in survivors)
     (ROOT / "results").mkdir(exist_ok=True)
     (ROOT / "results" / "mutants.txt").write_text(report, encoding="utf-8")
     print(report, end="")
-    return 1 if len(survivors) > 0.03 * tried else 0
+    return 1 if len(survivors) > 0.03 * len(told) else 0
 
 
 if __name__ == "__main__":
