@@ -30,6 +30,7 @@ LINKED += ["pyproject.toml", "fortitude.toml"]
 APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]
 MOST = 4000
 SECONDS = 900  # of the tests that one mistake meets
+FEW = 12  # of the tests that it meets first
 SWAPS = [
     (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < ", " <= "), (r" > ", " >= "),
     (r" <= ", " < "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "), (r"\.and\.", ".or."), (r"\.or\.", ".and."),
@@ -273,13 +274,14 @@ def reach(jobs: str) -> dict[int, list[tuple[float, str]]]:
 
 
 def caught(k: int, tests: list[tuple[float, str]]) -> bool:
-    """Return whether a test that reaches a mistake fails: the shortest of each file first, then the others."""
+    """Return whether a test that reaches a mistake fails: a few first, then the shortest of each file, then the others."""
     files, first, others = set(), [], []
     for seconds, name in tests:
         file = name.split("::")[0]
         (others if file in files or seconds > 2.0 else first).append(name)
         files.add(file)
-    return any(group and pytest("-x", *group, seconds=SECONDS, PLANTED=str(k)) == 1 for group in (first, others))
+    groups = (first[:FEW], first[FEW:], others)
+    return any(group and pytest("-x", *group, seconds=SECONDS, PLANTED=str(k)) == 1 for group in groups)
 
 
 def main() -> int:
