@@ -141,7 +141,7 @@ contains
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
     real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
-    real(wp) :: b
+    real(wp) :: b, x
     integer :: j, i, info, pass
     lambda = 0.0_wp
     self%steps = 0
@@ -156,8 +156,11 @@ contains
     do j = 1, min(most, size(self%alpha))
       call multiply(self, m, ev, mix, self%v(:, j), self%r)
       self%alpha(j) = dot_product(self%v(:, j), self%r)
-      do pass = 1, 2                         ! against all vectors at once, twice: products of matrices are the faster ones
-        self%r = self%r - matmul(self%w(:, 1:j), matmul(self%r, self%v(:, 1:j)))
+      do pass = 1, 2
+        do i = 1, j
+          x = dot_product(self%v(:, i), self%r)
+          self%r = self%r - x*self%w(:, i)
+        end do
       end do
       call solve_mass(m, ev, held, self%r, self%u)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
