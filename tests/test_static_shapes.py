@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import random
 import re
+import sys
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from test_modes import HEAD, LOADS, LUMPS, PIN, SCENES, SENSORS, TRANSIENT, text
+
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+from bench_scenes import driven_rod
 
 SHAPES = " static_shapes=.true."
 
@@ -95,33 +100,20 @@ def test_small_static_loads_act_as_on_the_mesh(run_deck, seed):
 
 def test_section_moments_of_a_driven_rod_need_few_coordinates(run_deck):
     """A crank brings a loaded rod to speed: eight coordinates do better than sixteen modes, four in bending alone than twelve."""
-    scene = """&scene title='driven rod' /
-&material name='steel' density=7850.0 young=2.1e11 rayleigh_mass=20.0 rayleigh_stiffness=1.0e-7 /
-&section name='rod' shape='rectangle' width=0.01 height=0.008 /
-&body name='crank' kind='rigid' mass=1.0 inertia=1.0e-3 /
-&body name='rod' kind='beam' length=0.3 elements=8 material='steel' section='rod' position=0.08,0.0 {option} /
-&lump body='rod' node=-1 mass=0.3 /
-&joint name='shaft' type='revolute' body_a='crank' /
-&joint name='crank_pin' type='revolute' body_a='rod' node_a=1 body_b='crank' point_b=0.08,0.0 /
-&joint name='cylinder' type='slider' body_a='rod' node_a=-1 /
-&history name='turn' kind='cycloid' start_value=0.0 end_value=12.566 start=0.0 finish=0.1 /
-&drive name='motor' type='rotation' body_a='crank' history='turn' /
-&history name='rise' kind='cycloid' start_value=0.0 end_value=1.0 start=0.01 finish=0.05 /
-&force name='load' type='force' body='rod' node=4 fy=-200.0 history='rise' /
-&sensor name='shank' quantity='internal' body='rod' element=3 /
+    measured = """&sensor name='shank' quantity='internal' body='rod' element=3 /
 &transient t_end=0.06 method='rk4' step=1.0e-6 output_step=2.0e-4 /
 """
-    mesh = run_deck(scene.format(option=""), name="mesh").history["shank.m1"]
+    mesh = run_deck(driven_rod(8) + measured, name="mesh").history["shank.m1"]
 
     def error(option):
-        return np.abs(run_deck(scene.format(option=option), name="few").history["shank.m1"] - mesh).max() / np.ptp(mesh)
+        return np.abs(run_deck(driven_rod(8, option) + measured, name="few").history["shank.m1"] - mesh).max() / np.ptp(mesh)
 
-    few = run_deck(scene.format(option="modes=1" + SHAPES), name="few")
+    few = run_deck(driven_rod(8, "modes=1" + SHAPES) + measured, name="few")
     assert coordinates(few) == (8, 7)
     assert error("modes=1" + SHAPES) < 3e-4
     assert error("modes=12") > 3e-3
     assert error("modes=16") > 5e-4
-    few = run_deck(scene.format(option="axial=.false. modes=1" + SHAPES), name="few")
+    few = run_deck(driven_rod(8, "axial=.false. modes=1" + SHAPES) + measured, name="few")
     assert coordinates(few) == (4, 3)
     assert error("axial=.false. modes=1" + SHAPES) < 5e-4
     assert error("axial=.false. modes=8") > 1e-2

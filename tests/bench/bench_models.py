@@ -12,7 +12,7 @@ HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
 import deck_models  # noqa: E402
 import deck_text  # noqa: E402
-from bench_scenes import explicit_step, slider_crank, transient  # noqa: E402
+from bench_scenes import driven_rod, explicit_step, slider_crank, transient  # noqa: E402
 from histories import read  # noqa: E402
 
 ELEMENTS = 16  # of rod and engine
@@ -20,22 +20,12 @@ MODES = range(1, 29)
 WANTED = (1e-2, 1e-3)
 COLUMNS = {"moment": ["shank.m1"], "force": ["crank_pin.fx", "crank_pin.fy"]}
 BENDING = f"&sensor name='shank' quantity='internal' body='rod' element={ELEMENTS // 2} /\n"
-ROD = f"""&scene title='a crank brings a loaded rod to speed' /
-&material name='steel' density=7850.0 young=2.1e11 rayleigh_mass=20.0 rayleigh_stiffness=1.0e-7 /
-&section name='rod' shape='rectangle' width=0.01 height=0.008 /
-&body name='crank' kind='rigid' mass=1.0 inertia=1.0e-3 /
-&body name='rod' kind='beam' length=0.3 elements={ELEMENTS} material='steel' section='rod' position=0.08,0.0 /
-&lump body='rod' node=-1 mass=0.3 /
-&joint name='shaft' type='revolute' body_a='crank' /
-&joint name='crank_pin' type='revolute' body_a='rod' node_a=1 body_b='crank' point_b=0.08,0.0 /
-&joint name='cylinder' type='slider' body_a='rod' node_a=-1 /
-&history name='turn' kind='cycloid' start_value=0.0 end_value=12.566 start=0.0 finish=0.1 /
-&drive name='motor' type='rotation' body_a='crank' history='turn' /
-&history name='rise' kind='cycloid' start_value=0.0 end_value=1.0 start=0.01 finish=0.05 /
-&force name='load' type='force' body='rod' node={ELEMENTS // 2} fy=-200.0 history='rise' /
-&sensor name='crank_pin' quantity='reaction' joint='crank_pin' /
-{BENDING}&transient t_end=0.06 method='radau' tolerance=1.0e-6 output_step=2.0e-4 /
-"""
+ROD = (
+    driven_rod(ELEMENTS)
+    + "&sensor name='crank_pin' quantity='reaction' joint='crank_pin' /\n"
+    + BENDING
+    + "&transient t_end=0.06 method='radau' tolerance=1.0e-6 output_step=2.0e-4 /\n"
+)
 
 
 def maxwell(table, measure, run_process, folder, quick):

@@ -147,3 +147,21 @@ def cantilever(elements, terms, analysis):
 def explicit_step(elements):
     """A stable rk4 step [s] of the slider-crank's rod: bending grows with the square of the elements."""
     return 2.5e-5 / max(elements / 2, 1) ** 2
+
+
+def driven_rod(elements, option=""):
+    """A crank brings a rod to speed that carries a load: everything but what is measured and the analysis."""
+    return f"""&scene title='a crank brings a loaded rod to speed' /
+&material name='steel' density=7850.0 young=2.1e11 rayleigh_mass=20.0 rayleigh_stiffness=1.0e-7 /
+&section name='rod' shape='rectangle' width=0.01 height=0.008 /
+&body name='crank' kind='rigid' mass=1.0 inertia=1.0e-3 /
+&body name='rod' kind='beam' length=0.3 elements={elements} material='steel' section='rod' position=0.08,0.0 {option} /
+&lump body='rod' node=-1 mass=0.3 /
+&joint name='shaft' type='revolute' body_a='crank' /
+&joint name='crank_pin' type='revolute' body_a='rod' node_a=1 body_b='crank' point_b=0.08,0.0 /
+&joint name='cylinder' type='slider' body_a='rod' node_a=-1 /
+&history name='turn' kind='cycloid' start_value=0.0 end_value=12.566 start=0.0 finish=0.1 /
+&drive name='motor' type='rotation' body_a='crank' history='turn' /
+&history name='rise' kind='cycloid' start_value=0.0 end_value=1.0 start=0.01 finish=0.05 /
+&force name='load' type='force' body='rod' node={elements // 2} fy=-200.0 history='rise' /
+"""
