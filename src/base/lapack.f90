@@ -8,7 +8,7 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dsyev, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
+  public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
   public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
@@ -32,6 +32,16 @@ module lapack
       real(wp), intent(out) :: w(*), work(*) !! eigenvalues, work space [any]
       integer, intent(out) :: info
     end subroutine dsyev
+    !> Eigenvalues and vectors of a symmetric tridiagonal matrix.
+    subroutine dsteqr(compz, n, d, e, z, ldz, work, info)
+      import :: wp
+      character, intent(in) :: compz
+      integer, intent(in) :: n, ldz
+      real(wp), intent(inout) :: d(*), e(*)   !! diagonal, then the eigenvalues; next to it, destroyed [any]
+      real(wp), intent(inout) :: z(ldz, *)    !! the eigenvectors [-]
+      real(wp), intent(out) :: work(*)        !! work space [any]
+      integer, intent(out) :: info
+    end subroutine dsteqr
     !> A x = w B x, A symmetric, B symmetric positive definite, all eigenpairs.
     subroutine dsygvd(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, iwork, liwork, info)
       import :: wp

@@ -109,7 +109,7 @@ contains
     integer :: p, k, pass, j
     allocate (x(m%s%nq, widest), mx(m%s%nq, widest))
     p = 0
-    if (any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)) then
+    if (fast%damped) then
       call fast%largest(m, ev, held, only_damping, 100, lambda)
       call append(min(most_damped, fast%steps))
       call fast%largest(m, ev, held, only_stiffness, 100, lambda)

@@ -3,7 +3,7 @@
 !> E_R (1 + sum of alpha), of bodies and springs. Unknowns as in `linearisation`.
 module spectrum
   use kinds, only: wp
-  use lapack, only: dsyev
+  use lapack, only: dsteqr
   use linear_matrices, only: linear_mechanism
   use elastic_blocks, only: elastic_matrices
   use mass_solve, only: solve_mass
@@ -33,6 +33,7 @@ module spectrum
     type(linear_mechanism) :: lin              !! elastic matrices of the bodies
     real(wp), allocatable :: spring_static(:), spring_fast(:)   !! (force elements) [N/m] or [N m/rad]
     real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
+    logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
     real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors of their ends, negative: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
@@ -41,7 +42,7 @@ module spectrum
     real(wp), allocatable :: r(:), u(:)        !! (n) force and displacement of an iteration [N], [m]
     real(wp), allocatable :: start(:)          !! (n) first force of the iteration [N, N m]
     real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
-    real(wp), allocatable :: t(:, :), e(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
+    real(wp), allocatable :: t(:, :), e(:), off(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
     integer :: only = 0                        !! GHM segment whose material or spring alone counts as stiffness, 0: everything
   contains
@@ -72,11 +73,12 @@ contains
       end associate
     end do
     self%spring_damping = [(m%s%forces(k)%item%damping, k=1, size(m%s%forces))]
+    self%damped = any(self%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)
     allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
     allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%start(n), self%alpha(most), &
-              self%beta(0:most), self%t(most, most), self%e(most), self%work(4*most + 8))
+              self%beta(0:most), self%t(most, most), self%e(most), self%off(most), self%work(2*most))
     do k = 1, n
       self%start(k) = sin(1.3_wp*k**2) + 0.1_wp
     end do
@@ -141,8 +143,9 @@ contains
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
     real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
-    real(wp) :: b, x
-    integer :: j, i, info, pass
+    real(wp) :: b
+    integer :: j, info
+    logical :: last
     lambda = 0.0_wp
     self%steps = 0
     self%w(:, 0) = 0.0_wp
@@ -156,31 +159,41 @@ contains
     do j = 1, min(most, size(self%alpha))
       call multiply(self, m, ev, mix, self%v(:, j), self%r)
       self%alpha(j) = dot_product(self%v(:, j), self%r)
-      do pass = 1, 2
-        do i = 1, j
-          x = dot_product(self%v(:, i), self%r)
-          self%r = self%r - x*self%w(:, i)
-        end do
-      end do
+      self%r = self%r - self%alpha(j)*self%w(:, j) - self%beta(j - 1)*self%w(:, j - 1)
+      call take_out(size(self%r), j, self%v, self%w(:, 1:), self%r)
       call solve_mass(m, ev, held, self%r, self%u)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
       self%steps = j
       self%beta(j) = b
-      if (mod(j, 8) == 0 .or. j == min(most, size(self%alpha)) .or. b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)) then
-        self%t(1:j, 1:j) = 0.0_wp
-        do i = 1, j
-          self%t(i, i) = self%alpha(i)
-          if (i < j) self%t(i + 1, i) = self%beta(i)
-        end do
-        call dsyev('V', 'L', j, self%t, size(self%t, 1), self%e, self%work, size(self%work), info)
+      last = j == min(most, size(self%alpha)) .or. b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)
+      if (mod(j, 8) == 0 .or. last) then
+        self%e(1:j) = self%alpha(1:j)
+        self%off(1:j) = self%beta(1:j)
+        call dsteqr('I', j, self%e, self%off, self%t, size(self%t, 1), self%work, info)
         lambda = self%e(j)
-        if (b*abs(self%t(j, j)) <= 1.0e-5_wp*max(abs(lambda), abs(self%e(1)))) exit
+        if (last .or. b*abs(self%t(j, j)) <= 1.0e-5_wp*max(abs(lambda), abs(self%e(1)))) exit
       end if
-      if (b <= 1.0e-10_wp*abs(self%alpha(1)) + tiny(b)) exit
       self%v(:, j + 1) = self%u/b
       self%w(:, j + 1) = self%r/b
     end do
   end subroutine largest
+
+  !> Takes what is left of earlier vectors out of the force of an iteration; products of matrices would allocate.
+  pure subroutine take_out(n, vectors, v, w, r)
+    integer, intent(in) :: n, vectors
+    real(wp), intent(in) :: v(n, vectors)    !! the vectors [kg^-.5]
+    real(wp), intent(in) :: w(n, vectors)    !! their products with the mass [kg^.5]
+    real(wp), intent(inout) :: r(n)          !! [N]
+    real(wp) :: sums(8)                      ! side by side: a single one would wait for each of its terms
+    integer :: i, k
+    do i = 1, vectors
+      sums = 0.0_wp
+      do k = 1, n - 7, 8
+        sums = sums + v(k:k + 7, i)*r(k:k + 7)
+      end do
+      r = r - (sum(sums) + dot_product(v(k:n, i), r(k:n)))*w(:, i)
+    end do
+  end subroutine take_out
 
   !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM segment's material or spring [rad2/s2].
   subroutine largest_of_segment(self, m, ev, held, segment, lambda)

@@ -42,17 +42,19 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
-    call both_bounds(d, m, ev, q, advice%safe, advice%current)
+    real(wp) :: fastest                        ! largest squared frequency that the safe bound counts [rad2/s2]
+    call both_bounds(d, m, ev, q, advice%safe, fastest, advice%current)
     call advice_lines(d, m, advice)
-    call not_covered(m, ev, q, advice)
+    call not_covered(m, ev, q, fastest, advice)
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
   !> as far as the model holds, and forces of springs against turns that grow beyond those of the start.
-  subroutine not_covered(m, ev, q, advice)
+  subroutine not_covered(m, ev, q, straight, advice)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
+    real(wp), intent(in) :: straight           !! largest squared frequency that the safe bound counts [rad2/s2]
     type(stability_advice), intent(inout) :: advice
     real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
     type(evaluation) :: work
@@ -60,18 +62,17 @@ contains
     type(fast_mode) :: f
     type(bound_cause) :: cause
     real(wp), allocatable :: bent(:), rest(:), none(:)
-    real(wp) :: straight, curved               ! largest squared frequencies [rad2/s2]
+    real(wp) :: curved                         ! that of bent bodies [rad2/s2]
     integer :: b
     if (advice%safe%step(1) >= huge(1.0_wp)) return
     work = ev
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    if (any(turning_stiffness(m, work) > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
+    call fast%set_up(m, ev, q)
+    fast%turning = turning_stiffness(m, work)
+    if (any(fast%turning > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
-    call fast%set_up(m, ev, q)
-    call bound_directions(m, work, fast%ends)
-    call fast%largest(m, work, .false., only_stiffness, 100, straight)
     bent = q
     do b = 1, size(m%s%bodies)
       associate (i => m%s%qo(b) + 3, body => m%s%bodies(b))
@@ -90,13 +91,16 @@ contains
   end subroutine not_covered
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
-  !> damps it.
-  subroutine both_bounds(d, m, ev, q, safe, current)
+  !> damps it. Where nothing does, joints only lower frequencies.
+  subroutine both_bounds(d, m, ev, q, safe, fastest, current)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
-    type(step_bound), intent(out) :: safe, current
+    type(step_bound), intent(out) :: safe
+    real(wp), intent(out) :: fastest           !! largest squared frequency that the safe bound counts [rad2/s2]
+    type(step_bound), intent(out), optional :: current
+    type(step_bound) :: held
     type(evaluation) :: work
     type(fast_spectrum) :: fast
     real(wp), allocatable :: rest(:), none(:)
@@ -104,10 +108,11 @@ contains
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call fast%set_up(m, ev, q)
-    call find_safe_bound(d, m, work, fast, safe)
-    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call find_bound(d, m, work, .true., fast, current)
-    call take_smaller(current, safe)
+    call find_safe_bound(d, m, work, fast, safe, fastest)
+    if (.not. (present(current) .or. fast%damped .or. size(fast%lin%segments) > 0)) return
+    call find_bound(d, m, work, .true., fast, held)
+    call take_smaller(held, safe)
+    if (present(current)) current = held
   end subroutine both_bounds
 
   !> The advice in words: bounds, what limits, what removing it buys.
@@ -232,8 +237,8 @@ contains
     type(fault_list) :: faults
     type(assembly_report) :: report
     type(failure) :: fail
-    type(step_bound) :: current
     real(wp), allocatable :: q(:), v(:)
+    real(wp) :: fastest                        ! [rad2/s2]
     call build(d, s, faults)
     ok = faults%count == 0
     if (.not. ok) return
@@ -241,6 +246,6 @@ contains
     allocate (q(s%nq), v(s%nq))
     call assemble(m, ev, q, v, report, fail)
     ok = .not. fail%happened()
-    if (ok) call both_bounds(d, m, ev, q, bound, current)
+    if (ok) call both_bounds(d, m, ev, q, bound, fastest)
   end subroutine bound_of_deck
 end module step_advice

@@ -64,7 +64,7 @@ contains
         force = force + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
       end do
     end if
-    damped = any(fast%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh) .or. size(fast%lin%segments) > 0
+    damped = fast%damped .or. size(fast%lin%segments) > 0
     if (damped) then
       call find_fast_poles(m, ev, held, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
