@@ -18,21 +18,16 @@ contains
     complex(wp), intent(in) :: scale                  !! [-]
     complex(wp), intent(in) :: x(:)                   !! (n) [any]
     complex(wp), intent(inout) :: y(:)                !! (n) [unit of values times unit of x]
-    real(wp) :: high(2), low(2)                       ! real and imaginary part of one row
+    real(wp) :: high(2), low(2), v(2)                 ! real and imaginary part of one row; of x [any]
     integer :: k
-    logical :: complex_x
-    complex_x = any(abs(x%im) > 0.0_wp)
     high = 0.0_wp
     low = 0.0_wp
     do k = 1, size(values)
-      associate (v => x(cols(k)))
-        call add_product(values(k), v%re, high(1), low(1))
-        low(1) = low(1) + rest(k)*v%re
-        if (complex_x) then
-          call add_product(values(k), v%im, high(2), low(2))
-          low(2) = low(2) + rest(k)*v%im
-        end if
-      end associate
+      if (abs(values(k)) + abs(rest(k)) > 0.0_wp) then
+        v = [x(cols(k))%re, x(cols(k))%im]
+        call add_product(values(k), v, high, low)
+        low = low + rest(k)*v
+      end if
       if (k < size(values)) then
         if (rows(k + 1) == rows(k)) cycle
       end if
@@ -43,10 +38,10 @@ contains
   end subroutine add_accurate
 
   !> high + low = high + low + a b, the roundings of product and sum kept in low.
-  pure elemental subroutine add_product(a, b, high, low)
-    real(wp), intent(in) :: a, b   !! factors [any]
-    real(wp), intent(inout) :: high, low   !! sum and its collected roundings [unit of a b]
-    real(wp) :: p, s, t, ah, al, bh, bl
+  pure subroutine add_product(a, b, high, low)
+    real(wp), intent(in) :: a, b(2)   !! factors [any]
+    real(wp), intent(inout) :: high(2), low(2)   !! sum and its collected roundings [unit of a b]
+    real(wp) :: ah, al, p(2), s(2), t(2), bh(2), bl(2)
     p = a*b
     ah = splitter*a
     ah = ah - (ah - a)

@@ -18,7 +18,7 @@ module border_block
     integer, allocatable :: border(:)                 !! (nb) border unknowns that it couples to, the slots last
     complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor [any]
     complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it [any]
-    complex(wp), allocatable :: left(:, :)            !! (nb, n) coupling of the border's rows to the block [any]
+    complex(wp), allocatable :: left(:, :)            !! (n, nb) transposed coupling of the border's rows to the block [any]
     integer, allocatable :: pivots(:)                 !! (n)
     real(wp), allocatable :: row_scale(:), col_scale(:)   !! (n) of A; right and left are scaled with it [1/any]
     integer :: weak(slots) = 0                        !! replaced pivots
@@ -33,17 +33,17 @@ contains
     integer, intent(in) :: kd                         !! half band width of the border
     complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
     complex(wp) :: s
-    integer :: info, k, w, m, i, j
+    integer :: info, k, w, m, i, j, first, last
     m = size(p%border)
     p%weak = 0
     do k = 1, slots
       ab(2*kd + 1, p%border(m - slots + k)) = 1.0_wp
     end do
     if (p%n == 0) return
-    call equilibrate(p%ab, p%kd, p%row_scale, p%col_scale)
-    do j = 1, p%n
-      p%right(j, :) = p%right(j, :)*p%row_scale(j)
-      p%left(:, j) = p%left(:, j)*p%col_scale(j)
+    call equilibrate(p%n, p%kd, p%ab, p%row_scale, p%col_scale)
+    do j = 1, m
+      p%right(:, j) = p%right(:, j)*p%row_scale
+      p%left(:, j) = p%left(:, j)*p%col_scale
     end do
     call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
     w = 0
@@ -56,15 +56,17 @@ contains
       w = w + 1
       p%weak(w) = k
       p%ab(2*p%kd + 1, k) = p%ab(2*p%kd + 1, k) + 1.0_wp
-      p%left(m - slots + w, k) = -1.0_wp
+      p%left(k, m - slots + w) = -1.0_wp
     end do
     call zgbtrs('N', p%n, p%kd, p%kd, m - slots, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
     do k = 1, w
       call back_substitute(p, p%weak(k), -1.0_wp, p%right(:, m - slots + k))
     end do
-    do j = 1, m - slots + w
-      do i = 1, m - slots + w
-        s = sum(p%left(i, :)*p%right(:, j))
+    do i = 1, m - slots + w                           ! a row of a joint reaches few unknowns
+      first = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1)
+      last = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1, back=.true.)
+      do j = 1, merge(m - slots + w, 0, first > 0)
+        s = sum(p%left(first:last, i)*p%right(first:last, j))
         associate (r => p%border(i), c => p%border(j))
           ab(2*kd + 1 + r - c, c) = ab(2*kd + 1 + r - c, c) - s
         end associate
@@ -73,27 +75,29 @@ contains
   end subroutine condense
 
   !> Rows, then columns of a band matrix to size one by powers of two: forces, moments and lengths stand side by side in it.
-  subroutine equilibrate(ab, kd, row_scale, col_scale)
-    complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, n) band matrix [any]
-    integer, intent(in) :: kd                         !! half band width
-    real(wp), intent(out) :: row_scale(:), col_scale(:)   !! (n) [1/any]
-    integer :: i, j, k
+  subroutine equilibrate(n, kd, ab, row_scale, col_scale)
+    integer, intent(in) :: n, kd                      !! order, half band width
+    complex(wp), intent(inout) :: ab(3*kd + 1, n)     !! band matrix [any]
+    real(wp), intent(out) :: row_scale(n), col_scale(n)   !! [1/any]
+    integer :: d, j                                   ! by diagonals i - j = d, since a column is short
     row_scale = 0.0_wp
-    do j = 1, size(ab, 2)
-      do i = max(1, j - kd), min(size(ab, 2), j + kd)
-        row_scale(i) = max(row_scale(i), magnitude(ab(2*kd + 1 + i - j, j)))
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        row_scale(j + d) = max(row_scale(j + d), magnitude(ab(2*kd + 1 + d, j)))
       end do
     end do
     row_scale = scale_of(row_scale)
-    do j = 1, size(ab, 2)
-      col_scale(j) = 0.0_wp
-      do i = max(1, j - kd), min(size(ab, 2), j + kd)
-        k = 2*kd + 1 + i - j
-        ab(k, j) = ab(k, j)*row_scale(i)
-        col_scale(j) = max(col_scale(j), magnitude(ab(k, j)))
+    col_scale = 0.0_wp
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        col_scale(j) = max(col_scale(j), magnitude(ab(2*kd + 1 + d, j))*row_scale(j + d))
       end do
-      col_scale(j) = scale_of(col_scale(j))
-      ab(:, j) = ab(:, j)*col_scale(j)
+    end do
+    col_scale = scale_of(col_scale)
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        ab(2*kd + 1 + d, j) = ab(2*kd + 1 + d, j)*(row_scale(j + d)*col_scale(j))
+      end do
     end do
   end subroutine equilibrate
 

@@ -7,7 +7,7 @@
 !> almost vanishes is therefore replaced, U_kk + delta, and what that changes goes into the border as one more unknown,
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
-  use kinds, only: wp, pi
+  use kinds, only: wp
   use border_block, only: block_part, condense, equilibrate, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
@@ -144,7 +144,7 @@ contains
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
         p%border = position(p%border)
-        allocate (p%right(p%n, size(p%border)), p%left(size(p%border), p%n))
+        allocate (p%right(p%n, size(p%border)), p%left(p%n, size(p%border)))
       end associate
     end do
     allocate (self%ab(3*self%kd + 1, self%nb), self%pivots(self%nb), self%row_scale(self%nb), self%col_scale(self%nb), &
@@ -171,8 +171,8 @@ contains
       self%j(e) = findloc(self%blocks(a)%border, j, 1)
     else if (b > 0) then
       self%kind(e) = 3
-      self%i(e) = findloc(self%blocks(b)%border, i, 1)
-      self%j(e) = j
+      self%i(e) = j
+      self%j(e) = findloc(self%blocks(b)%border, i, 1)
     else
       self%kind(e) = 4
       self%i(e) = 2*self%kd + 1 + i - j
@@ -206,7 +206,7 @@ contains
     do b = 1, size(self%blocks)
       call condense(self%blocks(b), self%kd, self%ab)
     end do
-    call equilibrate(self%ab, self%kd, self%row_scale, self%col_scale)
+    call equilibrate(self%nb, self%kd, self%ab, self%row_scale, self%col_scale)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
     if (info == 0) return
     do k = 1, self%nb                                 ! exactly singular: the nearest regular matrix, entries of size one
@@ -235,7 +235,7 @@ contains
             self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%y(:, 1), p%right)
           else
             call zgbtrs('N', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, p%y, p%n, info)
-            self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%left, p%y(:, 1))
+            self%x(p%border, 1) = self%x(p%border, 1) - matmul(p%y(:, 1), p%left)
           end if
         end if
       end associate
@@ -251,7 +251,7 @@ contains
       associate (p => self%blocks(b))
         if (p%n == 0) cycle
         if (transposed) then
-          p%y(:, 1) = p%y(:, 1) - matmul(self%x(p%border, 1), p%left)
+          p%y(:, 1) = p%y(:, 1) - matmul(p%left, self%x(p%border, 1))
           call zgbtrs('T', p%n, p%kd, p%kd, 1, p%ab, 3*p%kd + 1, p%pivots, p%y, p%n, info)
           x(p%unknown) = p%y(:, 1)*p%row_scale
         else
@@ -283,11 +283,17 @@ contains
     complex(wp), intent(in) :: ab(:, :)               !! (3 kd + 1, n) factor [any]
     integer, intent(in) :: kd                         !! half band width
     integer, intent(in) :: pivots(:)                  !! (n)
+    integer, parameter :: together = 8                !! pivots of size one at most whose product is formed
+    complex(wp) :: part                               ! [any]
     integer :: k
     total = 0.0_wp
+    part = 1.0_wp
     do k = 1, size(pivots)
-      total = total + log(ab(2*kd + 1, k))
-      if (pivots(k) /= k) total = total + cmplx(0.0_wp, pi, wp)
+      part = part*ab(2*kd + 1, k)
+      if (pivots(k) /= k) part = -part
+      if (mod(k, together) > 0 .and. k < size(pivots)) cycle
+      total = total + log(part)
+      part = 1.0_wp
     end do
   end function log_of_factor
 

@@ -31,6 +31,7 @@ module dynamic_stiffness
     real(wp), allocatable :: gyro(:)           !! (entries) skew part of c [as c]
     real(wp), allocatable :: joint(:)          !! (entries) J and J^T [-, m]
     type(ghm_group), allocatable :: groups(:)
+    complex(wp), allocatable :: inertia(:)     !! (entries) what inertia, damping and joints bring to it [as k]
     complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s [as k]
     complex(wp), allocatable :: slope(:)       !! (entries) its derivative [as c]
     type(bordered_system) :: solver
@@ -73,7 +74,7 @@ contains
     call union_of_patterns(self, nt, lin, number_of)
     allocate (self%m(size(self%row)), self%c(size(self%row)), self%k(size(self%row)), self%k_low(size(self%row)), &
               self%joint(size(self%row)), source=0.0_wp)
-    allocate (self%values(size(self%row)), self%slope(size(self%row)))
+    allocate (self%inertia(size(self%row)), self%values(size(self%row)), self%slope(size(self%row)))
     call gather(self, lin%mass, self%m)
     call gather(self, lin%damping, self%c)
     call gather(self, lin%stiffness, self%k, self%k_low)
@@ -113,15 +114,19 @@ contains
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(in) :: s               !! [1/s]
     real(wp), intent(in) :: damping            !! 1: all, 0: the undamped system [-]
-    complex(wp) :: g, dg
+    complex(wp) :: g, dg, s2
+    real(wp) :: c                              ! [as self%c]
     integer :: r, k
     self%s = s
     self%damping = damping
     self%part = whole
-    associate (c => self%gyro + damping*(self%c - self%gyro))
-      self%values = s**2*self%m + s*c + self%k + self%joint
-      self%slope = 2*s*self%m + c
-    end associate
+    s2 = s**2
+    do k = 1, size(self%values)
+      c = self%gyro(k) + damping*(self%c(k) - self%gyro(k))
+      self%inertia(k) = cmplx(s2%re*self%m(k) + s%re*c + self%joint(k), s2%im*self%m(k) + s%im*c, wp)
+      self%values(k) = self%inertia(k) + self%k(k)
+      self%slope(k) = cmplx(2*s%re*self%m(k) + c, 2*s%im*self%m(k), wp)
+    end do
     if (damping <= 0.0_wp) return
     do r = 1, size(self%groups)
       associate (p => self%groups(r))
@@ -143,11 +148,9 @@ contains
     self%s = sqrt(cmplx(shift, 0.0_wp, wp))
     self%damping = 0.0_wp
     self%part = merge(symmetric_part, static_part, symmetric .and. .not. self%conservative)
-    if (self%part == symmetric_part) then
-      self%values = shift*self%m + 0.5_wp*(self%k + self%k(self%mirror)) + self%joint
-    else
-      self%values = shift*self%m + self%k + self%joint
-    end if
+    self%inertia = shift*self%m + self%joint
+    self%values = self%inertia + self%k
+    if (self%part == symmetric_part) self%values = self%inertia + 0.5_wp*(self%k + self%k(self%mirror))
   end subroutine set_real
 
   !> Factors the matrix that was set last.
@@ -157,7 +160,8 @@ contains
     self%factorisations = self%factorisations + 1
   end subroutine factor
 
-  !> Solves with the last factor, or its transpose, corrected twice by the residual.
+  !> Solves with the last factor, or its transpose, corrected by the residual; again where that changed more than half of the
+  !> digits.
   subroutine solve(self, x, transposed)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
@@ -173,7 +177,15 @@ contains
       r = b - self%balance(x, turned)
       call self%solver%solve(r, turned)
       x = x + r
+      if (is_small(r(1:self%n), x(1:self%n)) .and. is_small(r(self%n + 1:), x(self%n + 1:))) exit
     end do
+  contains
+    !> Whether a correction leaves half of the digits.
+    pure logical function is_small(correction, solution)
+      complex(wp), intent(in) :: correction(:), solution(:)    !! [any]
+      is_small = maxval(abs(correction%re) + abs(correction%im)) <= &
+                 sqrt(epsilon(1.0_wp))*maxval(abs(solution%re) + abs(solution%im))
+    end function is_small
   end subroutine solve
 
   !> The bordered matrix, or its transpose, times x, the stiffness summed in twice the working precision.
@@ -182,12 +194,16 @@ contains
     complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
     logical, intent(in) :: transposed
     complex(wp) :: y(size(x)), g
-    integer :: r
-    if (self%part == whole) then
-      g = merge(-self%s, self%s, transposed)
-      y = self%times(self%s**2*self%m + g*self%gyro + self%s*self%damping*(self%c - self%gyro) + self%joint, x)
+    integer :: r, j, e
+    if (transposed) then
+      do j = 1, size(x)
+        y(j) = 0.0_wp
+        do e = self%first(j), self%first(j + 1) - 1
+          y(j) = y(j) + self%inertia(e)*x(self%row(e))
+        end do
+      end do
     else
-      y = self%times(cmplx(real(self%s**2, wp)*self%m + self%joint, 0.0_wp, wp), x)
+      y = self%times(self%inertia, x)
     end if
     if (self%part == symmetric_part) then
       call add_stiffness(self, .false., (0.5_wp, 0.0_wp), x, y)
