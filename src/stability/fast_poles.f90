@@ -105,7 +105,8 @@ contains
     type(fast_spectrum), intent(inout) :: fast
     real(wp), allocatable, intent(out) :: x(:, :)  !! (n, motions) [1/sqrt(kg)]
     real(wp), allocatable :: mx(:, :)              ! mass times them
-    real(wp) :: lambda, v(m%s%nq), mv(m%s%nq), length
+    real(wp), allocatable :: v(:, :), mv(:, :), part(:, :)   ! motions of an iteration; their parts of its vectors
+    real(wp) :: lambda, length
     integer :: p, k, pass, j
     allocate (x(m%s%nq, widest), mx(m%s%nq, widest))
     p = 0
@@ -120,26 +121,27 @@ contains
     !> Appends the fastest motions of the last iteration, less what is there already.
     subroutine append(number)
       integer, intent(in) :: number
+      part = fast%t(1:fast%steps, fast%steps:fast%steps + 1 - number:-1)
+      v = matmul(fast%v(:, 1:fast%steps), part)
+      mv = matmul(fast%w(:, 1:fast%steps), part)
       do k = 1, number
-        v = matmul(fast%v(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
-        mv = matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
         do pass = 1, 2
           do j = 1, p
-            length = dot_product(mx(:, j), v)
-            v = v - length*x(:, j)
-            mv = mv - length*mx(:, j)
+            length = dot_product(mx(:, j), v(:, k))
+            v(:, k) = v(:, k) - length*x(:, j)
+            mv(:, k) = mv(:, k) - length*mx(:, j)
           end do
         end do
-        length = sqrt(max(dot_product(v, mv), 0.0_wp))
+        length = sqrt(max(dot_product(v(:, k), mv(:, k)), 0.0_wp))
         if (length < 1.0e-6_wp) cycle
         p = p + 1
-        x(:, p) = v/length
-        mx(:, p) = mv/length
+        x(:, p) = v(:, k)/length
+        mx(:, p) = mv(:, k)/length
       end do
     end subroutine append
   end subroutine space
 
-  !> All matrices on the basis, from Rayleigh quotients of sums of two motions.
+  !> All matrices on the basis.
   subroutine project(m, ev, fast, group, x, model)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -147,54 +149,29 @@ contains
     integer, intent(in) :: group(:)                !! (segments)
     real(wp), intent(in) :: x(:, :)                !! (n, p) [1/sqrt(kg)]
     type(reduced_model), intent(inout) :: model
-    type(fast_mode) :: f
-    integer :: i, j, r
+    real(wp) :: k(size(x, 1)), c(size(x, 1)), parts(size(x, 1), size(model%law))
+    integer :: j, r
     model%p = size(x, 2)
     model%basis = x
     associate (p => model%p)
       allocate (model%rigid(p), source=.false.)
       allocate (model%k(p, p), model%g(p, p), model%c(p, p), model%part(p, p, size(model%law)), model%scale(p), source=0.0_wp)
     end associate
-    do i = 1, model%p
-      do j = i, 1, -1
-        if (j == i) then
-          f%x = x(:, i)
-        else
-          f%x = x(:, i) + x(:, j)
-        end if
-        call fast%quotients(m, ev, f)
-        call put(model%k(:, :), f%stiffness)
-        call put(model%c(:, :), f%damping)
-        do r = 1, size(model%law)
-          call put(model%part(:, :, r), sum(f%segments, group == r))
-        end do
+    do j = 1, model%p
+      call fast%products(m, ev, group, x(:, j), k, c, parts)
+      model%k(:, j) = matmul(k, x)
+      model%c(:, j) = matmul(c, x)
+      do r = 1, size(model%law)
+        model%part(:, j, r) = matmul(parts(:, r), x)
       end do
     end do
-    do i = 1, model%p                              ! products of two motions from what their sum has more than each
-      do j = 1, i - 1
-        call mixed(model%k(:, :))
-        call mixed(model%c(:, :))
-        do r = 1, size(model%law)
-          call mixed(model%part(:, :, r))
-        end do
-      end do
+    model%k = 0.5_wp*(model%k + transpose(model%k))
+    model%c = 0.5_wp*(model%c + transpose(model%c))
+    do r = 1, size(model%law)
+      model%part(:, :, r) = 0.5_wp*(model%part(:, :, r) + transpose(model%part(:, :, r)))
     end do
     call model%find_scale()
     model%scale = max(model%scale, slowest*maxval(model%scale))
-  contains
-    !> Keeps a quotient.
-    subroutine put(a, value)
-      real(wp), intent(inout) :: a(:, :)           !! [1/s2], [1/s]
-      real(wp), intent(in) :: value                !! [1/s2], [1/s]
-      a(i, j) = value
-    end subroutine put
-
-    !> x_i^T A x_j.
-    subroutine mixed(a)
-      real(wp), intent(inout) :: a(:, :)           !! [1/s2], [1/s]
-      a(i, j) = 0.5_wp*(a(i, j) - a(i, i) - a(j, j))
-      a(j, i) = a(i, j)
-    end subroutine mixed
   end subroutine project
 
   !> Poles of all parts that do not couple.

@@ -51,6 +51,7 @@ module spectrum
     procedure :: largest_of_segment
     procedure :: mode
     procedure :: quotients
+    procedure :: products
   end type fast_spectrum
 
 contains
@@ -248,6 +249,36 @@ contains
     end do
     f%damping = f%damping + f%springs
   end subroutine quotients
+
+  !> K x at E_R, springs static, C x, and K_r x of the segments, summed by their groups.
+  subroutine products(self, m, ev, group, x, stiffness, damping, parts)
+    class(fast_spectrum), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: group(:)          !! (segments) 0: left out
+    real(wp), intent(in) :: x(:)             !! (n) [1/sqrt(kg)]
+    real(wp), intent(out) :: stiffness(:), damping(:), parts(:, :)   !! (n), (n), (n, groups) [kg^.5/s2], [kg^.5/s], [kg^.5/s2]
+    integer :: j, r
+    stiffness = 0.0_wp
+    damping = 0.0_wp
+    parts = 0.0_wp
+    call self%lin%stiffness%times(1.0_wp, x, stiffness)
+    call self%lin%damping%times(1.0_wp, x, damping)
+    do j = 1, size(self%turning)
+      r = m%s%qo(j) + 3
+      stiffness(r) = stiffness(r) + self%turning(j)*x(r)
+    end do
+    do j = 1, size(m%s%forces)
+      call spring_pull(m, ev, j, self%spring_static(j), self%ends(:, j), x, stiffness)
+      call spring_pull(m, ev, j, self%spring_damping(j), self%ends(:, j), x, damping)
+    end do
+    do r = 1, size(group)
+      if (group(r) == 0) cycle
+      call self%lin%segments(r)%stiffness%times(1.0_wp, x, parts(:, group(r)))       ! nothing of a spring's, which follows
+      j = self%lin%segments(r)%element
+      if (j > 0) call spring_pull(m, ev, j, self%spring_static(j), self%ends(:, j), x, parts(:, group(r)))
+    end do
+  end subroutine products
 
   !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it: they may
   !> turn away. Forces of springs against turns are an upper bound, too.
