@@ -65,6 +65,21 @@ def test_relaxation_of_a_held_deformation(run_deck, scene, method):
     assert np.abs(np.abs(found[column]) - np.abs(force)).max() < 1e-9 * scale
 
 
+@pytest.mark.parametrize("tau", [(0.02,), (0.3, 0.02)])
+def test_the_first_step_of_generalized_alpha_is_of_third_order(run_deck, tau):
+    """A deformation that grows evenly from a relaxed start: z'' = delta'/tau there is what the method starts from."""
+    rate, k, alpha = 3.0, 40.0, 0.7
+    ramp = f"&history name='h' kind='polynomial' coefficients=0.0,{rate} /\n"
+    terms = f"prony_alpha={','.join([str(alpha)] * len(tau))} prony_tau={','.join(map(str, tau))}"
+    errors = []
+    for h in (1e-3, 5e-4):
+        words = f"&transient method='generalized_alpha' step={h} t_end={h} output_step={h} /\n"
+        force = np.abs(run_deck(ramp + HELD_SPRING.replace("{terms}", terms) + words, name=f"h{h}").history["s.f"])[-1]
+        exact = k * rate * (h + sum(alpha * -t * np.expm1(-h / t) for t in tau))
+        errors.append(abs(force - exact))
+    assert 7.0 < errors[0] / errors[1] < 9.0
+
+
 @pytest.mark.parametrize("kind", ["spring", "rod"])
 def test_creep_under_a_force(run_deck, kind):
     """A mass on a spring or at the end of a rod of one element, let go under a force: the exponential of four equations."""

@@ -147,6 +147,14 @@ def test_energy_that_the_method_takes_out_is_told(run_deck):
     assert abs(residual + removed) < 0.1 * abs(residual)
 
 
+def test_one_step_of_a_falling_body_makes_its_matrices_once(run_deck):
+    run = run_deck(
+        "&scene gravity=0.0,-9.81 /\n&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n"
+        "&sensor name='b' quantity='position' body='b' /\n&transient method='radau' step=0.01 t_end=0.01 output_step=0.01 /\n"
+    )
+    assert re.search(r"matrices: (\d+)", run.summary)[1] == "1"
+
+
 def test_no_bound_applies(run_deck):
     run = run_deck(STIFF.format(elements=2, terms="", words="step=0.05", **NODES), name="bound")
     assert "this deck: radau, stable with any step" in run.summary
