@@ -101,7 +101,7 @@ faults: tests/faults/faults.py $(BIELA) $(VENV)   ## failing system calls, limit
 rounding: tests/rounding/rounding.py $(BIELA) $(VENV)   ## digits that rounding modes, fused operations and FLANG=flang-new leave
 	@$(MAKE) B=build/off SUFFIX=-off FFLAGS='-O3 -ffp-contract=off' all
 	@$(MAKE) B=build/fused SUFFIX=-fused FFLAGS='-O3 -ffp-contract=fast -march=native' all
-	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 all
+	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 LDLIBS='$(LDLIBS) -lgfortran' all
 	@$(RUN) $< $(BIELA) bin/biela-off bin/biela-fused bin/biela-flang
 coverage: $(VENV)                  ## lines of src/ and post/ that the tests reach: results/coverage_*.txt
 	@$(MAKE) BUILD=coverage all probe

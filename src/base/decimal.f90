@@ -11,7 +11,6 @@ module decimal
   integer, parameter :: number_width = 25                    !! characters of a number: a blank, the sign, 23 more
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
   integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
-  integer, parameter :: quadruple = selected_real_kind(33)   !! reals of 113 bits
   integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
   character(2), parameter :: pairs(0:99) = [character(2) :: &
     '00', '01', '02', '03', '04', '05', '06', '07', '08', '09', '10', '11', '12', '13', '14', '15', '16', '17', '18', '19', &
@@ -148,17 +147,31 @@ contains
     text(7:8) = pairs(mod(low, 100))
   end subroutine put_eight
 
-  !> Powers of ten to 113 bits, of which repeated products and quotients lose the last eight.
+  !> Powers of ten by products with 10 = 1.25 2^3 and 1/10 = 0.8 2^-3, each wrong by two of the last bits at most.
   subroutine fill_table()
-    real(quadruple) :: up, down                              ! 10^p and 10^-p [-]
-    integer :: p
-    up = 1
-    down = 1
+    integer(wide), parameter :: least = 2_wide**125
+    integer(wide) :: bits                                    ! 10^p = bits 2^shift, from least to below twice of it
+    integer :: p, shift
+    bits = least
+    shift = -125
     do p = 0, last
-      call store_power(p, up)
-      if (p <= -first) call store_power(-p, down)
-      up = 10*up
-      down = down/10
+      call store_power(p, bits, shift)
+      bits = bits + shiftr(bits, 2)
+      shift = shift + 3
+      if (bits < 2*least) cycle
+      bits = shiftr(bits, 1)
+      shift = shift + 1
+    end do
+    bits = least
+    shift = -125
+    do p = -1, first, -1
+      bits = bits - bits/5
+      shift = shift - 3
+      if (bits < least) then
+        bits = 2*bits
+        shift = shift - 1
+      end if
+      call store_power(p, bits, shift)
     end do
     do p = first, 308                                        ! high without its last 10 bits is a double
       table%value(p) = scale(real(shiftr(table%high(p), 10), wp), table%shift(p) + 73)
@@ -167,14 +180,12 @@ contains
     table%filled = .true.
   end subroutine fill_table
 
-  !> Keeps a power of ten as 126 bits and a power of two.
-  subroutine store_power(p, power)
-    integer, intent(in) :: p
-    real(quadruple), intent(in) :: power                     !! 10^p [-]
-    integer(wide) :: bits
-    bits = int(scale(fraction(power), 126), wide)
+  !> Keeps a power of ten.
+  subroutine store_power(p, bits, shift)
+    integer, intent(in) :: p, shift
+    integer(wide), intent(in) :: bits
     table%high(p) = int(shiftr(bits, 63), int64)
     table%low(p) = int(iand(bits, int(huge(1_int64), wide)), int64)
-    table%shift(p) = exponent(power) - 126
+    table%shift(p) = shift
   end subroutine store_power
 end module decimal

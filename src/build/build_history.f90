@@ -7,6 +7,7 @@ module build_history
   use polynomial_history, only: polynomial_model
   use pulse_history, only: pulse_model
   use ramp_history, only: ramp_model
+  use rise_history, only: rise_model
   use sequence_history, only: sequence_model
   use sine_history, only: sine_model
   use sum_history, only: sum_model
@@ -29,10 +30,8 @@ contains
         h = polynomial_model(c=r%coefficients)
       case ('sine')
         h = sine_model(offset=r%offset, amplitude=r%amplitude, omega=2*pi*r%frequency, phase=mod(r%phase, 2*pi))
-      case ('ramp')
-        h = ramp_model(low=r%start_value, high=r%end_value, start=r%start, finish=r%finish, breaks=ends(r, 3))
-      case ('cycloid')
-        h = cycloid_model(low=r%start_value, high=r%end_value, start=r%start, finish=r%finish, breaks=ends(r, 3))
+      case ('ramp', 'cycloid')
+        call make_rise(r, h)
       case ('table')
         call make_table(r, h)
       case ('pulse')
@@ -47,6 +46,24 @@ contains
       if (.not. allocated(h%remedy)) h%remedy = ''
     end associate
   end subroutine make_history
+
+  !> A rise from one value to another.
+  subroutine make_rise(r, h)
+    type(history_record), intent(in) :: r
+    class(history_model), allocatable, intent(out) :: h
+    class(rise_model), allocatable :: rise
+    if (r%kind == 'ramp') then
+      allocate (ramp_model :: rise)
+    else
+      allocate (cycloid_model :: rise)
+    end if
+    rise%low = r%start_value
+    rise%high = r%end_value
+    rise%start = r%start
+    rise%finish = r%finish
+    rise%breaks = ends(r, 3)
+    call move_alloc(rise, h)
+  end subroutine make_rise
 
   !> Breakpoints at the start and at the finish.
   pure function ends(r, order) result(list)

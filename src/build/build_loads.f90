@@ -73,9 +73,16 @@ contains
     case ('force')
       call make_force(r, l)
     case ('torque')
-      l = torque_model(moment=r%moment)
+      allocate (torque_model :: l)
     case default
-      l = central_torque_model(moment=r%moment, centre=r%centre)
+      allocate (central_torque_model :: l)
+    end select
+    select type (l)
+    type is (torque_model)
+      l%moment = r%moment
+    type is (central_torque_model)
+      l%moment = r%moment
+      l%centre = r%centre
     end select
     l%name = r%name
     if (r%history > 0) call make_history(d, r%history, l%factor)
@@ -91,11 +98,20 @@ contains
     class(load_model), allocatable, intent(out) :: l
     select case (r%axes)
     case ('body')
-      l = body_force_model(f=[r%fx, r%fy], in_frame=.true.)
+      allocate (body_force_model :: l)
     case ('section')
-      l = section_force_model(f=[r%fx, r%fy])
+      allocate (section_force_model :: l)
     case default
-      l = point_force_model(f=[r%fx, r%fy])
+      allocate (point_force_model :: l)
+    end select
+    select type (l)
+    type is (body_force_model)
+      l%f = [r%fx, r%fy]
+      l%in_frame = .true.
+    type is (section_force_model)
+      l%f = [r%fx, r%fy]
+    type is (point_force_model)
+      l%f = [r%fx, r%fy]
     end select
   end subroutine make_force
 end module build_loads

@@ -106,6 +106,7 @@ contains
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e
+    type(enclosing_line) :: empty
     integer :: i, round, method
     e%lines = 4
     do i = 1, 4
@@ -123,7 +124,8 @@ contains
       if (i == 0) cycle
       e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
       e%lines = e%lines + 1
-      e%line(i + 1) = enclosing_line(angle=0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle))
+      e%line(i + 1) = empty
+      e%line(i + 1)%angle = 0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle)
       call find_line(m, ev, fast, e, i + 1)
       call find_steps(d, m, fast, e, i)
       call find_steps(d, m, fast, e, i + 1)

@@ -114,7 +114,9 @@ contains
     nq = run%sys%m%s%nq
     run%sys%options%stage = stage_static
     call watch%begin(run%sys%m)
-    where ([(elastic(run, k), k=1, nq)]) run%y(nq + 1:2*nq) = 0.0_wp
+    do k = 1, nq
+      if (elastic(run, k)) run%y(nq + k) = 0.0_wp
+    end do
     call file%open(run%folder//'/static.txt')
     call write_header(run, file)
     steps = 0

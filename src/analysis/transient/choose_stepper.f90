@@ -50,13 +50,13 @@ contains
       call stop_times(r, s, settings%stops, settings%jumps)
     end if
     if (r%method == 'generalized_alpha') then
-      allocate (march, source=alpha_march(spectral_radius=r%spectral_radius))
+      allocate (alpha_march :: march)
     else if (r%method == 'radau') then
       allocate (radau_march :: march)
     else if (r%adaptive) then
-      allocate (march, source=adaptive_stepper(method=method_tableau(r%method)))
+      allocate (adaptive_stepper :: march)
     else
-      allocate (march, source=fixed_stepper(method=method_tableau(r%method), step=r%step))
+      allocate (fixed_stepper :: march)
     end if
     select type (march)
     class is (implicit_stepper)
@@ -64,9 +64,17 @@ contains
       call group_unknowns(s, march%norm)
       if (r%method == 'generalized_alpha' .and. r%adaptive) march%norm%floor = march%norm%floor*max(1.0_wp, finest/r%tolerance)
     type is (adaptive_stepper)
+      march%method = method_tableau(r%method)
       march%settings = settings
       call group_unknowns(s, march%norm)
       march%norm%fastest = fastest
+    type is (fixed_stepper)
+      march%method = method_tableau(r%method)
+      march%step = r%step
+    end select
+    select type (march)
+    type is (alpha_march)
+      march%spectral_radius = r%spectral_radius
     end select
   end subroutine make_stepper
 

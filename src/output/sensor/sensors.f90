@@ -65,20 +65,33 @@ contains
     class(sensor_model), allocatable, intent(out) :: item
     select case (r%quantity)
     case ('position', 'velocity', 'acceleration')
-      item = point_sensor_model(order=findloc([character(12) :: 'position', 'velocity', 'acceleration'], r%quantity, 1) - 1)
+      allocate (point_sensor_model :: item)
     case ('angle', 'angular_velocity', 'angular_acceleration')
-      item = angle_sensor_model(order=findloc([character(20) :: 'angle', 'angular_velocity', 'angular_acceleration'], &
-                                              r%quantity, 1) - 1)
+      allocate (angle_sensor_model :: item)
     case ('deflection')
-      item = deflection_sensor_model()
+      allocate (deflection_sensor_model :: item)
     case ('coordinate')
-      item = coordinate_sensor_model(index=r%index)
+      allocate (coordinate_sensor_model :: item)
     case ('reaction')
-      item = reaction_sensor_model(constraint=merge(r%joint, m%s%joints + r%drive, r%joint > 0))
+      allocate (reaction_sensor_model :: item)
     case ('internal')
-      item = section_sensor_model(element=r%element)
+      allocate (section_sensor_model :: item)
     case default
-      item = spring_sensor_model(element=r%spring)
+      allocate (spring_sensor_model :: item)
+    end select
+    select type (item)
+    type is (point_sensor_model)
+      item%order = findloc([character(12) :: 'position', 'velocity', 'acceleration'], r%quantity, 1) - 1
+    type is (angle_sensor_model)
+      item%order = findloc([character(20) :: 'angle', 'angular_velocity', 'angular_acceleration'], r%quantity, 1) - 1
+    type is (coordinate_sensor_model)
+      item%index = r%index
+    type is (reaction_sensor_model)
+      item%constraint = merge(r%joint, m%s%joints + r%drive, r%joint > 0)
+    type is (section_sensor_model)
+      item%element = r%element
+    type is (spring_sensor_model)
+      item%element = r%spring
     end select
   end subroutine make_sensor
 
