@@ -4,7 +4,7 @@ module linear_state
   use kinds, only: wp
   use assembly_reports, only: too_uneven
   use dynamic_stiffness, only: stiffness_system
-  use errors, only: failure, status_failed
+  use errors, only: failure
   use evaluation_settings, only: evaluation_options
   use force_element, only: element_action
   use joint_correction, only: correct_accelerations, balanced
@@ -37,13 +37,19 @@ contains
     if (.not. balanced(sys%m, sys%ev)) call correct_accelerations(sys%m, sys%ev)
   end subroutine evaluate_state
 
-  !> Refuses a state whose reactions, which become stiffness, are lost in rounding.
-  subroutine refuse_uneven(run, analysis, fail)
+  !> Refuses a state whose reactions, which become stiffness, are lost in rounding, or whose accelerations are where something
+  !> moves or will.
+  subroutine refuse_uneven(run, analysis, status, fail)
     type(run_state), intent(in) :: run
     character(*), intent(in) :: analysis            !! name
+    integer, intent(in) :: status                   !! to end with
     type(failure), intent(inout) :: fail
-    if (run%sys%ev%schur%ill_conditioned) call fail%raise(status_failed, 'the '//analysis//' cannot be done: '//too_uneven// &
-                                                         ', and the reactions cannot be computed')
+    logical :: moves
+    associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
+      moves = run%d%transient%present .or. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
+      if (ev%schur%ill_conditioned .or. (ev%broken .and. moves)) call fail%raise(status, 'the '//analysis// &
+        ' cannot be done: '//too_uneven//', and the reactions cannot be computed')
+    end associate
   end subroutine refuse_uneven
 
   !> Whether the evaluated state is an equilibrium at rest.

@@ -29,7 +29,7 @@ contains
     logical :: ok, failed
     call remove_file(run%folder//'/modes.txt')
     call linear_system(run, ds)
-    call refuse_uneven(run, 'modal analysis', fail)
+    call refuse_uneven(run, 'modal analysis', status_failed, fail)
     if (fail%happened()) return
     call warn_of_motion(run, text)
     call find_modes(ds, run%d%modal%modes, modes, ok)

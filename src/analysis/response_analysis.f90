@@ -33,7 +33,7 @@ contains
     integer :: k, nq
     real(wp) :: f
     call linear_system(run, ds)
-    call refuse_uneven(run, 'frequency response', fail)
+    call refuse_uneven(run, 'frequency response', status_failed, fail)
     if (fail%happened()) return
     nq = run%sys%m%s%nq
     allocate (values(run%list%columns), now(run%list%columns))

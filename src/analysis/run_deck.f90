@@ -11,6 +11,7 @@ module run_deck
   use rigid_mobility, only: mobility_lines
   use scene_figures, only: add_scene
   use lapack, only: refused_routine
+  use linear_state, only: refuse_uneven
   use force_element, only: stage_transient
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
@@ -58,6 +59,7 @@ contains
       call faults%print()
       return
     end if
+    if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
     if (fail%happened()) then
       call tell(path//': '//fail%message)
@@ -193,6 +195,7 @@ contains
     run%opening = text
     if (.not. run%restart) call begin_results(run, fail)
     call mind_lapack('set-up', fail)
+    if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call mind_lapack('static analysis', fail)
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)

@@ -8,6 +8,7 @@ module border_block
   public :: block_part, condense, equilibrate
 
   integer, parameter, public :: slots = 3             !! replaced pivots that a block can hand to the border
+  real(wp), parameter, public :: no_pivot = 1.0e-75_wp   !! singular to the last bit; solutions stay finite above it [-]
   real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the equilibrated column [-]
 
   !> One block.
@@ -50,7 +51,7 @@ contains
     do k = 1, p%n
       if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot) cycle
       if (w == slots) then
-        if (abs(p%ab(2*p%kd + 1, k)) <= 0.0_wp) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)
+        if (abs(p%ab(2*p%kd + 1, k)) <= no_pivot) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)
         cycle
       end if
       w = w + 1

@@ -8,7 +8,7 @@
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
   use kinds, only: wp
-  use border_block, only: block_part, condense, equilibrate, slots
+  use border_block, only: block_part, condense, equilibrate, no_pivot, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -208,9 +208,8 @@ contains
     end do
     call equilibrate(self%nb, self%kd, self%ab, self%row_scale, self%col_scale)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
-    if (info == 0) return
-    do k = 1, self%nb                                 ! exactly singular: the nearest regular matrix, entries of size one
-      if (abs(self%ab(2*self%kd + 1, k)) <= 0.0_wp) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
+    do k = 1, self%nb                                 ! singular to the last bit: the nearest regular matrix, entries of size one
+      if (abs(self%ab(2*self%kd + 1, k)) <= no_pivot) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
     end do
   end subroutine factor
 

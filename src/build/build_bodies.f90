@@ -13,6 +13,7 @@ module build_bodies
                         body_length, sort_segments
   use loaded_coordinates, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
+  use number_range, only: judge_values, refuse
   use text, only: to_text
   implicit none (type, external)
   private
@@ -28,7 +29,7 @@ contains
     integer, intent(in) :: lumps(:)           !! numbers of the lumps on it
     type(body_model), intent(out) :: b
     type(fault_list), intent(inout) :: faults
-    integer :: e
+    integer :: e, before
     associate (r => d%bodies(k))
       b%name = r%name
       if (r%kind == 'rigid') then
@@ -45,7 +46,9 @@ contains
       end if
       call add_lumps(d, lumps, b)
       b%length = body_length(b%x)
-      if (beyond_numbers(d, r, b, faults)) return
+      before = faults%count
+      call judge_values(d, r, b, faults)
+      if (faults%count > before) return
       if (r%kind /= 'rigid' .and. r%flexible) then
         call make_flexible(d, k, b, faults)
       else
@@ -57,47 +60,6 @@ contains
       end if
     end associate
   end subroutine build_body
-
-  !> Reports a body whose inertia or frequencies are so large or small that products of them overflow or vanish in double
-  !> precision.
-  logical function beyond_numbers(d, r, b, faults) result(beyond)
-    type(deck), intent(in) :: d
-    type(body_record), intent(in) :: r
-    type(body_model), intent(in) :: b
-    type(fault_list), intent(inout) :: faults
-    type(viscoelastic_terms) :: law
-    real(wp) :: raised                        ! instantaneous over static stiffness [-]
-    integer :: e
-    beyond = .false.
-    call check_range('mass', b%mass, 'kg')
-    call check_range('moment of inertia about its origin', b%i11, 'kg m2')
-    if (r%kind == 'rigid' .or. .not. r%flexible) return
-    do e = 1, b%ne
-      associate (g => b%elements(e), m => d%materials(b%elements(e)%material))
-        raised = 1.0_wp
-        law = law_of(m%law)
-        if (r%viscoelastic) raised = 1.0_wp + sum(law%alpha)
-        call check_range('mass of an element', g%mass, 'kg')
-        call check_range('rotary inertia of an element', g%mass*g%length**2, 'kg m2')
-        call check_range('bending stiffness of an element', g%ei_l/g%length**2*raised, 'N/m')
-        call check_range('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')
-        if (.not. r%axial) cycle
-        call check_range('axial stiffness of an element', g%ea_l*raised, 'N/m')
-        call check_range('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')
-      end associate
-    end do
-  contains
-    !> Reports the first value out of range.
-    subroutine check_range(what, x, unit)
-      character(*), intent(in) :: what, unit
-      real(wp), intent(in) :: x               !! positive [unit]
-      real(wp), parameter :: most = 1.0e150_wp   ! its square is finite, that of its reciprocal is not yet 0
-      if (beyond .or. (x >= 1.0_wp/most .and. x <= most) .or. abs(x) <= 0.0_wp) return
-      beyond = .true.
-      call refuse(r, faults, 'the '//what//' would be '//to_text(x)//' '//unit//', too far from 1 to compute with in '// &
-                  'double precision; expected 1e-150 to 1e150 (check units of lengths, masses and stiffness)')
-    end subroutine check_range
-  end function beyond_numbers
 
   !> Nodes and connectivity.
   subroutine lay_out_nodes(r, b)
@@ -220,14 +182,6 @@ contains
       call finish_elastic(b)
     end associate
   end subroutine make_flexible
-
-  !> Reports what is wrong with a body.
-  subroutine refuse(r, faults, why)
-    type(body_record), intent(in) :: r
-    type(fault_list), intent(inout) :: faults
-    character(*), intent(in) :: why
-    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), why)
-  end subroutine refuse
 
   !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
   subroutine reduce(d, k, b, faults)

@@ -9,6 +9,7 @@ module build_scene
   use counting_sort, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
+  use number_range, only: judge_laws, judge_distances
   use scene_model, only: scene
   implicit none (type, external)
   private
@@ -25,7 +26,8 @@ contains
     integer :: most
     s%title = d%scene%title
     s%gravity = d%scene%gravity
-    call build_all_bodies(d, s, faults)
+    call judge_laws(d, faults)
+    if (faults%count == 0) call build_all_bodies(d, s, faults)
     if (faults%count > 0) return
     most = 2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces)
     allocate (markers%items(most))
@@ -34,6 +36,7 @@ contains
     call build_all_constraints(d, s, markers, faults)
     call build_forces(d, s, markers)
     s%markers = markers%items(1:markers%count)
+    call judge_distances(d, s, faults)
     call list_loaded(s)
     call number_unknowns(d, s)
   end subroutine build

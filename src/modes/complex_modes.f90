@@ -234,7 +234,7 @@ contains
     logical :: ok
     if (unlisted%claims(lambda)) return
     ok = lambda%im > 0.0_wp .and. -lambda%re < 0.5_wp*abs(lambda) .and. &
-         abs(lambda) < 1.5_wp*maxval(abs(modes%lambda))
+         abs(lambda) < 1.5_wp*maxval([0.0_wp, abs(modes%lambda)])
     if (ok) then
       pole = start_pole(ds, lambda, matmul(model%basis, shape))
       call refine_pole(ds, 1.0_wp, exact, pole, ok)

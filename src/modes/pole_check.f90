@@ -71,11 +71,11 @@ contains
                           ' and '//hertz(maxval(abs(modes%lost)))//' (moduli)'
       return
     end if
-    if (size(listed) == 0) return
+    if (.not. any(abs(listed) > 0.0_wp)) return
     named = [listed, unlisted%lambda, others]
     call law_poles(ds, ranks, laws, orders, ends)
     if (whole) then
-      region = pole_region(0.5_wp*minval(abs(named)), 2*maxval([abs(named), abs(laws)]), &
+      region = pole_region(0.5_wp*minval(abs(named), abs(named) > 0.0_wp), 2*maxval([abs(named), abs(laws)]), &
                            widest([named, laws], 0.0_wp, huge(1.0_wp), steepest))
     else
       vibrates = -listed%re < 0.5_wp*abs(listed)

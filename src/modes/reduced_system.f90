@@ -231,6 +231,7 @@ contains
       self%lambda(k) = cmplx(wr(j), wi(j), wp)
       self%shape(members, k) = vr(1:c, j)/model%scale(members)
       if (wi(j) > 0.0_wp) self%shape(members, k) = cmplx(vr(1:c, j), vr(1:c, j + 1), wp)/model%scale(members)
+      if (.not. any(abs(self%shape(members, k)) > tiny(1.0_wp))) self%shape(members, k) = 1.0_wp  ! hardly anything moves: any shape
     end do
   end subroutine find
 

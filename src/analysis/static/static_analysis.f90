@@ -130,7 +130,7 @@ contains
       if (.not. report%converged) then
         call stop_if_signalled('static analysis', fail)
         if (fail%happened()) exit
-        call refuse_uneven(run, 'static analysis', fail)
+        call refuse_uneven(run, 'static analysis', status_failed, fail)
         if (fail%happened()) exit
         call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(k)//' of '// &
           to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &

@@ -25,12 +25,13 @@ module march_failure
 contains
 
   !> A march that its method gave up.
-  subroutine explain_loss(m, ev, norm, march, adaptive, last, fail)
+  subroutine explain_loss(m, ev, norm, march, adaptive, short, last, fail)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(error_norm), intent(in) :: norm
     class(stepper), intent(in) :: march
     logical, intent(in) :: adaptive
+    real(wp), intent(in) :: short              !! stable step that is no more than rounding of the run's length, or 0 [s]
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
@@ -53,8 +54,14 @@ contains
                     'check the drive and the geometry', adaptive)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             culprit(m, norm, march%trial)//strongest(m, ev)//'; the motion may be singular there: check loads, drives '// &
-             'and near-singular positions, or try a larger tolerance'
+             culprit(m, norm, march%trial)//strongest(m, ev)
+      if (short > 0.0_wp) then
+        text = text//'; light masses or stiff springs ask for steps below '//number(short)//' s, whose motion rounding '// &
+               'shakes: check them, or use radau'
+      else
+        text = text//'; the motion may be singular there: check loads, drives and near-singular positions, or try a larger '// &
+               'tolerance'
+      end if
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
       if (m%s%rows > 0) then

@@ -2,7 +2,7 @@
 !> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp, ip
-  use border_rows, only: hold_weak_rows, light_shift, strong_shift
+  use border_rows, only: hold_weak_rows, least_shift, light_shift, strong_shift
   use dynamics, only: evaluate
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
@@ -190,9 +190,12 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: exact, hold
     logical, intent(out) :: ok
+    real(wp) :: shift                         ! of constraint rows [-]
     logical :: bad
     associate (in_step => self%ev%options%left_limit)
-      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, merge(strong_shift, light_shift, hold .and. in_step), bad)
+      shift = merge(light_shift, least_shift, self%m%redundant)
+      if (hold .and. in_step) shift = strong_shift
+      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, shift, bad)
       if (hold .and. .not. in_step) call hold_weak_rows(self%t%rows)
     end associate
     ok = .not. bad

@@ -2,7 +2,6 @@
 !> good time when the solution is lost or a signal comes.
 module transient
   use kinds, only: wp, ip
-  use assembly_reports, only: too_uneven
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
   use choose_stepper, only: make_stepper, method_order
@@ -12,6 +11,7 @@ module transient
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
   use force_scale, only: largest_force
+  use linear_state, only: refuse_uneven
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -31,6 +31,7 @@ module transient
   public :: run_transient
 
   integer, parameter :: steps_per_call = 64    !! steps between looks at signals and checkpoints
+  real(wp), parameter :: hopeless = 1.0e-9_wp  !! a stable step of the run: what moves so fast is shaken by rounding [-]
 
   !> A transient on its way, and what the summary says of it.
   type, public :: transient_march
@@ -97,10 +98,8 @@ contains
       if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
-      if (run%sys%ev%broken .or. run%sys%ev%schur%ill_conditioned) then
-        call fail%raise(status_failed, 'the transient cannot start: '//too_uneven)
-        return
-      end if
+      call refuse_uneven(run, 'transient', status_failed, fail)
+      if (fail%happened()) return
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
@@ -177,7 +176,8 @@ contains
       end do
       if (outcome == lost) then
         if (march%method%trouble == trouble_shape) call march%norm%watch(march%method%trial)
-        call explain_loss(run%sys%m, run%sys%ev, march%norm, march%method, r%adaptive, march%last, fail)
+        call explain_loss(run%sys%m, run%sys%ev, march%norm, march%method, r%adaptive, &
+                          merge(run%stable_step, 0.0_wp, run%stable_step < hopeless*r%t_end), march%last, fail)
         return
       end if
       call write_state(run, march, to, march%done + 1, fail)

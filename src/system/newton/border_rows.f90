@@ -15,7 +15,8 @@ module border_rows
   public :: coupling, row_system, factor_rows, hold_weak_rows, solve_rows
 
   integer, parameter, public :: from_joint = 1, from_element = 2
-  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! of the constraint rows [-]
+  real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! of constraint rows: uneven masses allow no more [-]
+  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! where redundant; where held [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> A law between displacement rows: force_i = sum_j k_ij u_j + g_ij y_j.
@@ -62,7 +63,7 @@ module border_rows
     type(row_equations) :: system
     real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows [m]
     real(wp), allocatable :: y(:)            !! (n) solution, by row [N]
-    real(wp) :: shift_used = light_shift     !! of the last factorisation [-]
+    real(wp) :: shift_used = least_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system

@@ -2,7 +2,7 @@
 !> starts with and corrects its rates by.
 module newton_start
   use kinds, only: wp
-  use border_rows, only: hold_weak_rows, light_shift
+  use border_rows, only: hold_weak_rows, light_shift, least_shift
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
@@ -45,7 +45,7 @@ contains
       self%b(b)%eq%frame = self%c1*(self%b(b)%eq%frame - inertia(i + 1:i + 3))
       if (n > 0) self%b(b)%eq%elastic(1:n) = self%c1*(self%b(b)%eq%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
-    call renew(self, m, ev, q, v, none, lambda, .false., light_shift, bad)
+    call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
     call hold_weak_rows(self%rows)
     call marker_kinematics(m, ev, q, a)

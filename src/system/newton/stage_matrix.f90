@@ -7,6 +7,7 @@
 !> size refills it from the same M, C and K.
 module stage_matrix
   use kinds, only: wp
+  use border_rows, only: least_shift
   use body_terms, only: body_tangent
   use bordered, only: bordered_system
   use constraint, only: marker_stiffness
@@ -22,7 +23,7 @@ module stage_matrix
   public :: set_up_stage_terms, fill_stage_terms, set_up_factor, factor_stage
 
   integer, parameter :: of_mass = 1, of_damping = 2, of_stiffness = 3
-  real(wp), parameter :: light_shift = 1.0e-10_wp  !! of the rows' own compliance: dependent rows share their force [-]
+  real(wp), parameter :: light_shift = 1.0e-10_wp  !! of the rows' own compliance: redundant rows share their force [-]
   real(wp), parameter :: strong_shift = 1.0e-4_wp  !! the same where rows nearly depend on others, in a singular position [-]
 
   !> M, C and K, whose entries are noted in the same order at every state.
@@ -37,6 +38,7 @@ module stage_matrix
     integer, allocatable :: part_of(:)       !! (parts) group
     real(wp), allocatable :: part(:)         !! (parts) K_r [N/m, N, N m]
     integer, allocatable :: first_group(:)   !! (nb+1) groups before those of each body's segments; then one of each force element
+    real(wp) :: shift = 0.0_wp               !! of constraint rows, of their own compliance [-]
     real(wp), allocatable :: held(:)         !! (rows) compliance of each row on rigid bodies, at c1 = 1 [1/kg]
     logical :: listing = .false.             !! the pattern is being made
     integer, allocatable :: r(:), c(:)       !! while it is: rows and columns
@@ -239,6 +241,7 @@ contains
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3), x
     integer :: i, j, side, marker
+    self%shift = merge(light_shift, least_shift, m%redundant)
     self%held = 0.0_wp
     do i = 1, self%rows
       do side = 1, 2
@@ -362,7 +365,7 @@ contains
     end do
     do k = 1, terms%rows
       e = terms%entry(terms%nq + k, terms%nq + k)
-      self%value(e) = -merge(strong_shift, light_shift, hold)*terms%held(k)/self%c1
+      self%value(e) = -merge(strong_shift, terms%shift, hold)*terms%held(k)/self%c1
     end do
     call self%solver%factor(self%value)
   end subroutine factor_stage

@@ -1,0 +1,132 @@
+!> Whether double precision can carry what a deck's numbers make: masses, stiffness and squared frequencies of a size of which
+!> products of several stay finite, masses of one body that are not lost beside each other, markers not so far from a body that
+!> its rounding moves them. What is not so is a fault of the deck, told before anything is computed.
+module number_range
+  use kinds, only: wp
+  use body, only: body_model
+  use deck_records, only: deck, body_record, origin
+  use errors, only: fault_list
+  use build_law, only: law_of
+  use scene_model, only: scene
+  use text, only: to_text
+  use viscoelastic_law, only: viscoelastic_terms
+  implicit none (type, external)
+  private
+  public :: judge_laws, judge_values, judge_distances, refuse
+
+  real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
+  real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element, of its body's: beside a lump rounding leaves it two digits [-]
+  real(wp), parameter :: farthest = 1.0e10_wp       !! a marker from a mass centre, in radii of gyration [-]
+
+contains
+
+  !> Reports laws of materials and springs whose terms are out of range.
+  subroutine judge_laws(d, faults)
+    type(deck), intent(in) :: d
+    type(fault_list), intent(inout) :: faults
+    integer :: k
+    do k = 1, size(d%materials)
+      associate (m => d%materials(k))
+        call judge_law(m%at, 'material/'//trim(m%name), law_of(m%law), faults)
+      end associate
+    end do
+    do k = 1, size(d%springs)
+      associate (s => d%springs(k))
+        call judge_law(s%at, 'spring/'//trim(s%name), law_of(s%law), faults)
+      end associate
+    end do
+  end subroutine judge_laws
+
+  !> Reports the first term of a law that is out of range.
+  subroutine judge_law(at, subject, law, faults)
+    type(origin), intent(in) :: at
+    character(*), intent(in) :: subject
+    type(viscoelastic_terms), intent(in) :: law
+    type(fault_list), intent(inout) :: faults
+    integer :: k
+    do k = 1, size(law%alpha)
+      if (beyond(at, subject, 'weight of a '//trim(law%words(k))//' term', law%alpha(k), '', faults)) return
+      if (beyond(at, subject, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
+      if (beyond(at, subject, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
+    end do
+  end subroutine judge_law
+
+  !> Reports the first value of a body that is out of range. Each is computed from those that have been judged.
+  subroutine judge_values(d, r, b, faults)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(in) :: b
+    type(fault_list), intent(inout) :: faults
+    type(viscoelastic_terms) :: law
+    real(wp) :: raised                        ! instantaneous over static stiffness [-]
+    integer :: e
+    if (bad('mass', b%mass, 'kg')) return
+    if (bad('moment of inertia about its origin', b%i11, 'kg m2')) return
+    if (r%kind == 'rigid' .or. .not. r%flexible) return
+    if (minval(b%elements%mass) < least_mass*b%mass) then
+      call refuse(r, faults, 'its masses are too uneven for double precision: an element of '// &
+                  to_text(minval(b%elements%mass))//' kg in a body of '//to_text(b%mass)//' kg; expected at least 1e-14 of it')
+      return
+    end if
+    do e = 1, b%ne
+      associate (g => b%elements(e), m => d%materials(b%elements(e)%material))
+        law = law_of(m%law)
+        raised = 1.0_wp
+        if (r%viscoelastic) raised = 1.0_wp + sum(law%alpha)
+        if (bad('mass of an element', g%mass, 'kg')) return
+        if (bad('rotary inertia of an element', g%mass*g%length**2, 'kg m2')) return
+        if (bad('bending stiffness of an element', g%ei_l/g%length**2, 'N/m')) return
+        if (bad('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')) return
+        if (.not. r%axial) cycle
+        if (bad('axial stiffness of an element', g%ea_l, 'N/m')) return
+        if (bad('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')) return
+      end associate
+    end do
+  contains
+    !> Whether a value of the body is out of range.
+    logical function bad(what, x, unit)
+      character(*), intent(in) :: what, unit
+      real(wp), intent(in) :: x               !! not negative [unit]
+      bad = beyond(r%at, 'body/'//trim(r%name), what, x, unit, faults)
+    end function bad
+  end subroutine judge_values
+
+  !> Whether a value is out of range, which is reported.
+  logical function beyond(at, subject, what, x, unit, faults)
+    type(origin), intent(in) :: at
+    character(*), intent(in) :: subject, what, unit
+    real(wp), intent(in) :: x                 !! not negative [unit]
+    type(fault_list), intent(inout) :: faults
+    beyond = .not. (x <= most .and. (x >= 1.0_wp/most .or. abs(x) <= 0.0_wp))
+    if (beyond) call faults%add(at%file, at%line, subject, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
+                                ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
+  end function beyond
+
+  !> Reports bodies with a marker so far away that rounding of their angle moves it by more than they can tell.
+  subroutine judge_distances(d, s, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: s
+    type(fault_list), intent(inout) :: faults
+    real(wp) :: distance, radius              ! [m]
+    integer :: k
+    do k = 1, size(s%markers)
+      if (s%markers(k)%body == 0) cycle
+      associate (b => s%bodies(s%markers(k)%body))
+        distance = norm2(s%markers(k)%x - b%i1/b%mass)
+        radius = sqrt(max(b%i11/b%mass - sum((b%i1/b%mass)**2), 0.0_wp))
+        if (.not. distance > farthest*radius) cycle
+        call refuse(d%bodies(s%markers(k)%body), faults, 'a joint or force acts '//to_text(distance)//' m from its mass '// &
+                    'centre, too far for double precision beside a radius of gyration of '//to_text(radius)// &
+                    ' m; expected at most 1e10 times as far')
+      end associate
+    end do
+  end subroutine judge_distances
+
+  !> Reports what is wrong with a body.
+  subroutine refuse(r, faults, why)
+    type(body_record), intent(in) :: r
+    type(fault_list), intent(inout) :: faults
+    character(*), intent(in) :: why
+    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), why)
+  end subroutine refuse
+end module number_range
