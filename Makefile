@@ -41,8 +41,12 @@ FLAGS_coverage = -O0 -g --coverage
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
+# modules of which there are two from one text: what is real(number) in it is complex in its twin, complex_...
+TWINS    := $(foreach name,small_matrices banded elastic_block border_rows condensed_system elastic_columns \
+              newton_condensation newton_correction,$(filter %/$(name).f90,$(SOURCES)))
+COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
 MAIN     := $(B)/main.o
-OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o))
+OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(COMPLEX:.f90=.o)
 LIBRARY  := $(B)/libbiela.a
 BIELA    := bin/biela$(SUFFIX)
 PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/*.f90)))
@@ -136,10 +140,21 @@ $(B)/flags: FORCE
 $(B)/sources: FORCE
 	@mkdir -p $(@D); echo '$(SOURCES)' | cmp -s - $@ || echo '$(SOURCES)' > $@
 
+# --- the complex twins: their text, with the names of twins in it
+NAMES    := $(subst $(eval ) ,\|,$(notdir $(TWINS:.f90=)))
+define twin
+$(B)/twin/complex_$(notdir $(1)): $(1) Makefile
+	@mkdir -p $$(@D); sed -e 's/real(number)/complex(number)/g' -e '/^ *\(end \)*module\|^ *use/s/\b\($(NAMES)\)\b/complex_&/' $$< > $$@
+endef
+$(foreach file,$(TWINS),$(eval $(call twin,$(file))))
+
 # --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one, and leaves one that
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
+	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
+$(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
+	@mkdir -p $(B)/mod
 	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
 $(LIBRARY): $(OBJECTS) $(B)/sources
 	@rm -f $@; ar rcs $@ $(OBJECTS)
@@ -166,8 +181,8 @@ word[1] == "module" && n == 2 { home[word[2]] = object; print "$(B)/mod/" word[2
 END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]] != part[1]) print part[1] ": $(B)/mod/" part[2] ".mod" } }
 endef
 export DEPENDENCIES
-$(B)/depend.mk: $(SOURCES) $(B)/sources Makefile
-	@awk "$$DEPENDENCIES" $(SOURCES) > $@
+$(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
+	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@
 ifneq ($(filter-out clean help lint setup debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

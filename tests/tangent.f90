@@ -100,9 +100,9 @@ contains
     integer :: b, i
     associate (m => run%sys%m, ev => run%sys%ev, n => solver%nq)
       call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true.)
-      do b = 1, size(run%sys%t%b)
+      do b = 1, size(run%sys%t%eq)
         i = m%s%qo(b)
-        associate (t => run%sys%t%b(b)%eq)
+        associate (t => run%sys%t%eq(b))
           r(i + 1) = ev%frame%cos(b)*t%frame(1) - ev%frame%sin(b)*t%frame(2)
           r(i + 2) = ev%frame%sin(b)*t%frame(1) + ev%frame%cos(b)*t%frame(2)
           r(i + 3) = t%frame(3)

@@ -32,9 +32,9 @@ program terms
   associate (nz => run%sys%m%s%nz)
     call predict_terms(t, run%sys%m, 1.0e-3_wp*random(nz), random(nz), 1.0e3_wp*random(nz))
   end associate
-  do b = 1, size(t%b)
+  do b = 1, size(t%eq)
     i = run%sys%m%s%qo(b)
-    n = 3 + t%b(b)%eq%n
+    n = 3 + t%eq(b)%n
     q = run%y(i + 1:i + n) + 0.01_wp*random(n)
     v = 30*random(n)
     a = 9000*random(n)
@@ -69,7 +69,7 @@ contains
   function residual(q, v, a) result(r)
     real(wp), intent(in) :: q(:), v(:), a(:)   !! of the body [m, rad] and per second
     real(wp) :: r(n)                           !! [N, N m]
-    associate (eq => t%b(b)%eq)
+    associate (eq => t%eq(b))
       call body_residual(eq, run%sys%m%s%bodies(b), q, v, a, acceleration(q, a))
       r(1) = cos(q(3))*eq%frame(1) - sin(q(3))*eq%frame(2)
       r(2) = sin(q(3))*eq%frame(1) + cos(q(3))*eq%frame(2)
@@ -111,7 +111,7 @@ contains
     u = 0.0_wp
     u(which) = 1.0_wp
     d(:, 1) = difference(which, 1)             ! the residual's work stands at the state
-    associate (eq => t%b(b)%eq, body => run%sys%m%s%bodies(b))
+    associate (eq => t%eq(b), body => run%sys%m%s%bodies(b))
       call body_tangent(eq, body, u(1), u(2), u(3), q, v, a, acceleration(q, a))
       call show(name, 'frame', maxval(abs(eq%block - d(1:3, 1:3))), maxval(abs(d(1:3, 1:3))))
       if (n == 3) return
@@ -135,10 +135,10 @@ contains
       y = y + d(4:)*x(j - 3)
     end do
     d = residual(q, v, a)
-    associate (eq => t%b(b)%eq)
-      call t%b(b)%block%factor_whole(eq, run%sys%m%s%bodies(b), c2, v(3), a(3), bad)
+    associate (eq => t%eq(b))
+      call t%t%b(b)%block%factor_whole(eq, run%sys%m%s%bodies(b), c2, v(3), a(3), bad)
       if (bad) error stop 3, quiet=.true.
-      call t%b(b)%block%solve(.true., y)
+      call t%t%b(b)%block%solve(.true., y)
     end associate
     call show('whole', 'elastic', maxval(abs(y - x)), maxval(abs(x)))
   end subroutine compare_whole

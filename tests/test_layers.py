@@ -41,6 +41,7 @@ def faults(src: Path) -> list[str]:
     """Return one line for each `use` that the order of the folders does not allow, and for each unknown folder or module."""
     texts = sources(src)
     home = {name.lower(): path for path, text in texts.items() for name in MODULE.findall(text)}
+    home |= {f"complex_{name}": path for name, path in home.items() if "real(number)" in texts[path]}  # the Makefile's TWINS
     found = []
     for path, text in texts.items():
         folder = layer(path, src)

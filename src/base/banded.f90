@@ -1,9 +1,10 @@
-!> Symmetric positive definite band matrices, factored once as P^T L D L^T P and solved many times, two right-hand
-!> sides at a time. A reordering splits the matrix into its uncoupled blocks (a straight beam's axial and bending
-!> coordinates) and keeps each band narrow. Solves are plain recurrences: no allocation, no branch inside a row.
+!> Symmetric positive definite band matrices, and in the complex twin those that `band_pivots` names, factored once as P^T L D L^T P
+!> and solved many times, two right-hand sides at a time. A reordering splits the matrix into its uncoupled blocks (a straight
+!> beam's axial and bending coordinates) and keeps each band narrow. Solves are plain recurrences: no allocation, no branch inside
+!> a row.
 module banded
-  use kinds, only: wp
-  use lapack, only: dpbtrf
+  use band_pivots, only: factor_band
+  use kinds, only: wp, number
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
@@ -13,14 +14,14 @@ module banded
   type :: band_block
     integer :: first = 1, last = 0           !! rows
     integer :: kd = 0                        !! half band width
-    real(wp), allocatable :: l(:, :)         !! l(i, j) = L(j+i, j), zero outside the block, columns first-kd..last [-]
+    real(number), allocatable :: l(:, :)     !! l(i, j) = L(j+i, j), zero outside the block, columns first-kd..last [-]
   end type band_block
 
   !> Factor of a symmetric positive definite matrix.
   type :: band_factor
     integer :: n = 0
     integer, allocatable :: order(:)         !! order(k): original index of reordered row k
-    real(wp), allocatable :: dinv(:)         !! (n) 1 over the diagonal matrix D [1/any]
+    real(number), allocatable :: dinv(:)     !! (n) 1 over the diagonal matrix D [1/any]
     type(band_block), allocatable :: blocks(:)
   end type band_factor
 
@@ -30,7 +31,7 @@ contains
   subroutine factor_symmetric(n, rows, cols, values, factor, bad)
     integer, intent(in) :: n                   !! order
     integer, intent(in) :: rows(:), cols(:)    !! entries of the full or of one triangle; (i,j) and (j,i) are one entry
-    real(wp), intent(in) :: values(:)          !! value of each entry; off-diagonal ones given once [any]
+    real(number), intent(in) :: values(:)      !! value of each entry; off-diagonal ones given once [any]
     type(band_factor), intent(out) :: factor
     integer, intent(out) :: bad                !! 0, or the original index at which the matrix is not positive definite
     integer, allocatable :: block_start(:), position(:)
@@ -57,10 +58,10 @@ contains
     type(band_block), intent(inout) :: blk
     integer, intent(in) :: position(:)         !! reordered row of each original index
     integer, intent(in) :: rows(:), cols(:)
-    real(wp), intent(in) :: values(:)   !! as in factor_symmetric [any]
-    real(wp), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
+    real(number), intent(in) :: values(:)   !! as in factor_symmetric [any]
+    real(number), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
     integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
-    real(wp), allocatable :: ab(:, :)
+    real(number), allocatable :: ab(:, :)
     integer :: k, i, kd, n
     n = blk%last - blk%first + 1
     kd = 0
@@ -72,7 +73,8 @@ contains
     if (kd == 2) kd = 3                      ! then the loop written for half band width 3 serves
     blk%kd = kd
     allocate (ab(0:kd, n))
-    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last), source=0.0_wp)
+    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last))
+    blk%l = 0.0_wp
     call fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
   end subroutine factor_block
 
@@ -81,8 +83,8 @@ contains
     type(band_factor), intent(inout) :: factor
     integer, intent(in) :: position(:)         !! (n) reordered row of each original index: the inverse of factor%order
     integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
-    real(wp), intent(in) :: values(:)          !! as in factor_symmetric [any]
-    real(wp), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows [any]
+    real(number), intent(in) :: values(:)      !! as in factor_symmetric [any]
+    real(number), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows [any]
     integer, intent(out) :: bad                !! as in factor_symmetric
     integer :: b
     bad = 0
@@ -101,10 +103,10 @@ contains
   subroutine fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
     type(band_block), intent(inout) :: blk
     integer, intent(in) :: n, kd               !! rows, half band width
-    real(wp), intent(out) :: ab(0:kd, n)       !! work: the block as a band [any]
+    real(number), intent(out) :: ab(0:kd, n)   !! work: the block as a band [any]
     integer, intent(in) :: position(:), rows(:), cols(:)
-    real(wp), intent(in) :: values(:)   !! as in factor_symmetric [any]
-    real(wp), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
+    real(number), intent(in) :: values(:)   !! as in factor_symmetric [any]
+    real(number), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
     integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
     integer :: k, i, j, info
     ab = 0.0_wp
@@ -114,17 +116,17 @@ contains
       j = position(cols(k))
       ab(abs(i - j), min(i, j) - blk%first + 1) = ab(abs(i - j), min(i, j) - blk%first + 1) + values(k)
     end do
-    call dpbtrf('L', n, kd, ab, kd + 1, info)
     bad = 0
+    call factor_band(n, kd, ab, info)
     if (info /= 0) then
       bad = blk%first + max(info, 1) - 1
       return
     end if
     do j = 1, n
       do i = 1, min(kd, n - j)
-        blk%l(i, blk%first + j - 1) = ab(i, j)/ab(0, j)
+        blk%l(i, blk%first + j - 1) = ab(i, j)
       end do
-      dinv(blk%first + j - 1) = 1.0_wp/ab(0, j)**2
+      dinv(blk%first + j - 1) = 1.0_wp/ab(0, j)
     end do
   end subroutine fill_block
 
@@ -132,8 +134,8 @@ contains
   pure subroutine band_solve(factor, n, x, w)
     type(band_factor), intent(in) :: factor
     integer, intent(in) :: n
-    real(wp), intent(inout) :: x(n)            !! right-hand side, then solution [any]
-    real(wp), intent(inout) :: w(2, n)         !! work [any]
+    real(number), intent(inout) :: x(n)        !! right-hand side, then solution [any]
+    real(number), intent(inout) :: w(2, n)     !! work [any]
     integer :: k
     do k = 1, n
       w(1, k) = x(factor%order(k))
@@ -149,8 +151,8 @@ contains
   pure subroutine band_solve_two(factor, n, x, y, w)
     type(band_factor), intent(in) :: factor
     integer, intent(in) :: n
-    real(wp), intent(inout) :: x(n), y(n)      !! right-hand sides, then solutions [any]
-    real(wp), intent(inout) :: w(2, n)         !! work [any]
+    real(number), intent(inout) :: x(n), y(n)  !! right-hand sides, then solutions [any]
+    real(number), intent(inout) :: w(2, n)     !! work [any]
     integer :: k, j
     do k = 1, n
       j = factor%order(k)
@@ -169,7 +171,7 @@ contains
   pure subroutine solve_blocks(factor, n, w)
     type(band_factor), intent(in) :: factor
     integer, intent(in) :: n
-    real(wp), intent(inout) :: w(2, n)         !! [any]
+    real(number), intent(inout) :: w(2, n)     !! [any]
     integer :: b
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))
@@ -190,8 +192,8 @@ contains
   !> Diagonal block.
   pure subroutine solve_diagonal(first, last, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: dinv(:)   !! (n) 1 over the diagonal matrix D [1/any]
-    real(wp), intent(inout) :: w(:, :)   !! (2, n) right-hand sides, then solutions [any]
+    real(number), intent(in) :: dinv(:)   !! (n) 1 over the diagonal matrix D [1/any]
+    real(number), intent(inout) :: w(:, :)   !! (2, n) right-hand sides, then solutions [any]
     integer :: j
     do j = first, last
       w(:, j) = w(:, j)*dinv(j)
@@ -201,9 +203,9 @@ contains
   !> Tridiagonal block (axial coordinates of a straight beam).
   pure subroutine solve_band1(first, last, l, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: l(1, first - 1:last), dinv(last)   !! L [-] and 1/D [1/any]
-    real(wp), intent(inout) :: w(2, last)                      !! right-hand sides, then solutions [any]
-    real(wp) :: x1, x2
+    real(number), intent(in) :: l(1, first - 1:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(number), intent(inout) :: w(2, last)                  !! right-hand sides, then solutions [any]
+    real(number) :: x1, x2
     integer :: j
     x1 = 0.0_wp
     x2 = 0.0_wp
@@ -227,9 +229,9 @@ contains
   !> one multiplication and one subtraction are all that each row waits for.
   pure subroutine solve_band3(first, last, l, dinv, w)
     integer, intent(in) :: first, last
-    real(wp), intent(in) :: l(3, first - 3:last), dinv(last)   !! L [-] and 1/D [1/any]
-    real(wp), intent(inout) :: w(2, last)                      !! right-hand sides, then solutions [any]
-    real(wp) :: x1, x2, y1, y2, z1, z2, s1, s2
+    real(number), intent(in) :: l(3, first - 3:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(number), intent(inout) :: w(2, last)                  !! right-hand sides, then solutions [any]
+    real(number) :: x1, x2, y1, y2, z1, z2, s1, s2
     integer :: j
     x1 = 0.0_wp; x2 = 0.0_wp; y1 = 0.0_wp; y2 = 0.0_wp; z1 = 0.0_wp; z2 = 0.0_wp
     do j = first, last
@@ -252,8 +254,8 @@ contains
   !> Block of any half band width.
   pure subroutine solve_band(first, last, kd, l, dinv, w)
     integer, intent(in) :: first, last, kd
-    real(wp), intent(in) :: l(kd, first - kd:last), dinv(last)   !! L [-] and 1/D [1/any]
-    real(wp), intent(inout) :: w(2, last)                        !! right-hand sides, then solutions [any]
+    real(number), intent(in) :: l(kd, first - kd:last), dinv(last)   !! L [-] and 1/D [1/any]
+    real(number), intent(inout) :: w(2, last)                    !! right-hand sides, then solutions [any]
     integer :: i, j
     do j = first, last
       do i = 1, min(kd, last - j)

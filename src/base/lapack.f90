@@ -9,7 +9,7 @@ module lapack
   implicit none (type, external)
   private
   public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
-  public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
+  public :: zgbtrf, zgbtrs, gbtrf, gbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
   character(32) :: refused = ''                !! the first routine with a wrong argument since the last question
@@ -141,6 +141,16 @@ module lapack
       type(c_funptr) :: address
     end function dlsym
   end interface
+
+  !> LU factor of a band matrix of either kind.
+  interface gbtrf
+    procedure dgbtrf, zgbtrf
+  end interface gbtrf
+
+  !> Solves with it.
+  interface gbtrs
+    procedure dgbtrs, zgbtrs
+  end interface gbtrs
 
   abstract interface
     !> A BLAS library's own routine that sets its number of threads.

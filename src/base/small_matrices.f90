@@ -1,6 +1,6 @@
 !> Products of short vectors and small inverses.
 module small_matrices
-  use kinds, only: wp
+  use kinds, only: wp, number
   implicit none (type, external)
   private
   public :: outer, invert3
@@ -19,10 +19,10 @@ contains
 
   !> Inverse of a 3 x 3 matrix by elimination with pivots.
   pure subroutine invert3(a, inverse, bad)
-    real(wp), intent(in) :: a(3, 3)                !! [any]
-    real(wp), intent(out) :: inverse(3, 3)         !! [1/any]
+    real(number), intent(in) :: a(3, 3)            !! [any]
+    real(number), intent(out) :: inverse(3, 3)     !! [1/any]
     logical, intent(out) :: bad
-    real(wp) :: w(3, 6), row(6)
+    real(number) :: w(3, 6), row(6)
     integer :: k, i, p
     w = 0.0_wp
     w(:, 1:3) = a

@@ -7,7 +7,7 @@ module mechanism_ode
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use newton_condensation, only: correction
+  use newton_correction, only: take_residual, solve_condensed => solve_elastic, correction
   use newton_equations, only: prepare, predict_terms, hold_terms, residual, renew, solve_elastic
   use newton_results, only: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, &
                             position_groups, scene_reach
@@ -17,8 +17,8 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
-  use stage_equations, only: stage_solver, set_up_stages, stage_residual, renew_terms, factor_stages, solve_stage, close_rows, &
-                             stage_kinematics
+  use stage_equations, only: set_up_stages, stage_residual, renew_stage, solve_stage, close_rows, stage_kinematics
+  use complex_condensed_system, only: complex_matrix => condensed_matrix
   use stage_system, only: stage_ode
   implicit none (type, external)
   private
@@ -36,7 +36,7 @@ module mechanism_ode
     type(evaluation_options) :: options       !! what acts in the present analysis
     integer :: stabilisation = stabilise_projection
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
-    type(stage_solver), allocatable :: stages !! methods of several stages: matrices of theirs
+    type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
     procedure :: start_implicit
@@ -64,8 +64,8 @@ module mechanism_ode
     procedure :: start_stages
     procedure :: stage_residual => mechanism_stage
     procedure :: renew_stages => mechanism_renew_stages
-    procedure :: factor_stages => mechanism_factor_stages
     procedure :: stage_correction => mechanism_stage_correction
+    procedure :: complex_correction => mechanism_complex_correction
     procedure :: deformations => mechanism_deformations
     procedure :: internal_laws => mechanism_laws
     procedure :: close => mechanism_close
@@ -196,7 +196,7 @@ contains
       shift = merge(light_shift, least_shift, self%m%redundant)
       if (hold .and. in_step) shift = strong_shift
       call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, shift, bad)
-      if (hold .and. .not. in_step) call hold_weak_rows(self%t%rows)
+      if (hold .and. .not. in_step) call hold_weak_rows(self%t%t%rows)
     end associate
     ok = .not. bad
   end subroutine mechanism_renew
@@ -207,8 +207,8 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
     call solve_elastic(self%t)
-    call correction(self%t, self%m, self%ev, self%ev%rows%phi, dq)
-    dlambda = self%t%rows%y(1:self%rows)
+    call correction(self%t%t, self%m, self%ev, self%ev%rows%phi, dq)
+    dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
 
   !> What dissipative coordinates move by to the end of a step.
@@ -312,7 +312,7 @@ contains
     if (bad) return
     do k = 1, size(self%t%terms)
       associate (g => self%t%terms(k), i => self%nq + self%t%terms(k)%first, n => self%nq + self%t%terms(k)%last)
-        a(i:n) = g%filtered(self%t%c1)*a(i:n)
+        a(i:n) = g%filtered(self%t%t%c1)*a(i:n)
       end associate
     end do
   end subroutine mechanism_smooth
@@ -366,7 +366,7 @@ contains
   pure function mechanism_weakest(self) result(pivot)
     class(mechanism_system), intent(in) :: self
     real(wp) :: pivot(2)                      !! [-]
-    pivot = [self%t%rows%weakest, self%t%rows%shift_used]
+    pivot = [self%t%t%rows%weakest, self%t%t%rows%shift_used]
   end function mechanism_weakest
 
   !> Distance from the origin and angle turned, with which rounding grows.
@@ -407,11 +407,11 @@ contains
     integer(ip), intent(inout) :: constant, whole
     logical, intent(in) :: put
     if (put) then
-      self%t%base_factors = constant
-      self%t%whole_factors = whole
+      self%t%t%base_factors = constant
+      self%t%t%whole_factors = whole
     end if
-    constant = self%t%base_factors
-    whole = self%t%whole_factors
+    constant = self%t%t%base_factors
+    whole = self%t%t%whole_factors
   end subroutine mechanism_factors
 
   !> Makes ready for a method of several stages.
@@ -419,7 +419,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%stages)
-    call set_up_stages(self%stages, self%t, self%m, self%ev)
+    call set_up_stages(self%stages, self%t, self%m)
   end subroutine start_stages
 
   !> Residuals of a stage.
@@ -434,36 +434,47 @@ contains
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
     call hold_terms(self%t, self%m, z)
     call residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, lambda)
-    call stage_residual(self%t, self%m, self%ev, q, r, gap)
+    call stage_residual(self%t, self%m, self%ev, r, gap)
   end subroutine mechanism_stage
 
-  !> Mass, damping and stiffness there.
-  subroutine mechanism_renew_stages(self, t, v, a, lambda)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
-    real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-    call renew_terms(self%stages, self%t, self%m, self%ev, t, v, a, lambda)
-  end subroutine mechanism_renew_stages
-
-  !> Both factors.
-  subroutine mechanism_factor_stages(self, c2, hold)
+  !> Both matrices at the state of the last residual.
+  subroutine mechanism_renew_stages(self, c2, q, v, a, lambda, whole, hold, ok)
     class(mechanism_system), intent(inout) :: self
     complex(wp), intent(in) :: c2(2)          !! [1/s]
-    logical, intent(in) :: hold
-    call factor_stages(self%stages, self%t, c2, hold)
-  end subroutine mechanism_factor_stages
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
+    logical, intent(in) :: whole, hold
+    logical, intent(out) :: ok
+    real(wp) :: shift                         ! of constraint rows [-]
+    logical :: bad
+    shift = merge(light_shift, least_shift, self%m%redundant)
+    if (hold) shift = strong_shift
+    call renew_stage(self%stages, self%t, self%m, self%ev, c2, q, v, a, lambda, whole, shift, bad)
+    ok = .not. bad
+  end subroutine mechanism_renew_stages
 
-  !> Corrections by one of them.
-  subroutine mechanism_stage_correction(self, k, r, gap, dq, dlambda)
+  !> Corrections by the real matrix.
+  subroutine mechanism_stage_correction(self, r, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
-    integer, intent(in) :: k
+    real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
+    real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
+    real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
+    real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
+    call take_residual(self%t%t, self%m, self%ev, r)
+    call solve_condensed(self%t%t)
+    call correction(self%t%t, self%m, self%ev, gap, dq)
+    dlambda = self%t%t%rows%y(1:self%rows)
+  end subroutine mechanism_stage_correction
+
+  !> Corrections by the complex matrix.
+  subroutine mechanism_complex_correction(self, r, gap, dq, dlambda)
+    class(mechanism_system), intent(inout) :: self
     complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
     complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
     complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    call solve_stage(self%stages%factor(k), self%m, self%ev, r, gap, dq, dlambda)
-  end subroutine mechanism_stage_correction
+    call solve_stage(self%stages, self%m, self%ev, r, gap, dq, dlambda)
+  end subroutine mechanism_complex_correction
 
   !> Deformations that internal variables follow.
   subroutine mechanism_deformations(self, q, v, delta)
@@ -492,7 +503,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    call close_rows(self%stages, self%m, self%ev, at_side(self%options, .true.), t, q, v, a)
+    call close_rows(self%t, self%m, self%ev, at_side(self%options, .true.), t, q, v, a)
   end subroutine mechanism_close
 
   !> Powers at a stage.

@@ -37,10 +37,8 @@ contains
         call internal_error(self, c2)
         call system%stage_residual(self%t, q, v, a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
-        w%r_part = w%r(:, 1)
-        w%gap_part = w%gap(:, 1)/c2
-        call system%stage_correction(1, w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
-        w%dq(:, 1) = real(w%dq_part, wp)
+        w%gap(:, 1) = w%gap(:, 1)/c2
+        call system%stage_correction(w%r(:, 1), w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
         w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (none - v)

@@ -16,6 +16,8 @@ module radau_stages
 
   integer, parameter :: most_iterations = 10       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.3_wp             !! contraction from which matrices are made anew [-]
+  real(wp), parameter :: poor = 0.1_wp             !! contraction from which whole elastic blocks pay [-]
+  integer, parameter :: whole_steps = 50           !! steps before constant blocks are tried again
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fine = 1.0e-9_wp          !! fixed steps: Newton's error, of the scales [-]
   real(wp), parameter :: finer = 1.0e-7_wp         !! the same, of the first correction [-]
@@ -44,6 +46,7 @@ module radau_stages
     real(wp) :: past_h = 0.0_wp              !! its size, 0: none [s]
     real(wp) :: eta = 1.0_wp                 !! Theta/(1 - Theta) of the last step, Theta Newton's contraction [-]
     type(stage_work), allocatable :: work
+    integer :: whole_left = 0                !! steps for which whole elastic blocks are factored
     integer(ip) :: iterations = 0, residuals = 0, renewals = 0
   end type radau_stage_values
 
@@ -51,7 +54,8 @@ module radau_stages
   type, public :: stage_work
     real(wp), allocatable :: r(:, :), gap(:, :)          !! (nq, 3), (rows, 3) residuals [N, N m], [m/s]
     real(wp), allocatable :: dq(:, :), dv(:, :)          !! (nq, 3) corrections [m, rad], [m/s, rad/s]
-    complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! of one eigenvalue [N, m/s, m, N, ...]
+    complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
+    real(wp), allocatable :: dlambda(:)      !! (rows) of the real part [N]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
   end type stage_work
 
@@ -77,7 +81,7 @@ contains
       allocate (self%work)
       associate (w => self%work)
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(2*nq + nz + self%nzd + 2), source=0.0_wp)
-        allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows))
+        allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%dlambda(rows))
         w%y = w%e
       end associate
     end associate
@@ -187,9 +191,10 @@ contains
     logical, intent(out) :: ok
     real(wp) :: d, before, theta, eta, goal
     integer :: k
-    logical :: again
+    logical :: again, slowly
     ok = .false.
     again = .false.
+    slowly = .false.
     before = huge(1.0_wp)
     theta = 0.0_wp
     eta = max(self%eta, epsilon(1.0_wp))**0.8_wp
@@ -198,8 +203,11 @@ contains
     do k = 1, most_iterations
       call stage_residuals(self, system)
       if (k == 1 .or. (theta > slow .and. .not. again)) then
-        call renew(self, system, hold)
         again = k > 1
+        if (again) self%whole_left = whole_steps
+        call renew(self, system, hold, ok)
+        if (.not. ok) return
+        ok = .false.
         before = huge(1.0_wp)
       end if
       call correct(self, system)
@@ -210,6 +218,7 @@ contains
         theta = d/max(before, tiny(1.0_wp))
         eta = 1/epsilon(1.0_wp)
         if (theta < 1.0_wp) eta = theta/(1 - theta)
+        slowly = slowly .or. (theta > poor .and. d > noise)
         ok = theta > slow .and. d <= noise
         if (theta >= 1.0_wp .and. again .and. .not. ok) exit
       end if
@@ -218,6 +227,7 @@ contains
       before = d
     end do
     self%eta = merge(eta, 1.0_wp, ok)
+    self%whole_left = max(self%whole_left - 1, merge(whole_steps, 0, slowly .or. .not. ok))
     if (ok) call stage_states(self, system)
   end subroutine newton
 
@@ -236,12 +246,13 @@ contains
   end subroutine stage_residuals
 
   !> Matrices at the second stage.
-  subroutine renew(self, system, hold)
+  subroutine renew(self, system, hold, ok)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
     logical, intent(in) :: hold
-    call system%renew_stages(self%t + self%method%c(2)*self%h, self%v(:, 2), self%a(:, 2), self%lambda(:, 2))
-    call system%factor_stages(self%method%mu/self%h, hold)
+    logical, intent(out) :: ok
+    call system%renew_stages(self%method%mu/self%h, self%q(:, 2), self%v(:, 2), self%a(:, 2), self%lambda(:, 2), &
+                             self%whole_left > 0, hold, ok)
     self%renewals = self%renewals + 1
   end subroutine renew
 
@@ -249,21 +260,20 @@ contains
   subroutine correct(self, system)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
-    complex(wp) :: c2
-    integer :: i, k
-    associate (m => self%method, w => self%work)
-      w%dq = 0.0_wp
-      w%dv = 0.0_wp
-      do k = 1, 2
-        c2 = m%mu(k)/self%h
-        w%r_part = m%from(k, 1)*w%r(:, 1) + m%from(k, 2)*w%r(:, 2) + m%from(k, 3)*w%r(:, 3)
-        w%gap_part = (m%from(k, 1)*w%gap(:, 1) + m%from(k, 2)*w%gap(:, 2) + m%from(k, 3)*w%gap(:, 3))/c2
-        call system%stage_correction(k, w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
-        do i = 1, 3
-          w%dq(:, i) = w%dq(:, i) + real(m%to(i, k)*w%dq_part, wp)
-          w%dv(:, i) = w%dv(:, i) + real((m%to(i, k)*c2)*w%dq_part, wp)
-          self%lambda(:, i) = self%lambda(:, i) + real(m%to(i, k)*w%dlambda_part, wp)
-        end do
+    complex(wp) :: x
+    integer :: i
+    associate (m => self%method, w => self%work, c2 => self%method%mu/self%h)
+      w%e(1:self%nq) = matmul(w%r, real(m%from(1, :), wp))
+      w%y(1:self%rows) = matmul(w%gap, real(m%from(1, :)/c2(1), wp))
+      call system%stage_correction(w%e(1:self%nq), w%y(1:self%rows), w%dq(:, 1), w%dlambda)
+      w%r_part = m%from(2, 1)*w%r(:, 1) + m%from(2, 2)*w%r(:, 2) + m%from(2, 3)*w%r(:, 3)
+      w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
+      call system%complex_correction(w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
+      do i = 3, 1, -1
+        x = m%to(i, 2)*c2(2)
+        w%dv(:, i) = real(m%to(i, 1)*c2(1), wp)*w%dq(:, 1) + real(x*w%dq_part, wp)
+        w%dq(:, i) = real(m%to(i, 1), wp)*w%dq(:, 1) + real(m%to(i, 2)*w%dq_part, wp)
+        self%lambda(:, i) = self%lambda(:, i) + real(m%to(i, 1), wp)*w%dlambda + real(m%to(i, 2)*w%dlambda_part, wp)
       end do
       self%u = self%u + w%dv
     end associate
@@ -306,5 +316,6 @@ contains
     call a%exchange(self%residuals)
     call a%exchange(self%renewals)
     call a%exchange(self%eta)
+    call a%exchange(self%whole_left)
   end subroutine exchange_stages
 end module radau_stages

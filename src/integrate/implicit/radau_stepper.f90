@@ -167,7 +167,8 @@ contains
   end subroutine accept_step
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
-  !> accelerations, all else is that of degree 3 of the stages.
+  !> accelerations, all else is that of degree 3 of the stages: also stiff coordinates that stay below what the tolerance sees, since
+  !> their accelerations are noise.
   subroutine interpolate(self, time, y)
     class(radau_march), intent(in) :: self
     real(wp), intent(in) :: time              !! [s]
@@ -178,6 +179,7 @@ contains
       s = (time - self%dense_times(1))/h
       y = matmul(self%dense, lagrange_weights([0.0_wp, self%stages%method%c], s))
       do i = 1, nq                            ! q + s h v + s2/2 h2 a + s3 (x1 + x2 s + x3 s2) with the three values at the end
+        if (self%norm%largest(self%norm%group(i)) < self%norm%floor(self%norm%group(i))) cycle
         associate (q => self%dense(i, 1), v => h*self%dense(nq + i, 1), a => h**2*self%bend(i, 1))
           d = [self%y(i) - q - v - 0.5_wp*a, h*self%y(nq + i) - v - a, h**2*self%bend(i, 2) - a]
           x = [10*d(1) - 4*d(2) + 0.5_wp*d(3), -15*d(1) + 7*d(2) - d(3), 6*d(1) - 3*d(2) + 0.5_wp*d(3)]

@@ -16,8 +16,8 @@ module stage_system
     procedure(make_stages_ready), deferred :: start_stages
     procedure(stage_residuals), deferred :: stage_residual
     procedure(stage_point), deferred :: renew_stages
-    procedure(take_constants), deferred :: factor_stages
     procedure(stage_solution), deferred :: stage_correction
+    procedure(complex_solution), deferred :: complex_correction
     procedure(find_deformations), deferred :: deformations
     procedure(list_laws), deferred :: internal_laws
     procedure(close_state), deferred :: close
@@ -42,31 +42,35 @@ module stage_system
       real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
       real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
     end subroutine stage_residuals
-    !> Mass, damping and stiffness at the state of the last residual, whose arguments are given again.
-    subroutine stage_point(self, t, v, a, lambda)
-      import :: stage_ode, wp
-      class(stage_ode), intent(inout) :: self
-      real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
-      real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-    end subroutine stage_point
-    !> Factors both matrices, T(c2**2, c2), of the mass, damping and stiffness that stand.
-    subroutine take_constants(self, c2, hold)
+    !> Both matrices, T(c2**2, c2), at the state of the last residual, whose arguments are given again.
+    subroutine stage_point(self, c2, q, v, a, lambda, whole, hold, ok)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
       complex(wp), intent(in) :: c2(2)        !! a real and a complex constant [1/s]
+      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+      real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
+      logical, intent(in) :: whole            !! blocks are factored with what the state adds, else as the constants leave them
       logical, intent(in) :: hold             !! rows that nearly depend on others are held back
-    end subroutine take_constants
-    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by one of the two factors.
-    subroutine stage_solution(self, k, r, gap, dq, dlambda)
+      logical, intent(out) :: ok
+    end subroutine stage_point
+    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix.
+    subroutine stage_solution(self, r, gap, dq, dlambda)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
-      integer, intent(in) :: k                !! 1: real, 2: complex
+      real(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
+      real(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
+      real(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
+      real(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
+    end subroutine stage_solution
+    !> The same by the complex one.
+    subroutine complex_solution(self, r, gap, dq, dlambda)
+      import :: stage_ode, wp
+      class(stage_ode), intent(inout) :: self
       complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
       complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    end subroutine stage_solution
+    end subroutine complex_solution
     !> The deformation that each internal variable follows.
     subroutine find_deformations(self, q, v, delta)
       import :: stage_ode, wp

@@ -1,12 +1,41 @@
-!> Which rows there are between bodies, where their sides are, and in which order their system is solved. Set-up work only.
+!> Which rows there are between bodies (see `border_rows`), where their sides are, and in which order their system is solved. Set-up
+!> work only.
 module border_row_lists
-  use kinds, only: wp
-  use border_rows, only: coupling, row_system, from_joint, from_element
   use mechanism, only: mechanism_model
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
-  public :: list_rows, order_rows
+  public :: coupling, row_lists, list_rows, order_rows
+
+  integer, parameter, public :: from_joint = 1, from_element = 2
+
+  !> A law between displacement rows.
+  type :: coupling
+    integer :: kind = 0                      !! from_joint, from_element
+    integer :: item = 0                      !! its number
+    integer :: n = 0                         !! displacement rows
+    integer :: row(6) = 0                    !! their numbers among all rows
+    integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
+    integer :: nr = 0                        !! rate rows
+    integer :: rate(6) = 0                   !! their numbers
+    integer :: rate_slot(6) = 0
+  end type coupling
+
+  !> Rows, their sides on bodies and their order.
+  type :: row_lists
+    integer :: n = 0                         !! all rows
+    integer :: nc = 0                        !! constraint rows, the first ones
+    integer, allocatable :: first(:)         !! (nb+1) sides of each body
+    integer, allocatable :: row(:)           !! (sides) row
+    integer, allocatable :: marker(:)        !! (sides) marker
+    integer, allocatable :: local(:)         !! (sides) the marker's number on its flexible body
+    integer, allocatable :: kind(:)          !! (sides) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
+    logical, allocatable :: acts(:, :)       !! (3, sides) components of the marker that it may see
+    type(coupling), allocatable :: laws(:)
+    logical, allocatable :: rate_row(:)      !! (n)
+    integer :: kd = 0                        !! half band width
+    integer, allocatable :: position(:)      !! (n)
+  end type row_lists
 
   !> Sides while they are collected.
   type :: end_list
@@ -19,7 +48,7 @@ contains
 
   !> Constraint rows, displacement rows and rate rows with their sides, body by body.
   subroutine list_rows(r, m)
-    type(row_system), intent(inout) :: r
+    type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list) :: list
     integer :: most, k, i, side
@@ -60,7 +89,7 @@ contains
 
   !> Curved joints, and force elements with a tangent.
   subroutine list_laws(r, m, list)
-    type(row_system), intent(inout) :: r
+    type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(inout) :: list
     type(coupling), allocatable :: all(:)
@@ -131,7 +160,7 @@ contains
 
   !> Sorts the sides by body.
   subroutine sort_ends(r, m, list)
-    type(row_system), intent(inout) :: r
+    type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(in) :: list
     integer, allocatable :: fill(:)
@@ -140,8 +169,6 @@ contains
     nb = size(m%s%bodies)
     n = list%n
     allocate (r%first(nb + 1), r%row(n), r%marker(n), r%kind(n), r%local(n), source=0)
-    allocate (r%marker_row(3, n), r%marker_column(3, n), r%frame_row(3, n), r%frame_column(3, n), source=0.0_wp)
-    allocate (r%solved_column(3, n), source=0.0_wp)
     allocate (r%acts(3, n), source=.false.)
     allocate (acts(6, r%nc))
     do k = 1, size(m%s%constraints)
@@ -178,7 +205,7 @@ contains
 
   !> Orders the rows: rows meet in bodies, and through laws each displacement row meets all rows of the bodies its law joins.
   subroutine order_rows(r)
-    type(row_system), intent(inout) :: r
+    type(row_lists), intent(inout) :: r
     integer, allocatable :: rows(:), cols(:), order(:), starts(:), body(:)
     integer :: k, n, b, e, f, i, j, pass
     allocate (body(r%n), source=0)          ! of displacement rows
@@ -214,14 +241,12 @@ contains
       if (pass == 1) allocate (rows(n), cols(n))
     end do
     call reverse_cuthill_mckee(r%n, rows, cols, order, starts)
-    allocate (r%position(r%n), r%system%pivots(r%n))
+    allocate (r%position(r%n))
     r%position(order) = [(k, k=1, r%n)]
     r%kd = 0
     do k = 1, n
       r%kd = max(r%kd, abs(r%position(rows(k)) - r%position(cols(k))))
     end do
-    allocate (r%s(-r%kd:r%kd, r%n), r%system%e(-r%kd:r%kd, r%n), r%system%lu(3*r%kd + 1, r%n), r%system%scale(r%n), &
-              r%d(r%n), r%y(r%n), r%system%x(r%n), source=0.0_wp)
   contains
     !> Counts a pair, and in the second pass notes it.
     subroutine pair(x, y)

@@ -8,61 +8,37 @@
 !>
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
 module border_rows
-  use kinds, only: wp
-  use lapack, only: dgbtrf, dgbtrs
+  use kinds, only: wp, number
+  use border_row_lists, only: row_lists
+  use lapack, only: gbtrf, gbtrs
   implicit none (type, external)
   private
-  public :: coupling, row_system, factor_rows, hold_weak_rows, solve_rows
+  public :: row_system, set_up_rows, factor_rows, hold_weak_rows, solve_rows
 
-  integer, parameter, public :: from_joint = 1, from_element = 2
   real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! of constraint rows: uneven masses allow no more [-]
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! where redundant; where held [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
-  !> A law between displacement rows: force_i = sum_j k_ij u_j + g_ij y_j.
-  type :: coupling
-    integer :: kind = 0                      !! from_joint, from_element
-    integer :: item = 0                      !! its number
-    integer :: n = 0                         !! displacement rows
-    integer :: row(6) = 0                    !! their numbers among all rows
-    integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
-    integer :: nr = 0                        !! rate rows
-    integer :: rate(6) = 0                   !! their numbers
-    integer :: rate_slot(6) = 0
-    real(wp) :: k(6, 6) = 0.0_wp             !! on displacements, the step's rates included [N/m, N, N m]
-    real(wp) :: g(6, 6) = 0.0_wp             !! on the rates that turning adds [N s/m]
-  end type coupling
-
   !> The equations between rows and their factor.
   type :: row_equations
-    real(wp), allocatable :: e(:, :)         !! (-kd:kd, n) equations by rows [m/N, -]
-    real(wp), allocatable :: lu(:, :)        !! (3 kd + 1, n) LAPACK band storage [-]
+    real(number), allocatable :: e(:, :)       !! (-kd:kd, n) equations by rows [m/N, -]
+    real(number), allocatable :: lu(:, :)      !! (3 kd + 1, n) LAPACK band storage [-]
     real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
     integer, allocatable :: pivots(:)        !! (n)
-    real(wp), allocatable :: x(:)            !! (n) right-hand side, by position [-]
+    real(number), allocatable :: x(:, :)     !! (n, 1) right-hand side, by position [-]
   end type row_equations
 
-  !> Rows, their sides on bodies, and the system between them.
-  type :: row_system
-    integer :: n = 0                         !! all rows
-    integer :: nc = 0                        !! constraint rows, the first ones
-    integer, allocatable :: first(:)         !! (nb+1) sides of each body
-    integer, allocatable :: row(:)           !! (sides) row
-    integer, allocatable :: marker(:)        !! (sides) marker
-    integer, allocatable :: local(:)         !! (sides) the marker's number on its flexible body
-    integer, allocatable :: kind(:)          !! (sides) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
-    logical, allocatable :: acts(:, :)       !! (3, sides) components of the marker that it may see
-    real(wp), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row, column on the marker, body axes [-, m]
-    real(wp), allocatable :: frame_row(:, :), frame_column(:, :)   !! (3, sides) the same on the condensed frame [-, m]
-    real(wp), allocatable :: solved_column(:, :)        !! (3, sides) inverse of the condensed frame times frame_column [m/N, rad/N]
-    type(coupling), allocatable :: laws(:)
-    logical, allocatable :: rate_row(:)      !! (n)
-    integer :: kd = 0                        !! half band width
-    integer, allocatable :: position(:)      !! (n)
-    real(wp), allocatable :: s(:, :)         !! (-kd:kd, n) compliance by rows: s(j-i, i) [m/N, ...]
+  !> Rows, and the system between them. The force of a law is force_i = sum_j k_ij u_j + g_ij y_j.
+  type, extends(row_lists) :: row_system
+    real(number), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row, column on the marker, body axes [-, m]
+    real(number), allocatable :: frame_row(:, :), frame_column(:, :)   !! (3, sides) the same on the condensed frame [-, m]
+    real(number), allocatable :: solved_column(:, :)   !! (3, sides) inverse of the condensed frame times frame_column [m/N, rad/N]
+    real(number), allocatable :: k(:, :, :)  !! (6, 6, laws) on displacements, the step's rates included [N/m, N, N m]
+    real(wp), allocatable :: g(:, :, :)      !! (6, 6, laws) on the rates that turning adds [N s/m]
+    real(number), allocatable :: s(:, :)       !! (-kd:kd, n) compliance by rows: s(j-i, i) [m/N, ...]
     type(row_equations) :: system
-    real(wp), allocatable :: d(:)            !! (n) rows of the correction without rows [m]
-    real(wp), allocatable :: y(:)            !! (n) solution, by row [N]
+    real(number), allocatable :: d(:)        !! (n) rows of the correction without rows [m]
+    real(number), allocatable :: y(:)        !! (n) solution, by row [N]
     real(wp) :: shift_used = least_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
@@ -70,12 +46,26 @@ module border_rows
 
 contains
 
+  !> Work space.
+  subroutine set_up_rows(r, lists)
+    type(row_system), intent(out) :: r
+    type(row_lists), intent(in) :: lists
+    r%row_lists = lists
+    associate (n => r%n, kd => r%kd, sides => size(r%row), laws => size(r%laws))
+      allocate (r%marker_row(3, sides), r%marker_column(3, sides), r%frame_row(3, sides), r%frame_column(3, sides), &
+                r%solved_column(3, sides), r%k(6, 6, laws), r%s(-kd:kd, n), r%d(n), r%y(n))
+      allocate (r%g(6, 6, laws), source=0.0_wp)
+      allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%x(n, 1), r%system%pivots(n))
+    end associate
+  end subroutine set_up_rows
+
   !> The equations between rows from their compliance, and their LU factor. The shift keeps dependent rows apart.
   subroutine factor_rows(r, shift)
     type(row_system), intent(inout) :: r
     real(wp), intent(in) :: shift            !! added to the diagonal of constraint rows, relative [-]
     integer :: i, j, k, p, o, n, info
-    real(wp) :: x
+    real(number) :: x
+    real(wp) :: largest
     n = r%n
     r%bad = .false.
     r%shift_used = shift
@@ -97,27 +87,27 @@ contains
           p = r%position(t%row(i))
           do j = 1, t%n
             o = r%position(t%row(j)) - p
-            x = t%k(t%slot(i), t%slot(j))
+            x = r%k(t%slot(i), t%slot(j), k)
             if (abs(x) > 0.0_wp) call add_row(r%kd, o, x, r%s(:, p + o), r%system%e(:, p))
           end do
           do j = 1, t%nr
             o = r%position(t%rate(j)) - p
-            r%system%e(o, p) = r%system%e(o, p) - t%g(t%slot(i), t%rate_slot(j))
+            r%system%e(o, p) = r%system%e(o, p) - r%g(t%slot(i), t%rate_slot(j), k)
           end do
         end do
       end associate
     end do
     r%system%lu = 0.0_wp
     do i = 1, n
-      x = maxval(abs(r%system%e(:, i)))
-      r%bad = r%bad .or. .not. (x > 0.0_wp .and. x < huge(1.0_wp))
+      largest = maxval(abs(r%system%e(:, i)))
+      r%bad = r%bad .or. .not. (largest > 0.0_wp .and. largest < huge(1.0_wp))
       if (r%bad) return
-      r%system%scale(i) = 1.0_wp/x
+      r%system%scale(i) = 1.0_wp/largest
       do o = max(-r%kd, 1 - i), min(r%kd, n - i)
         r%system%lu(2*r%kd + 1 - o, i + o) = r%system%e(o, i)*r%system%scale(i)
       end do
     end do
-    call dgbtrf(n, n, r%kd, r%kd, r%system%lu, 3*r%kd + 1, r%system%pivots, info)
+    call gbtrf(n, n, r%kd, r%kd, r%system%lu, 3*r%kd + 1, r%system%pivots, info)
     r%bad = info /= 0
     r%weakest = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
@@ -133,8 +123,8 @@ contains
   !> e <- e + x s, s the compliance of the row o markers further on.
   pure subroutine add_row(kd, o, x, s, e)
     integer, intent(in) :: kd, o
-    real(wp), intent(in) :: x, s(-kd:kd)   !! [N/m], [m/N]
-    real(wp), intent(inout) :: e(-kd:kd)   !! [-]
+    real(number), intent(in) :: x, s(-kd:kd)   !! [N/m], [m/N]
+    real(number), intent(inout) :: e(-kd:kd)   !! [-]
     integer :: c
     do c = max(-kd, -kd - o), min(kd, kd - o)
       e(c + o) = e(c + o) + x*s(c)
@@ -144,31 +134,32 @@ contains
   !> y of all rows from their displacements d under the residual alone and the constraints' values.
   subroutine solve_rows(r, phi)
     type(row_system), intent(inout) :: r
-    real(wp), intent(in) :: phi(:)           !! (nc) [m]
+    real(number), intent(in) :: phi(:)       !! (nc) [m]
     integer :: i, j, k, p, info
     if (r%n == 0) return
     do i = 1, r%nc
-      r%system%x(r%position(i)) = r%d(i) + phi(i)
+      r%system%x(r%position(i), 1) = r%d(i) + phi(i)
     end do
     do i = r%nc + 1, r%n
-      r%system%x(r%position(i)) = merge(r%d(i), 0.0_wp, r%rate_row(i))
+      r%system%x(r%position(i), 1) = r%d(i)
+      if (.not. r%rate_row(i)) r%system%x(r%position(i), 1) = 0.0_wp
     end do
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
         do i = 1, t%n
           p = r%position(t%row(i))
           do j = 1, t%n
-            r%system%x(p) = r%system%x(p) + t%k(t%slot(i), t%slot(j))*r%d(t%row(j))
+            r%system%x(p, 1) = r%system%x(p, 1) + r%k(t%slot(i), t%slot(j), k)*r%d(t%row(j))
           end do
         end do
       end associate
     end do
     do i = 1, r%n
-      r%system%x(i) = r%system%x(i)*r%system%scale(i)
+      r%system%x(i, 1) = r%system%x(i, 1)*r%system%scale(i)
     end do
-    call dgbtrs('N', r%n, r%kd, r%kd, 1, r%system%lu, 3*r%kd + 1, r%system%pivots, r%system%x, r%n, info)
+    call gbtrs('N', r%n, r%kd, r%kd, 1, r%system%lu, 3*r%kd + 1, r%system%pivots, r%system%x, r%n, info)
     do i = 1, r%n
-      r%y(i) = r%system%x(r%position(i))
+      r%y(i) = r%system%x(r%position(i), 1)
     end do
   end subroutine solve_rows
 end module border_rows

@@ -4,17 +4,17 @@
 module newton_equations
   use kinds, only: wp
   use body_terms, only: body_residual, body_tangent
-  use border_rows, only: from_joint, factor_rows
-  use constraint, only: marker_stiffness
+  use elastic_columns, only: factor_blocks
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
-  use evaluation_results, only: evaluation, conditions_of
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use newton_condensation, only: condense_frame, condense_rows, fill_columns
+  use newton_condensation, only: add_tangent, condense
+  use newton_correction, only: solve_condensed => solve_elastic
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, predict_terms, hold_terms, residual, renew, solve_elastic, turn_wrenches, frame_acceleration
+  public :: prepare, predict_terms, hold_terms, residual, renew, body_tangents, solve_elastic
 
 contains
 
@@ -25,29 +25,11 @@ contains
     real(wp), intent(in) :: c1               !! [1/s2]
     real(wp), intent(in) :: c2               !! [1/s]
     logical, intent(out) :: bad
-    integer :: b, k
-    self%c1 = c1
-    self%c2 = c2
+    integer :: b
     call self%terms%set(c1, c2)
-    do b = 1, size(self%b)
-      if (self%b(b)%eq%n > 0) self%b(b)%eq%factor = 1.0_wp
-    end do
-    self%element_factor = 1.0_wp
-    do k = 1, size(self%terms)
-      associate (t => self%terms(k))
-        if (t%body > 0) self%b(t%body)%eq%factor(t%segment) = self%b(t%body)%eq%factor(t%segment) + t%alpha*(1 - t%g)
-        if (t%element > 0) self%element_factor(t%element) = self%element_factor(t%element) + t%alpha*(1 - t%g)
-      end associate
-    end do
-    bad = .false.
-    do b = 1, size(self%b)
-      associate (x => self%b(b))
-        if (x%eq%n == 0) cycle
-        call x%block%factor_base(m%s%bodies(b)%op, x%eq, c1, c2, bad)
-        if (bad) return
-        call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
-        self%base_factors = self%base_factors + 1
-      end associate
+    call factor_blocks(self%t, m, self%terms, c1, c2, bad)
+    do b = 1, size(self%eq)
+      if (self%eq(b)%n > 0) self%eq(b)%factor = self%t%b(b)%block%factor
     end do
   end subroutine prepare
 
@@ -73,13 +55,13 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
     integer :: k
-    do k = 1, size(self%b)
-      if (self%b(k)%eq%n > 0) self%b(k)%eq%factor = 1.0_wp
+    do k = 1, size(self%eq)
+      if (self%eq(k)%n > 0) self%eq(k)%factor = 1.0_wp
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         t%g = 0.0_wp
-        if (t%body > 0) self%b(t%body)%eq%factor(t%segment) = self%b(t%body)%eq%factor(t%segment) + t%alpha
+        if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha
       end associate
     end do
     self%offset = z
@@ -91,14 +73,14 @@ contains
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     integer :: k, b, e, i
-    do b = 1, size(self%b)
-      if (m%s%bodies(b)%nz > 0) self%b(b)%eq%past = 0.0_wp
+    do b = 1, size(self%eq)
+      if (m%s%bodies(b)%nz > 0) self%eq(b)%past = 0.0_wp
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         if (t%body == 0) cycle
         i = t%first
-        associate (x => self%b(t%body)%eq%past, segment => m%s%bodies(t%body)%segments(t%segment))
+        associate (x => self%eq(t%body)%past, segment => m%s%bodies(t%body)%segments(t%segment))
           do e = segment%first, segment%first + (t%last - t%first)/size(x, 1)
             x(:, e) = x(:, e) + t%alpha*self%offset(i:i + size(x, 1) - 1)
             i = i + size(x, 1)
@@ -127,15 +109,15 @@ contains
     call applied_forces(m, ev, options, t, self%element_z, self%element_zd)
     call constraint_values(m, ev, options, t)
     call gather_wrenches(self, m, ev, lambda)
-    do b = 1, size(self%b)
+    do b = 1, size(self%eq)
       i = m%s%qo(b)
-      n = i + 3 + self%b(b)%eq%n
-      call body_residual(self%b(b)%eq, m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
+      n = i + 3 + self%eq(b)%n
+      call body_residual(self%eq(b), m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
     end do
     do k = 1, size(m%s%markers)
       b = m%markers%body(k)
       if (b == 0) cycle
-      associate (eq => self%b(b)%eq)
+      associate (eq => self%eq(b))
         if (eq%n > 0) then
           call m%s%markers(k)%push(ev%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
         else
@@ -212,38 +194,31 @@ contains
     logical, intent(in) :: whole             !! factors the whole elastic blocks
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
-    integer :: b, i, n
-    bad = .false.
-    self%whole = whole
+    integer :: b
     self%solved = .true.
-    do b = 1, size(self%b)
-      i = m%s%qo(b)
-      n = i + 3 + self%b(b)%eq%n
-      call body_tangent(self%b(b)%eq, m%s%bodies(b), self%c1, self%c2, 1.0_wp, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
-                        frame_acceleration(m, ev, b, a))
+    call body_tangents(self, m, ev, self%t%c1, self%t%c2, 1.0_wp, q, v, a)
+    do b = 1, size(self%eq)
+      call add_tangent(self%t%b(b), self%eq(b), 1.0_wp, .true.)
     end do
-    call turn_wrenches(self, m, ev)
-    call fill_laws(self, m, ev, lambda)
-    do b = 1, size(self%b)
-      associate (x => self%b(b))
-        if (x%eq%n > 0) then
-          i = m%s%qo(b) + 3
-          if (whole) then
-            call x%block%factor_whole(x%eq, m%s%bodies(b), self%c2, v(i), a(i), bad)
-            if (bad) return
-            self%whole_factors = self%whole_factors + 1
-          end if
-          if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%markers, whole)
-          call x%block%solve_two(whole, x%eq%elastic(1:x%eq%n), x%eq%column(1:x%eq%n))
-        end if
-        call condense_frame(x, m, b, self%c1, bad)
-        if (bad) return
-      end associate
-    end do
-    call condense_rows(self, m, ev, v)
-    call factor_rows(self%rows, shift)
-    bad = self%rows%bad
+    call take_residual(self)
+    call condense(self%t, m, ev, self%eq, v, a, lambda, whole, shift, bad)
   end subroutine renew
+
+  !> The bodies' tangents c1 M + c2 C + c0 K at the state of the last residual, whose arguments are given again.
+  subroutine body_tangents(self, m, ev, c1, c2, c0, q, v, a)
+    type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: c1, c2, c0       !! [1/s2], [1/s], [-]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    integer :: b, i, n
+    do b = 1, size(self%eq)
+      i = m%s%qo(b)
+      n = i + 3 + self%eq(b)%n
+      call body_tangent(self%eq(b), m%s%bodies(b), c1, c2, c0, q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
+    end do
+    if (abs(c0) > 0.0_wp) call turn_wrenches(self, m, ev)
+  end subroutine body_tangents
 
   !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
   !> axes are constant there, so that their part of the columns goes again.
@@ -256,7 +231,7 @@ contains
     do k = 1, size(m%s%markers)
       b = m%markers%body(k)
       if (b == 0) cycle
-      associate (eq => self%b(b)%eq, w => self%wrench(:, k))
+      associate (eq => self%eq(b), w => self%wrench(:, k))
         eq%block(3, 3) = eq%block(3, 3) - ev%p%rho(1, k)*w(1) - ev%p%rho(2, k)*w(2)
         if (eq%n == 0) cycle
         call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
@@ -266,7 +241,7 @@ contains
     do k = 1, size(m%s%forces)
       if (.not. m%s%forces(k)%item%in_frame) cycle
       b = m%markers%body(m%s%forces(k)%item%ia)
-      associate (eq => self%b(b)%eq, marker => m%s%forces(k)%item%ia, w => ev%action(k)%a)
+      associate (eq => self%eq(b), marker => m%s%forces(k)%item%ia, w => ev%action(k)%a)
         f = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
         eq%block(1, 3) = eq%block(1, 3) + f(2)
         eq%block(2, 3) = eq%block(2, 3) - f(1)
@@ -276,39 +251,24 @@ contains
     end do
   end subroutine turn_wrenches
 
-  !> Marker-level tangents of curved joints and of force elements.
-  subroutine fill_laws(self, m, ev, lambda)
+  !> Hands the last residual to what solves for corrections.
+  subroutine take_residual(self)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
-    type(marker_stiffness) :: p
-    integer :: k
-    do k = 1, size(self%rows%laws)
-      associate (law => self%rows%laws(k))
-        if (law%kind == from_joint) then
-          call m%s%constraints(law%item)%item%geometric(ev%p, lambda, p)
-          law%k = p%k
-        else
-          call m%s%forces(law%item)%item%tangent(ev%p, conditions_of(m, ev, law%item), [self%element_factor(law%item), 1.0_wp], &
-                                                 ev%action(law%item)%force, p)
-          law%k = p%k + self%c2*p%c
-          law%g = p%c
-        end if
+    integer :: b
+    do b = 1, size(self%eq)
+      associate (x => self%t%b(b), eq => self%eq(b))
+        x%force = eq%frame
+        if (x%n > 0) x%elastic = eq%elastic(1:x%n)
       end associate
     end do
-  end subroutine fill_laws
+  end subroutine take_residual
 
   !> Solves the elastic residuals with the factors that stand, unless the tangent was made for them.
   subroutine solve_elastic(self)
     type(newton_matrix), intent(inout) :: self
-    integer :: b
     if (self%solved) return
     self%solved = .true.
-    do b = 1, size(self%b)
-      associate (x => self%b(b))
-        if (x%eq%n > 0) call x%block%solve(self%whole, x%eq%elastic(1:x%eq%n))
-      end associate
-    end do
+    call take_residual(self)
+    call solve_condensed(self%t)
   end subroutine solve_elastic
 end module newton_equations

@@ -55,7 +55,7 @@ contains
           call m%s%forces(t%element)%item%deformation(ev%p, delta(i), dd, e)
         else
           associate (segment => m%s%bodies(b)%segments(t%segment))
-            delta(i:j) = reshape(self%b(b)%eq%w%d(:, segment%first:segment%last), [j - i + 1])
+            delta(i:j) = reshape(self%eq(b)%w%d(:, segment%first:segment%last), [j - i + 1])
           end associate
         end if
       end associate
@@ -69,7 +69,7 @@ contains
     real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
     integer :: b, i
     do b = 1, size(m%s%bodies)
-      associate (body => m%s%bodies(b), w => self%b(b)%eq%w)
+      associate (body => m%s%bodies(b), w => self%eq(b)%w)
         if (body%nz == 0) cycle
         i = m%s%qo(b) + 3
         w%q(1:) = q(i + 1:i + body%nf)
@@ -102,7 +102,7 @@ contains
             a(i) = a(i) + 0.5_wp*dd
           else
             associate (segment => m%s%bodies(t%body)%segments(t%segment))
-              a(i:j) = a(i:j) + 0.5_wp*side*reshape(self%b(t%body)%eq%w%d(:, segment%first:segment%last), [j - i + 1])
+              a(i:j) = a(i:j) + 0.5_wp*side*reshape(self%eq(t%body)%w%d(:, segment%first:segment%last), [j - i + 1])
             end associate
           end if
         end associate
@@ -137,11 +137,11 @@ contains
                                              *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
       end associate
     end do
-    do b = 1, size(self%b)
+    do b = 1, size(self%eq)
       i = m%s%qo(b) + 3
-      n = self%b(b)%eq%n
+      n = self%eq(b)%n
       if (n == 0 .or. .not. m%s%bodies(b)%rayleigh) cycle
-      associate (eq => self%b(b)%eq, op => m%s%bodies(b)%op)
+      associate (eq => self%eq(b), op => m%s%bodies(b)%op)
         eq%elastic = 0.0_wp
         call add_product(op%even, op%c, v(i + 1:i + n), eq%elastic(1:))
         ev%dissipated_power = ev%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
@@ -164,10 +164,10 @@ contains
     real(wp), intent(in), contiguous :: x(:, :)               !! (nq + nz, 4) [any]
     integer :: b, i, n, k, j
     total = 0.0_wp
-    do b = 1, size(self%b)
+    do b = 1, size(self%eq)
       i = m%s%qo(b)
-      n = self%b(b)%eq%n
-      total = total + body_product(self%b(b)%eq, m%s%bodies(b), ev%frame%cos(b), ev%frame%sin(b), q(i + 4:i + 3 + n), x(i + 1:i &
+      n = self%eq(b)%n
+      total = total + body_product(self%eq(b), m%s%bodies(b), ev%frame%cos(b), ev%frame%sin(b), q(i + 4:i + 3 + n), x(i + 1:i &
           + 3 + n, :))
     end do
     do k = 1, size(self%terms)
@@ -228,20 +228,20 @@ contains
     real(wp), intent(inout), contiguous :: x(:), y(:)         !! (nq + nz) [any]
     real(wp) :: f
     integer :: b, i, n, k
-    do b = 1, size(self%b)
+    do b = 1, size(self%eq)
       i = m%s%qo(b) + 3
-      associate (eq => self%b(b)%eq, op => m%s%bodies(b)%op)
+      associate (eq => self%eq(b), op => m%s%bodies(b)%op)
         n = eq%n
         if (n == 0) cycle
         call elastic_mass(op, x(i + 1:i + n), eq%elastic(1:))
         call elastic_mass(op, y(i + 1:i + n), eq%column(1:))
-        call self%b(b)%block%solve_two(.false., eq%elastic(1:n), eq%column(1:n))
-        x(i + 1:i + n) = self%c1*eq%elastic(1:n)
-        y(i + 1:i + n) = self%c1*eq%column(1:n)
+        call self%t%b(b)%block%solve_two(.false., eq%elastic(1:n), eq%column(1:n))
+        x(i + 1:i + n) = self%t%c1*eq%elastic(1:n)
+        y(i + 1:i + n) = self%t%c1*eq%column(1:n)
       end associate
     end do
     do k = 1, size(self%terms)
-      f = self%terms(k)%filtered(self%c1)
+      f = self%terms(k)%filtered(self%t%c1)
       i = m%s%nq + self%terms(k)%first
       n = m%s%nq + self%terms(k)%last
       x(i:n) = f*x(i:n)

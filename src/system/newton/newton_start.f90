@@ -7,7 +7,7 @@ module newton_start
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use newton_condensation, only: correction
+  use newton_correction, only: correction
   use newton_equations, only: residual, renew
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -32,26 +32,26 @@ contains
     integer :: b, i, n
     allocate (inertia(size(a)), none(size(a)), source=0.0_wp)
     call residual(self, m, ev, options, t, q, v, a, lambda)
-    do b = 1, size(self%b)
+    do b = 1, size(self%eq)
       i = m%s%qo(b)
-      n = self%b(b)%eq%n
-      inertia(i + 1:i + 3) = self%b(b)%eq%frame
-      if (n > 0) inertia(i + 4:i + 3 + n) = self%b(b)%eq%elastic(1:n)
+      n = self%eq(b)%n
+      inertia(i + 1:i + 3) = self%eq(b)%frame
+      if (n > 0) inertia(i + 4:i + 3 + n) = self%eq(b)%elastic(1:n)
     end do
     call residual(self, m, ev, options, t, q, v, none, lambda)
-    do b = 1, size(self%b)                    ! -c1 M a
+    do b = 1, size(self%eq)                    ! -c1 M a
       i = m%s%qo(b)
-      n = self%b(b)%eq%n
-      self%b(b)%eq%frame = self%c1*(self%b(b)%eq%frame - inertia(i + 1:i + 3))
-      if (n > 0) self%b(b)%eq%elastic(1:n) = self%c1*(self%b(b)%eq%elastic(1:n) - inertia(i + 4:i + 3 + n))
+      n = self%eq(b)%n
+      self%eq(b)%frame = self%t%c1*(self%eq(b)%frame - inertia(i + 1:i + 3))
+      if (n > 0) self%eq(b)%elastic(1:n) = self%t%c1*(self%eq(b)%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
     call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
-    call hold_weak_rows(self%rows)
+    call hold_weak_rows(self%t%rows)
     call marker_kinematics(m, ev, q, a)
     call row_rates(m, ev, ev%schur%r)              ! rows of x as those of a
     ev%schur%r = ev%rows%phi_t - ev%schur%r
-    call correction(self, m, ev, ev%schur%r, inertia)
+    call correction(self%t, m, ev, ev%schur%r, inertia)
     bad = .not. all(abs(inertia) < huge(1.0_wp))
     if (.not. bad) a = inertia
   end subroutine smooth_accelerations
@@ -100,11 +100,11 @@ contains
     real(wp), intent(out) :: dq(:)                        !! (nq) [m, rad] or theirs
     integer :: b
     call set_frames(m, ev, q)
-    do b = 1, size(self%b)
-      self%b(b)%eq%frame = 0.0_wp
-      if (self%b(b)%eq%n > 0) self%b(b)%eq%elastic = 0.0_wp
+    do b = 1, size(self%t%b)
+      self%t%b(b)%force = 0.0_wp
+      if (self%t%b(b)%n > 0) self%t%b(b)%elastic = 0.0_wp
     end do
-    call correction(self, m, ev, gap, dq)
+    call correction(self%t, m, ev, gap, dq)
   end subroutine along_rows
 
   !> x such that v + x satisfies the rates of all rows, by the tangent that stands.

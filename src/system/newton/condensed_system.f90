@@ -1,0 +1,120 @@
+!> The dynamic stiffness T(c1, c2) = c1 M + c2 C + K + sum_r sum_k alpha_rk (1 - g_k) K_r, g = 1/(1 + viscosity c2 + inertia c1), of a
+!> mechanism at a trial state, bordered by the joints, in structure: per body a factored elastic block with the columns
+!> T0^-1 S-bar^T and T0^-1 E^T, frames condensed to 3 x 3 matrices, and a border of constraint rows and of the displacements on
+!> which force elements and curved joints act. What it is made of, set up once; `newton_condensation` fills it and solves with it
+!> (theory.md, section 7).
+module condensed_system
+  use kinds, only: wp, number, ip
+  use border_row_lists, only: row_lists
+  use border_rows, only: row_system, set_up_rows
+  use elastic_block, only: block_factor
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: condensed_matrix, condensed_body, set_up_condensed
+
+  !> Markers of a flexible body where rows act: columns of the inverse block, and what markers see of them.
+  type :: marker_columns
+    integer :: na = 0                        !! such markers
+    logical :: whole = .false.               !! the columns belong to the whole block, not to T0
+    integer, allocatable :: marker(:)        !! (na) their numbers
+    integer, allocatable :: column(:, :)     !! (3, na) column of each component, 0: none
+    integer, allocatable :: marker_of(:), component_of(:)  !! (nc) marker (1 to na) and component of each column
+    real(number), allocatable :: xs(:, :)        !! (n, 2) T0^-1 S-bar^T [m/N kg ...]
+    real(number), allocatable :: xe(:, :)        !! (n, nc) T0^-1 E^T [m/N ...]
+    real(number), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i T0^-1 E_j^T [m/N ...]
+    real(number), allocatable :: exs(:, :, :)    !! (3, 2, na) E_k T0^-1 S-bar^T [kg m/N ...]
+    real(number), allocatable :: sxe(:, :)       !! (2, nc) S-bar T0^-1 E^T [kg m/N ...]
+    real(number) :: pss(2, 2) = 0.0_wp           !! S-bar T0^-1 S-bar^T [kg2 m/N ...]
+    real(number), allocatable :: exy(:, :)       !! (3, na) E_k T0^-1 times the angle's column [m, rad]
+    real(number), allocatable :: exf(:, :)       !! (3, na) E_k T0^-1 times the residual [m, rad]
+    real(number), allocatable :: rxe(:)          !! (nc) the angle's row times T0^-1 E^T [-, m]
+    real(number), allocatable :: load(:)         !! (nc) forces of the rows on the columns [N, N m]
+  end type marker_columns
+
+  !> One body's share: a residual, then what solves it, and the tangent.
+  type :: condensed_body
+    integer :: n = 0                         !! elastic coordinates
+    real(number) :: force(3) = 0.0_wp        !! residual of the frame, body axes [N, N, N m]
+    real(number), allocatable :: elastic(:)  !! (n) residual of the elastic coordinates, then T0^-1 times it [N, N m], [m, rad]
+    real(number) :: frame(3, 3) = 0.0_wp     !! tangent of the frame [N/m, N, N m]
+    real(number) :: origin(2) = 0.0_wp       !! rows of the origin: origin(1) S + origin(2) H S; its columns: c1 S^T [kg/s2]
+    real(number), allocatable :: column(:)   !! (n) tangent of the elastic residual by the angle, then T0^-1 times it [N, m, ...]
+    real(number), allocatable :: row(:)      !! (n) tangent of the angle's residual by the elastic coordinates [N, N m]
+    type(block_factor) :: block
+    type(marker_columns) :: at
+    real(number) :: inverse(3, 3) = 0.0_wp   !! of the condensed frame [m/N, rad/N]
+    real(number) :: free(3) = 0.0_wp         !! frame's correction without rows [m, m, rad]
+  end type condensed_body
+
+  !> The whole.
+  type :: condensed_matrix
+    real(number) :: c1 = 0.0_wp              !! [1/s2]
+    real(number) :: c2 = 0.0_wp              !! [1/s]
+    logical :: whole = .false.               !! the whole elastic blocks stand in the last tangent, not T0
+    type(condensed_body), allocatable :: b(:)
+    type(row_system) :: rows
+    real(number), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
+    integer(ip) :: base_factors = 0          !! of T0 blocks so far
+    integer(ip) :: whole_factors = 0         !! of whole blocks so far
+  end type condensed_matrix
+
+contains
+
+  !> Work space of a mechanism.
+  subroutine set_up_condensed(self, m, lists)
+    type(condensed_matrix), intent(out) :: self
+    type(mechanism_model), intent(in) :: m
+    type(row_lists), intent(in) :: lists
+    integer :: b
+    call set_up_rows(self%rows, lists)
+    allocate (self%element_factor(size(m%s%forces)), self%b(size(m%s%bodies)))
+    do b = 1, size(self%b)
+      associate (x => self%b(b), body => m%s%bodies(b))
+        if (.not. body%flexible) cycle
+        x%n = body%nf
+        allocate (x%elastic(x%n), x%column(x%n), x%row(x%n))
+        call x%block%set_up(body%op, size(body%segments))
+        call number_columns(x%at, self%rows, m, b)
+      end associate
+    end do
+  end subroutine set_up_condensed
+
+  !> Markers and columns of one flexible body.
+  subroutine number_columns(at, r, m, b)
+    type(marker_columns), intent(inout) :: at
+    type(row_system), intent(inout) :: r
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b
+    integer, allocatable :: local(:)
+    logical, allocatable :: wanted(:, :)         !! (3, markers) components that rows may see
+    integer :: k, c, e, nc, n
+    allocate (local(size(m%s%markers)), source=0)
+    allocate (wanted(3, size(m%s%markers)), source=.false.)
+    do e = r%first(b), r%first(b + 1) - 1
+      k = r%marker(e)
+      if (local(k) == 0) then
+        at%na = at%na + 1
+        local(k) = at%na
+      end if
+      r%local(e) = local(k)
+      wanted(:, k) = wanted(:, k) .or. r%acts(:, e)
+    end do
+    allocate (at%marker(at%na), at%column(3, at%na), at%marker_of(3*at%na), at%component_of(3*at%na), source=0)
+    nc = 0
+    do k = 1, size(local)
+      if (local(k) == 0) cycle
+      at%marker(local(k)) = k
+      do c = 1, 3
+        if (.not. wanted(c, k) .or. .not. m%s%markers(k)%moves(c)) cycle
+        nc = nc + 1
+        at%column(c, local(k)) = nc
+        at%marker_of(nc) = local(k)
+        at%component_of(nc) = c
+      end do
+    end do
+    n = m%s%bodies(b)%nf
+    allocate (at%xs(n, 2), at%xe(n, nc), at%compliance(3, 3, at%na, at%na), at%exs(3, 2, at%na), at%exy(3, at%na), &
+              at%exf(3, at%na), at%sxe(2, nc), at%rxe(nc), at%load(nc))
+  end subroutine number_columns
+end module condensed_system
