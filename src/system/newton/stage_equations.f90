@@ -68,6 +68,7 @@ contains
     if (abs(t%c2 - c2(2)) > 0.0_wp) then
       call factor_blocks(newton%t, m, newton%terms, real(c1(1), wp), real(c2(1), wp), bad)
       if (.not. bad) call factor_complex(t, m, newton%terms, c1(2), c2(2), bad)
+      if (bad) t%c2 = 0.0_wp
       if (bad) return
     end if
     call body_tangents(newton, m, ev, real(c1(1), wp), real(c2(1), wp), 1.0_wp, q, v, a)
