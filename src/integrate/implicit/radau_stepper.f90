@@ -167,8 +167,8 @@ contains
   end subroutine accept_step
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
-  !> accelerations, all else is that of degree 3 of the stages: also stiff coordinates that stay below what the tolerance sees, since
-  !> their accelerations are noise.
+  !> accelerations, all else is that of degree 3 of the stages: also coordinates that stay below what the tolerance sees, whose
+  !> accelerations are noise where they are stiff.
   subroutine interpolate(self, time, y)
     class(radau_march), intent(in) :: self
     real(wp), intent(in) :: time              !! [s]

@@ -49,7 +49,7 @@ contains
     end do
   end subroutine stage_residual
 
-  !> T(c2**2, c2) for a real and a complex constant at the state of the last residual; elastic blocks anew where these constants are.
+  !> T(c2**2, c2) for a real and a complex constant at the state of the last residual; elastic blocks anew where the constants are.
   subroutine renew_stage(t, newton, m, ev, c2, q, v, a, lambda, whole, shift, bad)
     type(complex_matrix), intent(inout) :: t
     type(newton_matrix), intent(inout) :: newton
