@@ -1,8 +1,10 @@
-!> The dynamic stiffness T(c1, c2) = c1 M + c2 C + K + sum_r sum_k alpha_rk (1 - g_k) K_r, g = 1/(1 + viscosity c2 + inertia c1), of a
-!> mechanism at a trial state, bordered by the joints, in structure: per body a factored elastic block with the columns
-!> T0^-1 S-bar^T and T0^-1 E^T, frames condensed to 3 x 3 matrices, and a border of constraint rows and of the displacements on
-!> which force elements and curved joints act. What it is made of, set up once; `newton_condensation` fills it and solves with it
-!> (theory.md, section 7).
+!> The dynamic stiffness of a mechanism at a trial state,
+!>
+!>   T(c1, c2) = c1 M + c2 C + K + sum_r sum_k alpha_rk (1 - g_k) K_r      g = 1/(1 + viscosity c2 + inertia c1)
+!>
+!> bordered by the joints, in structure: per body a factored elastic block with the columns T0^-1 S-bar^T and T0^-1 E^T, frames
+!> condensed to 3 x 3 matrices, and a border of constraint rows and of the displacements on which force elements and curved joints
+!> act (theory.md, section 7). What it is made of, set up once.
 module condensed_system
   use kinds, only: wp, number, ip
   use border_row_lists, only: row_lists
