@@ -30,28 +30,14 @@ contains
     integer, intent(out) :: status
     character(:), allocatable :: word, decks(:)
     integer :: k, n
-    logical :: output_next, jobs_next
     status = status_ok
     asked%options%output = ''
-    output_next = .false.
-    jobs_next = .false.
     n = 0
     allocate (character(longest()) :: decks(command_argument_count()))
-    do k = 1, command_argument_count()
+    k = 0
+    do while (k < command_argument_count() .and. status == status_ok)
+      k = k + 1
       word = argument(k)
-      if (output_next .and. len(word) > 0 .and. index(word, '--') /= 1) then
-        asked%options%output = word
-        output_next = .false.
-        cycle
-      end if
-      if (output_next) exit
-      if (jobs_next) then
-        asked%jobs = whole_number(word)
-        jobs_next = .false.
-        if (asked%jobs > 0) cycle
-        call complain('--jobs needs a number from 1 to '//to_text(most_children)//', found "'//word//'"', status)
-        return
-      end if
       select case (word)
       case ('--check')
         asked%options%check = .true.
@@ -62,30 +48,27 @@ contains
       case ('--quiet')
         asked%options%quiet = .true.
       case ('--output', '-o')
-        output_next = .true.
+        k = k + 1
+        asked%options%output = argument(k)
+        if (len(asked%options%output) == 0 .or. index(asked%options%output, '--') == 1) &
+          call complain('--output needs a folder', status)
       case ('--version')
         call print_out('biela '//version//new_line('a'), status)
         return
       case ('--jobs', '-j')
-        jobs_next = .true.
+        k = k + 1
+        call read_jobs(k, asked%jobs, status)
       case ('--help', '-h')
         call print_help(status)
         return
       case default
-        if (index(word, '-') == 1 .and. word /= '-') then
-          call complain('unknown option '//word//suggestion(word), status)
-          return
-        end if
-        if (len_trim(word) < len(word)) then       ! the run-time library would open the file without the blank
-          call complain('the path "'//word//'" ends with a blank, expected a file name without one at its end', status)
-          return
-        end if
         n = n + 1
         decks(n) = word
+        if (index(word, '-') == 1 .and. word /= '-') call complain('unknown option '//word//suggestion(word), status)
+        if (len_trim(word) < len(word)) &          ! the run-time library would open the file without the blank
+          call complain('the path "'//word//'" ends with a blank, expected a file name without one at its end', status)
       end select
     end do
-    if (output_next) call complain('--output needs a folder', status)
-    if (jobs_next) call complain('--jobs needs a number', status)
     if (asked%jobs > 1 .and. asked%options%check) call complain('--jobs goes without --check', status)
     if (asked%options%json .and. .not. asked%options%check) call complain('--json goes with --check', status)
     if (n == 0) call complain('no deck given', status)
@@ -154,15 +137,20 @@ contains
     status = status_bad_input
   end subroutine complain
 
-  !> A whole number from 1 to the most decks that run at a time; 0: it is none.
-  integer function whole_number(word) result(n)
-    character(*), intent(in) :: word
+  !> Reads how many decks run at a time.
+  subroutine read_jobs(k, jobs, status)
+    integer, intent(in) :: k                  !! number of the argument
+    integer, intent(out) :: jobs
+    integer, intent(inout) :: status
+    character(:), allocatable :: word
     integer :: failed
-    n = 0
-    if (len(word) == 0 .or. len(word) > 4 .or. verify(word, '0123456789') > 0) return
-    read (word, *, iostat=failed) n
-    if (failed /= 0 .or. n > most_children) n = 0
-  end function whole_number
+    word = argument(k)
+    jobs = 0
+    if (len(word) > 0 .and. len(word) <= 4 .and. verify(word, '0123456789') == 0) read (word, *, iostat=failed) jobs
+    if (jobs >= 1 .and. jobs <= most_children) return
+    if (k > command_argument_count()) call complain('--jobs needs a number', status)
+    call complain('--jobs needs a number from 1 to '//to_text(most_children)//', found "'//word//'"', status)
+  end subroutine read_jobs
 
   !> One line that says how one of several decks ended.
   subroutine print_ending(deck, status, more)

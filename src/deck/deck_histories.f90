@@ -1,6 +1,6 @@
 !> Reader of &history.
 module deck_histories
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use archive, only: digest, text_words
   use text, only: to_text, read_file, printable, quoted
   use deck_input, only: deck_source, required

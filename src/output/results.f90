@@ -3,7 +3,6 @@ module results
   use column_names, only: joined, motion_names
   use kinds, only: wp
   use archive, only: value_archive
-  use body, only: body_model
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
   use text_file, only: result_file

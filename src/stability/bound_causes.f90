@@ -1,7 +1,6 @@
 !> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a viscoelastic pole.
 module bound_causes
   use kinds, only: wp
-  use body, only: body_model
   use deck_records, only: deck
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model

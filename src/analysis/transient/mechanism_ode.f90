@@ -94,28 +94,18 @@ contains
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
     self%ev%broken = .false.
-    call state_rates(self%m, self%ev, options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, dy)
+    associate (m => self%m, ev => self%ev, nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd)
+      call evaluate_branch(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+      dy(1:nq) = y(nq + 1:2*nq)
+      dy(nq + 1:2*nq) = ev%a
+      if (ev%broken) dy(nq + 1:2*nq) = 10*largest_value       ! no acceleration: whoever uses it sees that it is lost
+      dy(2*nq + 1:2*nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
+      dy(2*nq + nzd + 1:2*nq + nz) = ev%zdd(nzd + 1:)
+      dy(2*nq + nz + 1:2*nq + nz + nzd) = ev%zdd(1:nzd)
+      dy(2*nq + nz + nzd + 1) = ev%dissipated_power
+      dy(2*nq + nz + nzd + 2) = ev%input_power
+    end associate
   end subroutine mechanism_rates
-
-  !> The same, with the parts of the state apart.
-  subroutine state_rates(m, ev, options, nq, nz, nzd, t, y, dy)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    integer, intent(in) :: nq, nz, nzd
-    real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(out) :: dy(2*nq + nz + nzd + 2) !! [the same per second]
-    call evaluate_branch(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
-    dy(1:nq) = y(nq + 1:2*nq)
-    dy(nq + 1:2*nq) = ev%a
-    if (ev%broken) dy(nq + 1:2*nq) = 10*largest_value         ! no acceleration: whoever uses it sees that it is lost
-    dy(2*nq + 1:2*nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
-    dy(2*nq + nzd + 1:2*nq + nz) = ev%zdd(nzd + 1:)
-    dy(2*nq + nz + 1:2*nq + nz + nzd) = ev%zdd(1:nzd)
-    dy(2*nq + nz + nzd + 1) = ev%dissipated_power
-    dy(2*nq + nz + nzd + 2) = ev%input_power
-  end subroutine state_rates
 
   !> Projects an accepted state, from the side of the last evaluation; refuses states that are not finite.
   subroutine mechanism_accept(self, t, y, ok)
@@ -125,20 +115,12 @@ contains
     logical, intent(out) :: ok
     ok = is_bounded(y) .and. .not. self%ev%broken
     if (.not. ok .or. self%stabilisation /= stabilise_projection) return
-    call project_state(self%m, self%ev, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
+    associate (ev => self%ev, nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd)
+      call project(self%m, ev, ev%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
+                   y(2*nq + nz + 1:2*nq + nz + nzd), ok)
+      if (ok) ok = is_bounded(y(1:2*nq))
+    end associate
   end subroutine mechanism_accept
-
-  !> The same, with the parts of the state apart.
-  subroutine project_state(m, ev, nq, nz, nzd, t, y, ok)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    integer, intent(in) :: nq, nz, nzd
-    real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
-    logical, intent(out) :: ok
-    call project(m, ev, ev%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
-    if (ok) ok = is_bounded(y(1:2*nq))
-  end subroutine project_state
 
   !> Makes ready for an implicit method.
   subroutine start_implicit(self)
@@ -278,25 +260,16 @@ contains
     real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     self%ev%broken = .false.
-    call report_state(self%m, self%ev, self%options, self%m%s%nq, self%m%s%nz, self%m%s%nzd, t, y, ok)
-    ok = ok .and. .not. self%ev%broken
-  end subroutine mechanism_report
-
-  !> The same, with the parts of the state apart.
-  subroutine report_state(m, ev, options, nq, nz, nzd, t, y, ok)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    integer, intent(in) :: nq, nz, nzd
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout) :: y(2*nq + nz + nzd + 2)   !! [m, rad], [m/s, rad/s], [J]
-    logical, intent(out) :: ok
     ok = .true.
-    call evaluate(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
-    if (m%s%rows == 0) return
-    call project(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), ok)
-    call evaluate_branch(m, ev, options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
-  end subroutine report_state
+    associate (m => self%m, ev => self%ev, n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, nzd => self%m%s%nzd)
+      call evaluate(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd))
+      if (m%s%rows > 0) then
+        call project(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd), ok)
+        call evaluate_branch(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd))
+      end if
+      ok = ok .and. .not. ev%broken
+    end associate
+  end subroutine mechanism_report
 
   !> Accelerations that a step resolves.
   subroutine mechanism_smooth(self, t, q, v, lambda, a, ok)

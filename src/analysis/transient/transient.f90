@@ -25,7 +25,7 @@ module transient
   use step_control, only: error_norm
   use step_counts, only: step_count
   use text, only: es_text, to_text
-  use time_stepper, only: stepper, reached, paused, lost, trouble_shape
+  use time_stepper, only: stepper, paused, lost, trouble_shape
   implicit none (type, external)
   private
   public :: run_transient

@@ -124,9 +124,7 @@ contains
           end if
         end if
         ok = ok .or. norm <= rounding
-        if (k > 1 .and. rate < 1.0_wp) ok = ok .or. norm*rate <= goal*(1 - rate)
-        if (k > 1) ok = ok .or. (rate > 0.2_wp .and. whole <= blur)     ! rounding of the residual
-        if (k > 3) ok = ok .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(maxval(pivot)))
+        if (k > 1 .and. .not. ok) ok = converged(k, rate, norm, goal, whole, blur, maxval(pivot))
         if (ok) exit
         if (k > 2 .and. rate > 2.0_wp .and. norm > loose) return
         before = norm
@@ -136,6 +134,18 @@ contains
     if (.not. ok) slowly = .true.
     if (ok .and. k <= 4) slowly = .false.
   end subroutine newton
+
+  !> Whether a second or later correction leaves an error below the goal, or is rounding of the residual.
+  pure logical function converged(k, rate, norm, goal, whole, blur, pivot) result(yes)
+    integer, intent(in) :: k                  !! number of the correction
+    real(wp), intent(in) :: rate              !! its size over that of the one before [-]
+    real(wp), intent(in) :: norm, goal        !! its size, of the groups' sizes, and that of an error that does no harm [-]
+    real(wp), intent(in) :: whole, blur       !! its size, of the scene's size, and that of rounding [-]
+    real(wp), intent(in) :: pivot             !! of the weakest row, or what holds it [-]
+    yes = rate < 1.0_wp .and. norm*rate <= goal*(1 - rate)
+    yes = yes .or. (rate > 0.2_wp .and. whole <= blur)
+    if (k > 3) yes = yes .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(pivot))
+  end function converged
 
   !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
   !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,

@@ -2,7 +2,7 @@
 !> factor of the mass matrix, dissipative coordinates. All set-up work; nothing here runs in a step.
 module body_setup
   use kinds, only: wp, pi
-  use beam_element, only: beam_geometry, shape_integral, shape_moment
+  use beam_element, only: shape_integral, shape_moment
   use body, only: body_model, lump
   use segment_model, only: viscoelastic_segment
   use chain_kernel, only: element_factors

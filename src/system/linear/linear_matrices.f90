@@ -1,6 +1,5 @@
 !> The matrices of the linearised mechanism (see `linearisation` for the equations and unknowns).
 module linear_matrices
-  use kinds, only: wp
   use mechanism, only: mechanism_model
   use triplets, only: triplet_matrix
   use viscoelastic_law, only: viscoelastic_terms
