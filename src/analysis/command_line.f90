@@ -49,9 +49,9 @@ contains
         asked%options%quiet = .true.
       case ('--output', '-o')
         k = k + 1
-        asked%options%output = argument(k)
-        if (len(asked%options%output) == 0 .or. index(asked%options%output, '--') == 1) &
-          call complain('--output needs a folder', status)
+        word = argument(k)
+        asked%options%output = word
+        if (len(word) == 0 .or. index(word, '--') == 1) call complain('--output needs a folder', status)
       case ('--version')
         call print_out('biela '//version//new_line('a'), status)
         return
@@ -65,8 +65,9 @@ contains
         n = n + 1
         decks(n) = word
         if (index(word, '-') == 1 .and. word /= '-') call complain('unknown option '//word//suggestion(word), status)
-        if (len_trim(word) < len(word)) &          ! the run-time library would open the file without the blank
+        if (len_trim(word) < len(word)) then       ! the run-time library would open the file without the blank
           call complain('the path "'//word//'" ends with a blank, expected a file name without one at its end', status)
+        end if
       end select
     end do
     if (asked%jobs > 1 .and. asked%options%check) call complain('--jobs goes without --check', status)
@@ -143,10 +144,9 @@ contains
     integer, intent(out) :: jobs
     integer, intent(inout) :: status
     character(:), allocatable :: word
-    integer :: failed
     word = argument(k)
     jobs = 0
-    if (len(word) > 0 .and. len(word) <= 4 .and. verify(word, '0123456789') == 0) read (word, *, iostat=failed) jobs
+    if (len(word) > 0 .and. len(word) <= 4 .and. verify(word, '0123456789') == 0) read (word, *) jobs
     if (jobs >= 1 .and. jobs <= most_children) return
     if (k > command_argument_count()) call complain('--jobs needs a number', status)
     call complain('--jobs needs a number from 1 to '//to_text(most_children)//', found "'//word//'"', status)

@@ -99,44 +99,30 @@ contains
   subroutine halve_elements(d, b)
     type(deck), intent(inout) :: d
     integer, intent(in) :: b
-    integer :: n, k
+    integer :: n
     n = d%bodies(b)%elements
     d%bodies(b)%elements = (n + 1)/2
     d%bodies(b)%nodes = d%bodies(b)%elements + 1
     d%bodies(b)%element_material = d%bodies(b)%element_material(1:d%bodies(b)%elements)
     d%bodies(b)%element_section = d%bodies(b)%element_section(1:d%bodies(b)%elements)
-    if (d%bodies(b)%reference == 'explicit') then
-      do k = 1, size(d%bodies(b)%reference_node)
-        call move(b, d%bodies(b)%reference_node(k))
-      end do
-    end if
-    do k = 1, size(d%lumps)
-      call move(d%lumps(k)%marker%body, d%lumps(k)%marker%node)
-    end do
-    do k = 1, size(d%joints)
-      call move(d%joints(k)%a%body, d%joints(k)%a%node)
-      call move(d%joints(k)%b%body, d%joints(k)%b%node)
-    end do
-    do k = 1, size(d%drives)
-      call move(d%drives(k)%a%body, d%drives(k)%a%node)
-      call move(d%drives(k)%b%body, d%drives(k)%b%node)
-    end do
-    do k = 1, size(d%springs)
-      call move(d%springs(k)%a%body, d%springs(k)%a%node)
-      call move(d%springs(k)%b%body, d%springs(k)%b%node)
-    end do
-    do k = 1, size(d%forces)
-      call move(d%forces(k)%marker%body, d%forces(k)%marker%node)
-    end do
+    if (d%bodies(b)%reference == 'explicit') call move(n, .true., d%bodies(b)%reference_node)
+    call move(n, d%lumps%marker%body == b, d%lumps%marker%node)
+    call move(n, d%joints%a%body == b, d%joints%a%node)
+    call move(n, d%joints%b%body == b, d%joints%b%node)
+    call move(n, d%drives%a%body == b, d%drives%a%node)
+    call move(n, d%drives%b%body == b, d%drives%b%node)
+    call move(n, d%springs%a%body == b, d%springs%a%node)
+    call move(n, d%springs%b%body == b, d%springs%b%node)
+    call move(n, d%forces%marker%body == b, d%forces%marker%node)
     deallocate (d%sensors)
     allocate (d%sensors(0))
-  contains
-    !> The node of the coarser mesh nearest to one of the finer.
-    subroutine move(body, node)
-      integer, intent(in) :: body
-      integer, intent(inout) :: node
-      if (body /= b .or. node == 0) return
-      node = 1 + nint(real((node - 1)*((n + 1)/2), wp)/n)
-    end subroutine move
   end subroutine halve_elements
+
+  !> The node of the coarser mesh nearest to one of a body of n elements.
+  elemental subroutine move(n, here, node)
+    integer, intent(in) :: n
+    logical, intent(in) :: here                !! the node is one of that body
+    integer, intent(inout) :: node
+    if (here .and. node > 0) node = 1 + nint(real((node - 1)*((n + 1)/2), wp)/n)
+  end subroutine move
 end module deck_changes
