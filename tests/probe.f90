@@ -1,16 +1,22 @@
 !> The solver's inside for the tests: coordinates, accelerations, multipliers, energies at states given on standard input.
 !> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z') | probe linear DECK < states: the same
-!> and the matrices of the linearisation. | probe numbers < bit patterns of reals as integers: each as result files show it.
+!> and the matrices of the linearisation. | probe completeness DECK: what a modal analysis says that knows its k-th mode not, for
+!> k = 1 to the number asked for. | probe numbers < bit patterns of reals as integers: each as result files show it.
 program probe
   use kinds, only: wp
+  use complex_modes, only: find_modes
   use decimal, only: number_width, write_number
   use deck_reader, only: read_deck
+  use dynamic_stiffness, only: stiffness_system
   use energy, only: energies
   use errors, only: failure, fault_list
   use scene_run, only: run_state, prepare_run
   use dynamics, only: row_rates
   use linear_matrices, only: linear_mechanism
+  use linear_state, only: linear_system
   use linearisation, only: linearise
+  use mode_list, only: mode_set, undamped_mode
+  use pole_check, only: check_undamped, judge_completeness
   use triplets, only: triplet_matrix
   use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, int64, iostat_end
   implicit none (type, external)
@@ -36,6 +42,8 @@ program probe
   end if
   if (word == 'layout') then
     call layout()
+  else if (word == 'completeness') then
+    call completeness()
   else
     call evaluate_all()
   end if
@@ -96,6 +104,22 @@ contains
       call show('initial', run%y(s%nq + 1:2*s%nq))
     end associate
   end subroutine layout
+
+  !> The count and the verdict with each undamped mode left out of the list in turn.
+  subroutine completeness()
+    type(stiffness_system) :: ds
+    type(mode_set) :: modes
+    character(:), allocatable :: words
+    integer :: k
+    logical :: ok, failed
+    call linear_system(run, ds)
+    call find_modes(ds, run%d%modal%modes, modes, ok)
+    do k = 0, run%d%modal%modes
+      call check_undamped(ds, .false., pack(modes%lambda, modes%kind == undamped_mode .and. modes%mode /= k), modes)
+      call judge_completeness(modes, failed, words)
+      write (*, '(l1, 1x, a)') failed, words
+    end do
+  end subroutine completeness
 
   !> Evaluates every state of the input.
   subroutine evaluate_all()

@@ -51,6 +51,7 @@ def failed(run_deck, text):
         assert np.isfinite(table.data).all()
     assert f"outcome: {paragraph.split(': ', 1)[1]}" in run.summary
     assert "NaN" not in run.stderr + run.summary
+    assert "stay within what the model can tell" not in run.summary
     return run, paragraph
 
 

@@ -219,8 +219,9 @@ class Listed:
         return found
 
 
-# the last: growing motions (30, 51 and 133 have more undamped modes than motions), modes that pass each other, rounding
-SEEDS = [*range(0, 24), 30, 51, 133, 180, 186, 200, 219, 393]
+# then: growing motions (30, 51 and 133 have more undamped modes than motions), modes that pass each other, rounding; from 1064:
+# rigid motions known to rounding only, searches that end elsewhere
+SEEDS = [*range(0, 24), 30, 51, 133, 180, 186, 200, 219, 393, 1064, 1109, 1181, 2033, 2055, 2100, 2138, 2170, 2253]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -251,7 +252,7 @@ def test_every_pole_of_a_random_scene_is_listed(run_deck, probe, tmp_path, seed)
     assert not any("missing" in line or "not counted" in line for line in few.head), told
 
 
-@pytest.mark.parametrize("seed", SEEDS[1::3])
+@pytest.mark.parametrize("seed", SEEDS[1:32:3])
 def test_every_mode_is_followed_to_its_vibration(run_deck, probe, tmp_path, seed):
     """By small steps of the damping in the dense system; over-damped modes have none."""
     deck = scene(seed)
@@ -287,7 +288,7 @@ def coupled_arms(arms, elements):
     return text
 
 
-@pytest.mark.parametrize(("arms", "elements", "modes"), [(1, 16, 30), (2, 8, 12), (2, 12, 40)])
+@pytest.mark.parametrize(("arms", "elements", "modes"), [(1, 44, 12), (2, 21, 12)])
 def test_a_large_coupled_scene_is_counted(run_deck, probe, tmp_path, arms, elements, modes):
     """More unknowns than are solved as a whole, poles of internal variables in crowds: the count stands, and is true."""
     deck = coupled_arms(arms, elements)
@@ -308,6 +309,39 @@ def test_a_large_coupled_scene_is_counted(run_deck, probe, tmp_path, arms, eleme
     assert len(found) >= modes
     assert np.all(nearest(found, true) < 1e-6)
     assert len(true) == len(found) + int(words.group(4) or 0)
+
+
+def test_a_mode_that_the_list_lacks_is_missed(probe, tmp_path):
+    """A mesh too fine for all its eigenvalues: whichever mode is left out of the list, the count says so and the run fails."""
+    deck = STRIP.format(elements=60, more="") + "&joint name='j' type='weld' body_a='b' node_a=1 /\n&modal modes=6 /\n"
+    (tmp_path / "d.nml").write_text(deck, encoding="utf-8")
+    done = subprocess.run([str(probe), "completeness", str(tmp_path / "d.nml")], check=True, capture_output=True, text=True)
+    whole, *lacking = done.stdout.splitlines()
+    assert whole == "F "
+    assert len(lacking) == 6
+    for line in lacking:
+        assert line.startswith("T the modal analysis has not found all modes that were asked for: undamped modes: 6, 1 missing")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_free_bodies_on_a_spring_have_their_motions_at_zero(run_deck, seed):
+    """Two free rigid bodies, a spring between their mass centres: one stretching motion, five of frequency zero."""
+    rng = np.random.default_rng(seed)
+    mass, inertia = rng.uniform(0.1, 2.0, 2), rng.uniform(0.01, 0.05, 2)
+    stiffness, damping = 10 ** rng.uniform(1, 4), rng.uniform(0.1, 2.0)
+    deck = f"&scene gravity=0.0,{rng.choice([0.0, -9.81])} /\n"
+    for b in range(2):
+        x, y, angle = rng.uniform(-1, 1, 3)
+        deck += f"&body name='b{b}' kind='rigid' mass={mass[b]} inertia={inertia[b]} position={x},{y} angle={angle} /\n"
+    deck += f"&spring name='s' type='linear' body_a='b0' body_b='b1' stiffness={stiffness} damping={damping} /\n"
+    listed = Listed(run_deck(deck + "&modal /\n"))
+    reduced = mass.prod() / mass.sum()
+    undamped = listed.poles[listed.kind == UNDAMPED]
+    assert np.all(undamped[:5] == 0.0), f"seed {seed}"
+    np.testing.assert_allclose(undamped[5:].imag, [np.sqrt(stiffness / reduced)], rtol=1e-10)
+    expected = np.roots([reduced, damping, stiffness])
+    np.testing.assert_allclose(listed.poles[listed.kind == VIBRATION], expected[expected.imag > 0], rtol=1e-10)
+    assert "complete, all 2 with" in listed.note("poles"), f"seed {seed}"
 
 
 ALONE = {

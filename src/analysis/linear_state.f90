@@ -7,6 +7,7 @@ module linear_state
   use errors, only: failure
   use evaluation_settings, only: evaluation_options
   use force_element, only: element_action
+  use force_scale, only: largest_force
   use joint_correction, only: correct_accelerations, balanced
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
@@ -21,6 +22,7 @@ module linear_state
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
   real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
+  real(wp), parameter :: rounding = 1.0e-10_wp      !! accelerations that are rounding of others, likewise [-]
 
 contains
 
@@ -56,13 +58,18 @@ contains
   pure logical function at_equilibrium(run) result(yes)
     type(run_state), intent(in) :: run
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
-      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. &
-                   maxval(abs(ev%a)) > at_rest*max(norm2(ev%options%gravity), maxval(abs(ev%frame%free))))
+      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. maxval(abs(ev%a)) > at_rest*largest_acceleration(run))
     end associate
   end function at_equilibrium
 
-  !> The dynamic stiffness about the present state. What is left of accelerations in an equilibrium is rounding: it would make
-  !> the stiffness unsymmetric.
+  !> Gravity, or what frames would do without joints.
+  pure real(wp) function largest_acceleration(run) result(a)
+    type(run_state), intent(in) :: run
+    a = max(norm2(run%sys%ev%options%gravity), maxval(abs(run%sys%ev%frame%free)))   ! [m/s2, rad/s2]
+  end function largest_acceleration
+
+  !> The dynamic stiffness about the present state. What is left of accelerations in an equilibrium is rounding, and so is what
+  !> turns a body that falls: it would make the stiffness unsymmetric and rigid motions slow ones.
   subroutine linear_system(run, ds)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
@@ -70,8 +77,8 @@ contains
     real(wp) :: a(run%sys%m%s%nq)                   ! [m/s2, rad/s2]
     call evaluate_state(run%sys, run%sys%options, run%y)
     a = 0.0_wp
-    if (.not. at_equilibrium(run)) a = run%sys%ev%a
     associate (m => run%sys%m, ev => run%sys%ev)
+      if (.not. at_equilibrium(run)) a = merge(ev%a, 0.0_wp, abs(ev%a) > rounding*largest_acceleration(run))
       call linear_system_with(m, ev, run%y, a, ev%lambda, ev%action, ds, lin)
     end associate
   end subroutine linear_system
@@ -93,6 +100,6 @@ contains
       call condense_geometry(m, ev)
       call ev%schur%weak_rows(redundant, dependent)
     end if
-    call ds%build(m, lin, dependent)
+    call ds%build(m, lin, largest_force(m, ev), dependent)
   end subroutine linear_system_with
 end module linear_state

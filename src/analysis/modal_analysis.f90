@@ -1,6 +1,6 @@
 !> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
 module modal_analysis
-  use kinds, only: wp, pi
+  use kinds, only: wp
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
@@ -8,6 +8,7 @@ module modal_analysis
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
+  use pole_check, only: judge_completeness
   use posix, only: remove_file
   use scene_run, only: run_state
   use summary, only: add_warnings
@@ -45,25 +46,17 @@ contains
     call mind_missing(run, modes, text, fail)
   end subroutine run_modal
 
-  !> Fails where modes that were asked for are missing, warns where other poles are.
+  !> Fails where modes that were asked for are missing, warns where other poles are or may be.
   subroutine mind_missing(run, modes, text, fail)
     type(run_state), intent(in) :: run
     type(mode_set), intent(in) :: modes
     type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     character(:), allocatable :: words
-    integer :: k
-    words = ''
-    do k = 1, size(modes%unfound)
-      words = words//', one near '//to_text(abs(modes%unfound(k))/(2*pi))//' Hz'
-    end do
-    if (len(words) > 0 .or. modes%missing_undamped > 0) then
-      call fail%raise(status_failed, 'the modal analysis has not found all modes that were asked for: '// &
-                      modes%note_undamped//words)
-    else if (modes%missing > 0) then
-      words = 'warning: poles are missing in modes.txt: '//modes%note_damped
-      call add_warnings(text, run%d%path, words//new_line('a'))
-    end if
+    logical :: failed
+    call judge_completeness(modes, failed, words)
+    if (failed) call fail%raise(status_failed, words)
+    if (len(words) > 0 .and. .not. failed) call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
   end subroutine mind_missing
 
   !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.

@@ -20,12 +20,13 @@ module run_deck
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use static_analysis, only: run_static, refuse_free_bodies
-  use summary, only: model_lines, model_warnings, tell_warnings
+  use summary, only: add_warnings, model_lines, model_warnings, tell_warnings
   use summary_text, only: json_number, summary_record
   use text, only: es_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   use typical_slips, only: warn_of_slips
+  use validity, only: thick_beams
   implicit none (type, external)
   private
   public :: run_one_deck, run_options
@@ -196,6 +197,7 @@ contains
     if (.not. run%restart) call begin_results(run, fail)
     call mind_lapack('set-up', fail)
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
+    if (run%vibrates()) call add_warnings(text, run%d%path, thick_beams(run%sys%m))
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call mind_lapack('static analysis', fail)
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)

@@ -38,9 +38,17 @@ module scene_run
     logical :: quiet = .false.
     logical :: restart = .false.
     integer :: warnings = 0                   !! warnings shown
+  contains
+    procedure :: vibrates
   end type run_state
 
 contains
+
+  !> Whether the deck asks for modes or responses, in which all bodies bend.
+  pure logical function vibrates(self)
+    class(run_state), intent(in) :: self
+    vibrates = self%d%modal%present .or. self%d%response%present
+  end function vibrates
 
   !> Builds and assembles the scene of a deck; faults of the deck go to faults, failed assembly to fail.
   subroutine prepare_run(run, faults, fail)

@@ -8,7 +8,7 @@ module complex_modes
   use gyroscopic_modes, only: turning_basis
   use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
-  use pole_check, only: check_undamped, check_damped
+  use pole_check, only: check_undamped, check_damped, check_whole
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
   use process, only: caught_signal
   use reduced_system, only: reduced_model, reduced_poles
@@ -16,7 +16,7 @@ module complex_modes
   private
   public :: find_modes
 
-  integer, parameter :: whole_below = 120              !! unknowns up to which a gyroscopic system is reduced on all its modes
+  integer, parameter :: whole_below = 120              !! freedoms up to which a system is reduced on all its motions
   real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which the iteration has not ended at a pole [-]
   real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
   real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
@@ -33,22 +33,23 @@ contains
     type(mode_set) :: unlisted
     complex(wp), allocatable :: starts(:), shapes(:, :), twins(:)
     real(wp), allocatable :: omega2(:), x(:, :)
-    integer :: wanted, basis
+    integer :: wanted, basis, free
     call modes%clear(ds%n)
     call unlisted%clear(ds%n)
     ok = .true.
     wanted = min(asked, ds%n - ds%rows)
     if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
+    free = ds%n - ds%rows
     basis = wanted
-    if (.not. ds%symmetric) basis = merge(ds%n - ds%rows, min(wanted, ds%n) + 20 + wanted, ds%n <= whole_below)
-    call natural_subspace(ds, basis, omega2, x, ok)
+    if (.not. (ds%symmetric .or. free <= whole_below)) basis = min(free, 2*wanted + 20)
+    call natural_subspace(ds, basis, free <= whole_below, omega2, x, ok)
     if (ok) call undamped_starts(ds, omega2, x, model, starts, shapes, twins, ok)
     if (.not. ok) return
     if (wanted == ds%n - ds%rows) wanted = size(starts)    ! more than the freedoms where motions grow and their twins do not decay
     call list_undamped(ds, model, starts, shapes, wanted, modes)
     if (caught_signal() > 0) return
-    call check_undamped(ds, [starts, twins], modes)
+    call check_undamped(ds, model%p == free, [starts, twins], modes)
     if (.not. ds%damped) return
     call model%take_apart()
     call list_vibrations(ds, model, starts, shapes, modes, unlisted)
@@ -133,6 +134,11 @@ contains
         if (abs(pole%lambda%re) <= steady*abs(pole%lambda)) pole%lambda%re = 0.0_wp
         if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
+        if (model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
+          if (ok) ok = copies(pole%lambda, starts(j))
+          if (.not. ok) pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
+          ok = .true.
+        end if
         if (ok) ok = copies(pole%lambda, starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
         if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, pole)
       end if
@@ -194,32 +200,43 @@ contains
     type(reduced_poles) :: poles
     integer, allocatable :: members(:), ranks(:)
     complex(wp), allocatable :: others(:)
-    integer :: part, j, i, listed, owner, zeros
+    integer :: part, j, i, listed, owner, zeros, expected, unasked
     logical :: ok, spanned, settled(size(shapes, 2))
     listed = maxval([0, modes%mode])
     settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
     allocate (ranks(size(ds%groups)), source=0)
     allocate (others(0))
     zeros = 0
+    expected = 0
+    unasked = 0
+    spanned = model%exact .and. model%p == ds%n - ds%rows
     do part = 1, model%parts
       if (caught_signal() > 0) return
       members = pack([(j, j=1, model%p)], model%label == part)
       call poles%find(model, members, .true., ok)
+      spanned = spanned .and. ok
       if (.not. ok) cycle
       ranks = ranks + poles%rank
       zeros = zeros + poles%zeros
+      expected = expected + size(poles%lambda)
       do i = 1, size(poles%lambda)
         if (caught_signal() > 0) return
         owner = most_alike(poles%shape(:, i), shapes)
-        if (owner > listed) then
+        if (modes%claims(poles%lambda(i))) cycle
+        if (unlisted%claims(poles%lambda(i)) .or. (spanned .and. owner > listed)) then
+          unasked = unasked + 1
+        else if (owner > listed) then
           call name_pole(ds, model, poles%lambda(i), poles%shape(:, i), modes, unlisted, others)
         else
-          call list_pole(ds, model, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
+          call list_pole(ds, model, spanned, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
         end if
       end do
     end do
-    spanned = model%exact .and. model%p == ds%n - ds%rows
-    call check_damped(ds, spanned, spanned .and. listed >= model%p, zeros, others, ranks, modes, unlisted)
+    if (spanned) then
+      call check_whole(modes, expected, unasked)
+    else
+      call check_damped(ds, zeros, others, ranks, modes, unlisted)
+    end if
   end subroutine list_others
 
   !> Names a pole of a mode that is not asked for. Where it may lie inside the region of the count, the true one.
@@ -232,7 +249,6 @@ contains
     complex(wp), allocatable, intent(inout) :: others(:)   !! estimates [1/s]
     type(pole_state) :: pole
     logical :: ok
-    if (unlisted%claims(lambda)) return
     ok = lambda%im > 0.0_wp .and. -lambda%re < 0.5_wp*abs(lambda) .and. &
          abs(lambda) < 1.5_wp*maxval([0.0_wp, abs(modes%lambda)])
     if (ok) then
@@ -248,9 +264,10 @@ contains
   end subroutine name_pole
 
   !> Lists one pole of the reduced system as one of the whole, unless it is listed.
-  subroutine list_pole(ds, model, lambda, shape, owner, settled, modes, unlisted)
+  subroutine list_pole(ds, model, spanned, lambda, shape, owner, settled, modes, unlisted)
     type(stiffness_system), intent(inout) :: ds
     type(reduced_model), intent(in) :: model
+    logical, intent(in) :: spanned                     !! the reduced system is the whole one: its poles need no search
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
     integer, intent(in) :: owner                       !! the undamped mode that it belongs to
@@ -260,8 +277,6 @@ contains
     real(wp) :: residual
     integer :: kind
     logical :: ok
-    if (modes%claims(lambda)) return
-    if (unlisted%claims(lambda)) return
     pole = start_pole(ds, lambda, matmul(model%basis, shape))
     call refine_pole(ds, 1.0_wp, exact, pole, ok)
     if (ok) then
@@ -274,9 +289,13 @@ contains
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
       if (unlisted%claims(pole%lambda, unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
-      ok = copies(pole%lambda, lambda) .or. modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+      ok = copies(pole%lambda, lambda)
+      if (.not. (ok .or. spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if
-    if (.not. ok) then
+    if (spanned .and. .not. ok) then
+      pole = start_pole(ds, lambda, matmul(model%basis, shape))
+      residual = residual_of(ds, lambda, pole%x, 1.0_wp)
+    else if (.not. ok) then
       modes%lost = [modes%lost, lambda]
       return
     end if

@@ -10,7 +10,7 @@ module gyroscopic_modes
   private
   public :: turning_basis
 
-  real(wp), parameter :: no_stiffness = 0.01_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
+  real(wp), parameter :: no_stiffness = 1.0e-6_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
 contains
 
@@ -42,19 +42,18 @@ contains
     real(wp), allocatable, intent(out) :: q(:, :)      !! (p, p) [-]
     integer, intent(out) :: rigid                      !! how many
     logical, intent(out) :: ok
-    real(wp) :: scale(size(k, 1)), s(size(k, 1)), tau(size(k, 1))
+    real(wp) :: scale(size(k, 1)), level(size(k, 1)), s(size(k, 1)), tau(size(k, 1))
     real(wp), allocatable :: a(:, :), u(:, :), vt(:, :), work(:)
     integer, allocatable :: iwork(:), pivots(:)
     integer :: p, j, info
     p = size(k, 1)
     do j = 1, p
-      scale(j) = abs(k(j, j))
-      if (scale(j) <= rounding_level(ds, x(:, j))) scale(j) = 10*epsilon(1.0_wp)*maxval(abs(k))
-      scale(j) = 1.0_wp/sqrt(max(scale(j), tiny(1.0_wp)))
+      level(j) = rounding_level(ds, x(:, j))
+      scale(j) = 1.0_wp/sqrt(max(abs(k(j, j)), level(j), tiny(1.0_wp)))
     end do
     allocate (a(p, p), u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))
     do j = 1, p
-      a(:, j) = scale*k(:, j)*scale(j)
+      a(:, j) = scale*merge(k(:, j), 0.0_wp, abs(k(:, j)) > sqrt(level*level(j)))*scale(j)
     end do
     call dgesdd('A', p, p, a, p, s, u, p, vt, p, work, size(work), iwork, info)
     rigid = count(s < no_stiffness)

@@ -23,6 +23,7 @@ module mode_list
     complex(wp), allocatable :: lost(:)                !! poles not found, nearly [1/s]
     integer :: missing_undamped = 0                    !! modes that the count misses in the list
     integer :: missing = 0                             !! poles that it misses
+    logical :: verified = .true.                       !! false: the count did not settle
     character(:), allocatable :: note_undamped         !! completeness in words
     character(:), allocatable :: note_damped           !! likewise
   contains

@@ -29,28 +29,31 @@ module natural_modes
 contains
 
   !> The lowest modes: mass-normalised vectors and squared frequencies, ascending. At least `wanted` of them are converged
-  !> (fewer only where the system has fewer degrees of freedom); the subspace is larger.
-  subroutine natural_subspace(ds, wanted, omega2, x, ok)
+  !> (fewer only where the system has fewer degrees of freedom); the subspace is larger; the others follow where all
+  !> motions are to be spanned.
+  subroutine natural_subspace(ds, wanted, whole, omega2, x, ok)
     type(stiffness_system), intent(inout), target :: ds
     integer, intent(in) :: wanted
+    logical, intent(in) :: whole                      !! all motions
     real(wp), allocatable, intent(out) :: omega2(:)   !! (p) [rad2/s2]
     real(wp), allocatable, intent(out) :: x(:, :)     !! (n, p) [1/sqrt(kg)]
     logical, intent(out) :: ok
     type(constrained_operator) :: op
-    integer :: free, p, pass
+    integer :: free, p, spanned, pass
     real(wp) :: noise, change, last
     logical :: settled_yet
     real(wp), allocatable :: before(:), moved(:), scale(:), forces(:, :)
     free = ds%n - ds%rows
     p = min(free, merge(wanted + 8, max(2*wanted, wanted + 8), ds%symmetric .and. .not. ds%damped))
     ok = .true.
-    allocate (omega2(p), x(ds%n, p), forces(ds%n, p))
+    spanned = merge(free, p, whole)
+    allocate (omega2(spanned), x(ds%n, spanned), forces(ds%n, spanned))
     if (p == 0) return
     op%ds => ds
     call op%set_shift(first_shift(ds))
     noise = epsilon(1.0_wp)*op%shift/small_shift       ! rounding of the largest frequencies [rad2/s2]
-    if (ds%n <= small .or. 2*p > free) then
-      call dense_start(ds, p, omega2, x, ok)
+    if (ds%n <= small .or. 2*spanned > free) then
+      call dense_start(ds, spanned, omega2, x, ok)
     else
       call krylov_start(op, omega2, x, ok)
     end if
@@ -60,11 +63,11 @@ contains
     do pass = 1, most_passes
       ok = caught_signal() == 0
       if (.not. ok) return
-      before = omega2
-      call iterate_subspace(op, x, omega2, ok)
+      before = omega2(1:p)
+      call iterate_subspace(op, x(:, 1:p), omega2(1:p), ok)
       if (.not. ok) return
-      omega2 = omega2 - op%shift
-      if (pass == 2 .or. pass == 5) call op%set_shift(better_shift(op, x))
+      omega2(1:p) = omega2(1:p) - op%shift
+      if (pass == 2 .or. pass == 5) call op%set_shift(better_shift(op, x(:, 1:p)))
       associate (w => min(wanted, p))
         moved = abs(omega2(1:w) - before(1:w))
         scale = abs(omega2(1:w)) + op%shift
@@ -76,7 +79,7 @@ contains
       end associate
     end do
     call inverse_iteration(op, x, forces, ok) ! Rayleigh-Ritz mixes what rounding of the largest frequency is into the lowest modes
-    do pass = 1, p
+    do pass = 1, spanned
       omega2(pass) = dot_product(x(:, pass), ds%stiffness_times(x(:, pass)))
     end do
     ok = ok .and. settled_yet
@@ -220,7 +223,7 @@ contains
   end subroutine null_space
 
   !> What rounding alone gives as x^T K x of a mass-normalised vector: a squared frequency below it is that of a rigid motion.
-  !> Inertia of turning bodies cancels in entries of K already: it rounds by its own size, the square of the rate of turn.
+  !> Inertia of turning bodies and forces cancel in entries of K already: they round by their own size.
   pure real(wp) function rounding_level(ds, x) result(level)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:)              !! (n) [1/sqrt(kg)]
@@ -240,7 +243,8 @@ contains
       e = ds%entry(j, j)
       if (ds%m(e) > 0.0_wp) rate2 = rate2 + turns(j)**2/ds%m(e)
     end do
-    level = 100*epsilon(1.0_wp)*(dot_product(forces, abs(x)) + rate2) + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
+    level = 100*epsilon(1.0_wp)*(dot_product(forces, abs(x)) + rate2 + dot_product(ds%forces, abs(x))**2) &
+            + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
   end function rounding_level
 
   !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.

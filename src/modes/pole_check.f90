@@ -9,17 +9,19 @@ module pole_check
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: check_undamped, check_damped
+  public :: check_undamped, check_damped, check_whole, judge_completeness
 
   real(wp), parameter :: steepest = 1.7_wp, flattest = 2.9_wp   !! bounds of the region's angle [rad]
   real(wp), parameter :: narrow = 1.001_wp             !! ratio of moduli between which no boundary fits [-]
+  real(wp), parameter :: far_below = 1.0e-3_wp         !! of the lowest known pole: where the count begins; a lower one may be missing [-]
   integer, parameter :: further_gaps = 6               !! gaps beyond the list in which the boundary may lie
 
 contains
 
   !> Counts the undamped modes up to the highest one that is asked for.
-  subroutine check_undamped(ds, starts, modes)
+  subroutine check_undamped(ds, whole, starts, modes)
     type(stiffness_system), intent(inout) :: ds
+    logical, intent(in) :: whole                       !! all eigenvalues of the system were computed
     complex(wp), intent(in) :: starts(:)               !! all that are known, Im < 0 where a search failed [1/s]
     type(mode_set), intent(inout) :: modes
     complex(wp), allocatable :: named(:), none(:)
@@ -27,6 +29,10 @@ contains
     integer :: missing
     logical :: ok
     modes%note_undamped = 'undamped modes: '//to_text(modes%count)
+    if (whole) then
+      modes%note_undamped = modes%note_undamped//', complete, of all '//to_text(size(starts))
+      return
+    end if
     named = pack(starts, starts%im >= 0.0_wp)
     if (.not. any(abs(modes%lambda) > 0.0_wp)) then
       if (size(modes%unfound) > 0) modes%note_undamped = modes%note_undamped//', '//to_text(size(modes%unfound))//' not found'
@@ -35,6 +41,7 @@ contains
     allocate (none(0))
     call region_of(named, maxval([abs(modes%lambda), abs(modes%unfound)]), pi/2 + 0.3_wp, region, none, none)
     call unnamed_poles(ds, 0.0_wp, region, doubled(named), none, [integer ::], missing, ok)
+    modes%verified = ok
     if (ok) modes%missing_undamped = (missing + 1)/2
     modes%note_undamped = modes%note_undamped//', '//verdict(region, .false., modes%missing_undamped, ok)
   end subroutine check_undamped
@@ -46,11 +53,28 @@ contains
     poles = [named, pack(named, abs(named) <= 0.0_wp)]
   end function doubled
 
+  !> Where all eigenvalues of the system were computed they are the poles, each listed or left out.
+  subroutine check_whole(modes, expected, unasked)
+    type(mode_set), intent(inout) :: modes
+    integer, intent(in) :: expected                    !! eigenvalues, one of each conjugate pair
+    integer, intent(in) :: unasked                     !! of modes not asked for
+    complex(wp) :: listed(count(modes%kind /= undamped_mode))   ! [1/s]
+    character(:), allocatable :: number
+    listed = pack(modes%lambda, modes%kind /= undamped_mode)
+    modes%missing = expected - unasked - size(listed)
+    number = to_text(size(listed) + count(listed%im > 0.0_wp))//' with conjugates'
+    if (modes%missing /= 0) then
+      modes%note_damped = 'poles: '//number//', '//to_text(modes%missing)//' missing'
+    else if (unasked == 0) then
+      modes%note_damped = 'poles: complete, all '//number
+    else
+      modes%note_damped = 'poles: '//number//', complete, '//to_text(unasked)//' of modes not asked for left out'
+    end if
+  end subroutine check_whole
+
   !> Counts the poles of the damped system.
-  subroutine check_damped(ds, spanned, whole, zeros, others, ranks, modes, unlisted)
+  subroutine check_damped(ds, zeros, others, ranks, modes, unlisted)
     type(stiffness_system), intent(inout) :: ds
-    logical, intent(in) :: spanned                     !! the reduced system spans all motions: its poles are the true ones
-    logical, intent(in) :: whole                       !! and all of them were looked for
     integer, intent(in) :: zeros                       !! poles at zero
     complex(wp), intent(in) :: others(:)               !! poles of modes that are not asked for, nearly [1/s]
     integer, intent(in) :: ranks(:)                    !! (groups) orders of the viscoelastic terms' own poles
@@ -65,22 +89,11 @@ contains
     number = size(listed) + count(listed%im > 0.0_wp)
     lost = size(modes%lost) + count(modes%lost%im > 0.0_wp)
     modes%note_damped = 'poles: '//to_text(number)//' with conjugates'
-    if (lost > 0 .and. spanned) then
-      modes%missing = lost
-      modes%note_damped = modes%note_damped//', '//to_text(lost)//' missing between '//hertz(minval(abs(modes%lost)))// &
-                          ' and '//hertz(maxval(abs(modes%lost)))//' (moduli)'
-      return
-    end if
     if (.not. any(abs(listed) > 0.0_wp)) return
     named = [listed, unlisted%lambda, others]
     call law_poles(ds, ranks, laws, orders, ends)
-    if (whole) then
-      region = pole_region(0.5_wp*minval(abs(named), abs(named) > 0.0_wp), 2*maxval([abs(named), abs(laws)]), &
-                           widest([named, laws], 0.0_wp, huge(1.0_wp), steepest))
-    else
-      vibrates = -listed%re < 0.5_wp*abs(listed)
-      call region_of(named, maxval(abs(listed), vibrates .or. .not. any(vibrates)), steepest, region, laws, ends)
-    end if
+    vibrates = -listed%re < 0.5_wp*abs(listed)
+    call region_of(named, maxval(abs(listed), vibrates .or. .not. any(vibrates)), steepest, region, laws, ends)
     associate (more => named(size(listed) + 1:))
       unasked = count(abs(more) > region%inner .and. abs(more) < region%outer .and. atan2(more%im, more%re) < region%angle)
     end associate
@@ -88,8 +101,8 @@ contains
     call unnamed_poles(ds, 1.0_wp, region, named, laws, orders, missing, ok)
     ok = ok .and. missing >= 0                         ! else estimates stand for poles that are not there
     if (ok) modes%missing = missing
+    modes%verified = modes%verified .and. ok
     modes%note_damped = modes%note_damped//', '//verdict(region, .true., modes%missing, ok)
-    if (ok .and. whole .and. missing == 0) modes%note_damped = 'poles: complete, all '//to_text(number)//' with conjugates'
     if (ok .and. unasked > 0) modes%note_damped = modes%note_damped//', '//to_text(unasked)//' of modes not asked for left out'
     if (lost > 0) modes%note_damped = modes%note_damped//'; '//to_text(lost)//' searches found no further one'
   end subroutine check_damped
@@ -121,7 +134,7 @@ contains
       if (.not. any(near .and. abs(named) > from)) exit
       from = to
     end do
-    region%inner = 0.5_wp*min(lowest, top)
+    region%inner = far_below*min(lowest, top)
     region%angle = widest([named, laws], region%inner, region%outer, angle)
   contains
     !> Whether no chain of poles crosses a circle.
@@ -209,6 +222,26 @@ contains
     values = cmplx(wr, wi, wp)
     values = values(by_modulus(values))
   end function eigenvalues
+
+  !> What is to be said of the list, nothing where it is complete.
+  subroutine judge_completeness(modes, failed, words)
+    type(mode_set), intent(in) :: modes
+    logical, intent(out) :: failed                     !! modes that were asked for are missing
+    character(:), allocatable, intent(out) :: words
+    integer :: k
+    failed = size(modes%unfound) > 0 .or. modes%missing_undamped > 0
+    words = ''
+    if (failed) then
+      words = 'the modal analysis has not found all modes that were asked for: '//modes%note_undamped
+      do k = 1, size(modes%unfound)
+        words = words//', one near '//hertz(abs(modes%unfound(k)))
+      end do
+    else if (modes%missing /= 0) then
+      words = 'poles are missing in modes.txt: '//modes%note_damped
+    else if (.not. modes%verified) then
+      words = 'modes.txt may not be complete: '//modes%note_undamped//'; '//modes%note_damped
+    end if
+  end subroutine judge_completeness
 
   !> The count in words.
   function verdict(region, damped, missing, ok) result(text)

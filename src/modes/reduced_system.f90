@@ -6,7 +6,8 @@
 module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use lapack, only: dgeev, dgesdd, dgesv, dsyev
+  use lapack, only: dgeev, dgeqp3, dorgqr, dsyev
+  use natural_modes, only: rounding_level
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -16,7 +17,8 @@ module reduced_system
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
   real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
 
-  real(wp), parameter :: undamped = 1.0e-13_wp         !! rate of a rigid motion that is rounding, over the highest frequency [-]
+  real(wp), parameter :: rounding = 1.0e-13_wp         !! rate that is, over the highest frequency [-]
+  real(wp), parameter :: dependent = 1.0e-10_wp        !! row of it that follows from others, rows scaled to 1 [-]
 
   !> The matrices on the subspace.
   type :: reduced_model
@@ -57,6 +59,7 @@ contains
     real(wp), intent(in) :: basis(:, :)                !! (n, p) [1/sqrt(kg)]
     logical, intent(in) :: rigid(:)                    !! (p)
     complex(wp) :: v(ds%n + ds%rows)
+    real(wp) :: level(size(basis, 2))                  ! of rounding in K [1/s2]
     integer :: j, r
     self%p = size(basis, 2)
     self%basis = basis
@@ -75,7 +78,9 @@ contains
       end do
     end do
     if (ds%symmetric) self%k = 0.5_wp*(self%k + transpose(self%k))
+    level = [(rounding_level(ds, basis(:, j)), j=1, self%p)]
     do j = 1, self%p
+      where (abs(self%k(:, j)) <= sqrt(level*level(j))) self%k(:, j) = 0.0_wp
       if (.not. rigid(j)) cycle
       self%k(:, j) = 0.0_wp
       if (ds%conservative) self%k(j, :) = 0.0_wp
@@ -83,6 +88,8 @@ contains
       self%part(j, :, :) = 0.0_wp
     end do
     call self%find_scale()
+    where (abs(self%g) <= rounding*maxval(self%scale)) self%g = 0.0_wp
+    where (abs(self%c) <= rounding*maxval(self%scale)) self%c = 0.0_wp
   contains
     !> Components of a force on the basis.
     function projected(force) result(y)
@@ -202,17 +209,24 @@ contains
     logical, intent(out) :: ok
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
     real(wp) :: left(1, 1)
+    complex(wp) :: shape(size(members))                ! [-]
+    complex(wp), allocatable :: state(:)
     logical, allocatable :: kept(:)
-    integer :: n, c, j, k, info
+    integer, allocatable :: states(:)
+    integer :: n, c, e, j, k, info
     call first_order(self, model, members, damped, a)
-    n = size(a, 1)
     c = size(members)
+    states = [pack([(j, j=1, c)], .not. model%rigid(members)), [(j, j=c + 1, size(a, 1))]]
+    a = a(states, states)                              ! rigid positions, which act on nothing, are left out
+    n = size(a, 1)
+    e = count(.not. model%rigid(members))
+    self%zeros = c - e
+    if (c > e) self%zeros = self%zeros + zero_eigenvalues(a, rounding*maxval(model%scale))
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
     ok = info == 0
-    self%zeros = zero_poles(model, members, damped)
     kept = wi >= 0.0_wp
-    do j = 1, self%zeros
+    do j = 1, self%zeros - (c - e)
       k = minloc(hypot(wr, wi), 1)
       wr(k) = huge(1.0_wp)                             ! counted, not looked for
       kept(k) = .false.
@@ -229,8 +243,10 @@ contains
       if (.not. kept(j)) cycle
       k = k + 1
       self%lambda(k) = cmplx(wr(j), wi(j), wp)
-      self%shape(members, k) = vr(1:c, j)/model%scale(members)
-      if (wi(j) > 0.0_wp) self%shape(members, k) = cmplx(vr(1:c, j), vr(1:c, j + 1), wp)/model%scale(members)
+      state = vr(:, j)
+      if (wi(j) > 0.0_wp) state = cmplx(vr(:, j), vr(:, j + 1), wp)
+      where (model%rigid(members)) shape = state(e + 1:e + c)*model%scale(members)/self%lambda(k)
+      self%shape(members, k) = unpack(state(1:e), .not. model%rigid(members), shape)/model%scale(members)
       if (.not. any(abs(self%shape(members, k)) > tiny(1.0_wp))) self%shape(members, k) = 1.0_wp  ! hardly anything moves: any shape
     end do
   end subroutine find
@@ -294,36 +310,36 @@ contains
     end do
   end subroutine first_order
 
-  !> Poles at zero: each rigid motion has one, and another where nothing opposes its velocity, neither damping and gyroscopic
-  !> forces nor, through the other motions' displacements under these, a K that is not symmetric. The poles' own moduli do not
-  !> tell: rounding gives them more than slow turning gives to others.
-  integer function zero_poles(model, members, damped) result(zeros)
-    type(reduced_model), intent(in) :: model
-    integer, intent(in) :: members(:)                  !! the motions of the part
-    logical, intent(in) :: damped
-    real(wp), allocatable :: rate(:, :), x(:, :), k(:, :), s(:), u(:, :), vt(:, :), work(:)
-    integer, allocatable :: r(:), e(:), pivots(:), iwork(:)
-    integer :: n, info
-    r = pack(members, model%rigid(members))
-    e = pack(members, .not. model%rigid(members))
-    n = size(r)
-    zeros = 2*n
-    if (n == 0) return
-    rate = model%g(r, r)
-    x = model%g(e, r)
-    if (damped) rate = rate + model%c(r, r)
-    if (damped) x = x + model%c(e, r)
-    if (any(abs(model%k(r, e)) > 0.0_wp)) then
-      k = model%k(e, e)
-      allocate (pivots(size(e)), source=0)
-      call dgesv(size(e), n, k, size(e), pivots, x, size(e), info)
-      if (info == 0) rate = rate - matmul(model%k(r, e), x)
-    end if
-    allocate (s(n), u(n, n), vt(n, n), work(n*(4*n + 20)), source=0.0_wp)
-    allocate (iwork(8*n), source=0)
-    call dgesdd('A', n, n, rate, n, s, u, n, vt, n, work, size(work), iwork, info)   ! 'N' divides by zero on purpose
-    zeros = zeros - count(s > undamped*maxval(model%scale))
-  end function zero_poles
+  !> How many eigenvalues are zero, by the dimensions of null spaces: a matrix with dependent rows has zeros, and on the space
+  !> that its rows span it may have more, down to where its rows are independent (Golub & Wilkinson 1976). The eigenvalues
+  !> themselves do not tell: rounding gives zeros of a Jordan chain more than slow turning gives to others.
+  integer function zero_eigenvalues(matrix, noise) result(zeros)
+    real(wp), intent(in) :: matrix(:, :)               !! [1/s]
+    real(wp), intent(in) :: noise                      !! what is rounding in it [1/s]
+    real(wp), allocatable :: a(:, :), q(:, :), tau(:), work(:)
+    integer, allocatable :: pivots(:)
+    integer :: n, rank, j, info
+    zeros = 0
+    a = matrix
+    do
+      n = size(a, 1)
+      if (n == 0) return
+      where (abs(a) <= noise) a = 0.0_wp
+      q = transpose(a)
+      do j = 1, n
+        q(:, j) = q(:, j)/max(maxval(abs(q(:, j))), tiny(1.0_wp))
+      end do
+      allocate (tau(n), work(66*n), source=0.0_wp)
+      allocate (pivots(n), source=0)
+      call dgeqp3(n, n, q, n, pivots, tau, work, size(work), info)
+      rank = count([(abs(q(j, j)) > dependent, j=1, n)])
+      if (rank == n) return
+      zeros = zeros + n - rank
+      call dorgqr(n, n, rank, q, n, tau, work, size(work), info)
+      a = matmul(transpose(q(:, 1:rank)), matmul(a, q(:, 1:rank)))
+      deallocate (tau, work, pivots)
+    end do
+  end function zero_eigenvalues
 
   !> Whether a pole is one of a viscoelastic term alone, in which the mechanism stands still.
   pure logical function unseen(model, lambda) result(yes)

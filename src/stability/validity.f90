@@ -11,7 +11,7 @@ module validity
   use text, only: es_text, fixed_text
   implicit none (type, external)
   private
-  public :: validity_watch, bend_to_limit
+  public :: validity_watch, bend_to_limit, thick_beams
 
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
@@ -88,15 +88,15 @@ contains
     call a%exchange(self%figures)
   end subroutine exchange
 
-  !> One sentence for each limit that a body passed.
-  function warnings(self, m, ev, stage) result(text)
+  !> One sentence for each limit that a body passed; thick beams that bend where `thick_beams` has not told of all.
+  function warnings(self, m, ev, stage, thick_told) result(text)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
+    logical, intent(in) :: thick_told
     character(:), allocatable :: text
-    real(wp) :: first, carried, bent, shear, moving
-    logical :: kept                                  ! modes are chosen
+    real(wp) :: first, carried, bent, moving
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -111,17 +111,10 @@ contains
           if (f(spin) > fast_spin*first) call say(body, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
-        if (max(f(deflection), f(rotation)*body%length) > 1.0e-13_wp*body%length) then
-          shear = shear_correction(body)
-          kept = body%basis%reduced_from > 0
-          if (shear > slender) call say(body, &
-                                        'is so short and thick that shear and rotary inertia, which beams here lack, would '// &
-            'lower its '//trim(merge('highest kept', 'lowest      ', kept .and. body%nf > 1))//' frequency by', &
-                                        100*shear, '%'//trim(merge('                         ', ', and higher ones by more', kept)))
-        end if
+        bent = max(f(deflection), f(rotation)*body%length)
+        if (bent > 1.0e-13_wp*body%length .and. .not. thick_told) text = text//thickness(body, stage)
         carried = part_period*body%basis%carried
         ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
-        bent = max(f(deflection), f(rotation)*body%length)
         if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit &
             .and. bent > 1.0e-13_wp*body%length .and. ev%t*carried >= 2*pi) then
           moving = sqrt(f(accelerations)/f(rates))
@@ -136,12 +129,47 @@ contains
       type(body_model), intent(in) :: body
       character(*), intent(in) :: what, rest
       real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
-      character(:), allocatable :: number
-      number = trim(adjustl(es_text(x, 2)))
-      if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-      text = text//'warning: '//stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
+      text = text//sentence(body, stage, what, x, rest)
     end subroutine say
   end function warnings
+
+  !> Tells of every beam that is not slender: modes and responses bend them all.
+  function thick_beams(m) result(text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text
+    integer :: b
+    text = ''
+    do b = 1, size(m%s%bodies)
+      if (m%s%bodies(b)%flexible) text = text//thickness(m%s%bodies(b), '')
+    end do
+  end function thick_beams
+
+  !> What a body loses by not being slender; nothing where it is.
+  function thickness(body, stage) result(text)
+    type(body_model), intent(in) :: body
+    character(*), intent(in) :: stage               !! as in `warnings`
+    character(:), allocatable :: text
+    real(wp) :: shear                                ! [-]
+    logical :: kept                                  ! modes are chosen
+    text = ''
+    shear = shear_correction(body)
+    if (.not. shear > slender) return
+    kept = body%basis%reduced_from > 0
+    text = sentence(body, stage, 'is so short and thick that shear and rotary inertia, which beams here lack, would lower its '// &
+                    trim(merge('highest kept', 'lowest      ', kept .and. body%nf > 1))//' frequency by', 100*shear, &
+                    '%'//trim(merge('                         ', ', and higher ones by more', kept)))
+  end function thickness
+
+  !> A warning with a figure.
+  function sentence(body, stage, what, x, rest) result(text)
+    type(body_model), intent(in) :: body
+    character(*), intent(in) :: stage, what, rest
+    real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
+    character(:), allocatable :: text, number
+    number = trim(adjustl(es_text(x, 2)))
+    if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
+    text = 'warning: '//stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
+  end function sentence
 
   !> Lowest frequency of the body under its reference conditions [rad/s].
   function lowest_frequency(b) result(omega)

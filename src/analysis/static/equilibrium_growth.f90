@@ -32,7 +32,7 @@ contains
     call linear_system(run, ds)
     if (ds%n == ds%rows) return
     if (ds%symmetric) then
-      call natural_subspace(ds, 1, omega2, x, ok)
+      call natural_subspace(ds, 1, .false., omega2, x, ok)
       if (.not. ok) return
       if (.not. omega2(1) < -rounding_level(ds, x(:, 1))) return
       rate = sqrt(-omega2(1))

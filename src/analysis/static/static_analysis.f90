@@ -57,7 +57,7 @@ contains
       call linear_system_with(m, ev, y, a, lambda, action, ds, lin)
     end associate
     call even_masses(run, ds)
-    call natural_subspace(ds, 4, omega2, x, ok)
+    call natural_subspace(ds, 4, .false., omega2, x, ok)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
     flexible = [(elastic(run, j), j=1, ds%n)]
     do j = 1, merge(size(omega2), 0, ok)              ! elasticity holds all that bends: in a free motion frames alone move
@@ -152,7 +152,7 @@ contains
     call text%figure(' (rounding: ', 'rounding', report%noise)
     call text%line(')')
     call text%close()
-    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '))
+    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
 

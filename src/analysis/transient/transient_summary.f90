@@ -57,7 +57,7 @@ contains
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call accuracy_lines(run, march, status == status_failed, text)
-    call validity_lines(run, text)
+    call validity_lines(run, status, text)
     call text%close()
   end subroutine transient_lines
 
@@ -97,16 +97,15 @@ contains
     end associate
   end subroutine motion_interval
 
-  !> Warnings of the validity watch.
-  subroutine validity_lines(run, text)
+  !> Warnings of the validity watch. A run that failed says nothing in its favour.
+  subroutine validity_lines(run, status, text)
     type(run_state), intent(in) :: run
+    integer, intent(in) :: status              !! of the run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
-    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')
-    if (len(warnings) == 0) then
-      call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
-    else
-      call add_warnings(text, run%d%path, warnings)
-    end if
+    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '', run%vibrates())
+    call add_warnings(text, run%d%path, warnings)
+    if (len(warnings) > 0 .or. status == status_failed) return
+    call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
   end subroutine validity_lines
 end module transient_summary

@@ -29,6 +29,7 @@ module dynamic_stiffness
     real(wp), allocatable :: k(:)              !! (entries) stiffness at E_R [N/m, N, N m]
     real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed [as k]
     real(wp), allocatable :: gyro(:)           !! (entries) skew part of c [as c]
+    real(wp), allocatable :: forces(:)         !! (n) forces that may cancel in k_ij: forces(i) forces(j) [(N/m)^1/2, (N m)^1/2]
     real(wp), allocatable :: joint(:)          !! (entries) J and J^T [-, m]
     type(ghm_group), allocatable :: groups(:)
     complex(wp), allocatable :: inertia(:)     !! (entries) what inertia, damping and joints bring to it [as k]
@@ -58,12 +59,14 @@ module dynamic_stiffness
 contains
 
   !> Builds the system from a linearisation; dependent constraint rows are left out.
-  subroutine build(self, m, lin, dependent)
+  subroutine build(self, m, lin, largest_force, dependent)
     class(stiffness_system), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(linear_mechanism), intent(in) :: lin
+    real(wp), intent(in) :: largest_force      !! that acts anywhere: frames' stiffness from forces is known to its rounding [N]
     logical, intent(in) :: dependent(:)        !! (rows) rows that follow from others
     integer, allocatable :: block_of(:), number_of(:)
+    real(wp) :: spring                         ! [N/m]
     integer :: b, k, nt
     self%n = lin%n
     self%active = pack([(k, k=1, lin%rows)], .not. dependent)
@@ -88,8 +91,13 @@ contains
     call make_groups(self, lin, self%groups)
     call classify(self)
     allocate (block_of(nt), source=0)
+    allocate (self%forces(self%n), source=0.0_wp)
     do b = 1, size(m%s%bodies)
       block_of(m%s%qo(b) + 4:m%s%qo(b) + 3 + m%s%bodies(b)%nf) = b
+      associate (x => m%s%qo(b))                       ! springs' forces are differences of lengths: known to k times a length
+        spring = max(abs(self%k(self%entry(x + 1, x + 1))), abs(self%k(self%entry(x + 2, x + 2))))
+        self%forces(x + 1:x + 3) = sqrt(largest_force/m%s%size + spring)*[1.0_wp, 1.0_wp, m%s%size]
+      end associate
     end do
     call self%solver%set_up(nt, self%row, self%col, block_of)
   end subroutine build
@@ -100,6 +108,7 @@ contains
     real(wp), parameter :: unequal = 1.0e-9_wp        !! relative difference of an entry and its mirror that is no rounding [-]
     real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
     self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
+    where (abs(self%gyro) <= rounding*(abs(self%c) + abs(self%c(self%mirror)))) self%gyro = 0.0_wp
     self%conservative = all(abs(self%k - self%k(self%mirror)) <= unequal*(abs(self%k) + abs(self%k(self%mirror))))
     if (self%conservative) self%k = 0.5_wp*(self%k + self%k(self%mirror))
     if (self%conservative) self%k_low = 0.5_wp*(self%k_low + self%k_low(self%mirror))
