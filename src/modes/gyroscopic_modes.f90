@@ -5,7 +5,7 @@ module gyroscopic_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
-  use natural_modes, only: rounding_level
+  use natural_modes, only: rounding_level, without_rounding
   implicit none (type, external)
   private
   public :: turning_basis
@@ -51,9 +51,10 @@ contains
       level(j) = rounding_level(ds, x(:, j))
       scale(j) = 1.0_wp/sqrt(max(abs(k(j, j)), level(j), tiny(1.0_wp)))
     end do
-    allocate (a(p, p), u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))
+    allocate (u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))
+    a = without_rounding(k, level)
     do j = 1, p
-      a(:, j) = scale*merge(k(:, j), 0.0_wp, abs(k(:, j)) > sqrt(level*level(j)))*scale(j)
+      a(:, j) = scale*a(:, j)*scale(j)
     end do
     call dgesdd('A', p, p, a, p, s, u, p, vt, p, work, size(work), iwork, info)
     rigid = count(s < no_stiffness)

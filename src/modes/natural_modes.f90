@@ -9,11 +9,12 @@ module natural_modes
   use process, only: caught_signal
   implicit none (type, external)
   private
-  public :: natural_subspace, rounding_level
+  public :: natural_subspace, rounding_level, without_rounding
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
   real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
+  real(wp), parameter :: mixed = 1.0e3_wp*epsilon(1.0_wp)   !! how much of any motion rounding leaves in another [-]
   real(wp), parameter :: settled = 1.0e-13_wp      !! relative change of omega^2 [-]
   real(wp), parameter :: at_floor = 1.0e-10_wp     !! change that no longer shrinks and is rounding [-]
 
@@ -244,8 +245,23 @@ contains
       if (ds%m(e) > 0.0_wp) rate2 = rate2 + turns(j)**2/ds%m(e)
     end do
     level = 100*epsilon(1.0_wp)*(dot_product(forces, abs(x)) + rate2 + dot_product(ds%forces, abs(x))**2) &
-            + (1.0e3_wp*epsilon(1.0_wp))**2*fastest(ds)
+            + mixed**2*fastest(ds)
   end function rounding_level
+
+  !> A stiffness on mass-normalised motions without entries that are rounding: of K, or of the motions themselves, each of which
+  !> holds a rounding of any other.
+  pure function without_rounding(k, level) result(clean)
+    real(wp), intent(in) :: k(:, :)           !! (p, p) [1/s2]
+    real(wp), intent(in) :: level(:)          !! (p) of each motion, `rounding_level` [1/s2]
+    real(wp) :: clean(size(k, 1), size(k, 2)) !! [1/s2]
+    integer :: i, j
+    do j = 1, size(k, 2)
+      do i = 1, size(k, 1)
+        clean(i, j) = k(i, j)
+        if (abs(k(i, j)) <= max(sqrt(level(i)*level(j)), mixed*max(abs(k(i, i)), abs(k(j, j))))) clean(i, j) = 0.0_wp
+      end do
+    end do
+  end function without_rounding
 
   !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.
   pure real(wp) function fastest(ds) result(ratio)

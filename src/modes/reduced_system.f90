@@ -7,7 +7,7 @@ module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev, dgeqp3, dorgqr, dsyev
-  use natural_modes, only: rounding_level
+  use natural_modes, only: rounding_level, without_rounding
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -59,7 +59,6 @@ contains
     real(wp), intent(in) :: basis(:, :)                !! (n, p) [1/sqrt(kg)]
     logical, intent(in) :: rigid(:)                    !! (p)
     complex(wp) :: v(ds%n + ds%rows)
-    real(wp) :: level(size(basis, 2))                  ! of rounding in K [1/s2]
     integer :: j, r
     self%p = size(basis, 2)
     self%basis = basis
@@ -78,9 +77,8 @@ contains
       end do
     end do
     if (ds%symmetric) self%k = 0.5_wp*(self%k + transpose(self%k))
-    level = [(rounding_level(ds, basis(:, j)), j=1, self%p)]
+    self%k = without_rounding(self%k, [(rounding_level(ds, basis(:, j)), j=1, self%p)])
     do j = 1, self%p
-      where (abs(self%k(:, j)) <= sqrt(level*level(j))) self%k(:, j) = 0.0_wp
       if (.not. rigid(j)) cycle
       self%k(:, j) = 0.0_wp
       if (ds%conservative) self%k(j, :) = 0.0_wp
