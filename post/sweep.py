@@ -59,7 +59,7 @@ class Journal:
         self.path = path
         self.done: dict[str, dict] = {}
         if path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 try:
                     entry = json.loads(line)
                     self.done[entry["key"]] = entry
@@ -209,7 +209,11 @@ def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> st
             tests.append((names.index(found[1]), COMPARISONS[found[2]], float(found[3])))
         except (TypeError, ValueError):
             raise HistoryError(f"--where {condition!r}: 'NAME < VALUE' expected, NAME one of {', '.join(names)}") from None
-    good = [row for row in rows if not row[-1] and all(test(row[k], value) for k, test, value in tests)]
+    good = [row for row in rows if not row[-1]]
+    for condition, (k, test, value) in zip(conditions, tests):
+        if any(isinstance(row[k], str) for row in good):
+            raise HistoryError(f"--where {condition!r}: the values of {names[k]} are words")
+        good = [row for row in good if test(row[k], value)]
     column = names.index(words[1])
     good = [row for row in good if row[column] == row[column]]
     if not good:
@@ -241,7 +245,7 @@ def sweep(args: argparse.Namespace) -> int:
         journal = Journal(folder / "journal.jsonl")
         run_all(study, text, journal, args, folder)
     except OSError as fault:
-        raise HistoryError(f"{folder}: {fault.strerror or fault}") from None
+        raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
     header, rows = table(study, journal, keys(study, text, args.biela))
     write_table(folder / "table.csv", header, rows)
     failed = [row for row in rows if row[-1]]

@@ -56,12 +56,15 @@ class Scalar:
             raise ValueError(f"name = {self.name!r}: a word of letters, digits and _ expected")
         if self.measure not in MEASURES:
             raise ValueError(f"measure = {self.measure!r}: one of {', '.join(MEASURES)} expected")
-        if self.file not in FILES:
+        if self.file not in [*FILES]:  # a list has no hash
             raise ValueError(f"file = {self.file!r}: one of {', '.join(FILES)} expected")
-        if self.measure == "summary" and not self.key:
+        if self.measure == "summary" and not (self.key and isinstance(self.key, str)):
             raise ValueError("measure = 'summary' needs key = 'a.figure.of.summary.json'")
-        if self.measure != "summary" and not self.column:
+        if self.measure != "summary" and not (self.column and isinstance(self.column, str)):
             raise ValueError(f"measure = {self.measure!r} needs a column")
+        for word, value in (("at", self.at), ("band", self.band), ("from", self.start)):
+            if not isinstance(value, (int, float)):
+                raise ValueError(f"{word} = {value!r}: a number expected")
 
     def unit(self, of_column: str, of_axis: str) -> str:
         """Return the unit of the number, from those of its column and of the file's first column."""
@@ -172,7 +175,7 @@ def _read_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], 
     picked = sorted({0, *(names.index(column) for column in wanted)})
     line = text.find(b"\n", first) - first
     width = line // max(len(names), 1)
-    if line != width * len(names) or (len(text) - first) % (line + 1):
+    if width <= 0 or line != width * len(names) or (len(text) - first) % (line + 1):
         raise ValueError(f"{path.name} is not complete")
     rows = np.frombuffer(text, np.dtype([("words", f"S{width}", (len(names),)), ("end", "S1")]), offset=first)
     values = _numbers(rows["words"][:, picked])

@@ -163,8 +163,8 @@ def _study(path: Path, said: dict) -> Study:
     _known(said, ("deck", "design", "samples", "seed", "parameter", "result"), "the study")
     if not isinstance(said.get("deck"), str):
         raise StudyError("deck = 'FILE.nml' is missing")
-    parameters = tuple(_parameter(entry) for entry in said.get("parameter", []))
-    scalars = tuple(_scalar(entry) for entry in said.get("result", []))
+    parameters = tuple(_parameter(entry) for entry in _tables(said, "parameter"))
+    scalars = tuple(_scalar(entry) for entry in _tables(said, "result"))
     if not parameters:
         raise StudyError("no [[parameter]] is given")
     if not scalars:
@@ -184,6 +184,14 @@ def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
         raise StudyError(f"{what}: {unknown[0]!r} is not known; one of {', '.join(words)} expected")
 
 
+def _tables(said: dict, kind: str) -> list[dict]:
+    """Return the tables [[kind]] of a study."""
+    found = said.get(kind, [])
+    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+        raise StudyError(f"{kind}: tables [[{kind}]] expected")
+    return found
+
+
 def _target(text: object) -> Target:
     """Return the variable that 'group/name/variable(index)' names."""
     found = TARGET.fullmatch(text) if isinstance(text, str) else None
@@ -199,7 +207,7 @@ def _parameter(entry: dict) -> Parameter:
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
     said = entry.get("set", [])
-    targets = tuple(_target(text) for text in ([said] if isinstance(said, str) else said))
+    targets = tuple(_target(text) for text in (said if isinstance(said, list) else [said]))
     ways = [way for way in ("values", "from", "expression") if way in entry]
     if len(ways) != 1:
         raise StudyError(f"parameter {name}: one of values, from (with to and points), expression expected")
@@ -211,6 +219,8 @@ def _parameter(entry: dict) -> Parameter:
             raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
     elif "from" in entry:
         values = _range(name, entry, log)
+    elif not str(entry["expression"]).strip():
+        raise StudyError(f"parameter {name}: expression = '...' expected")
     return Parameter(name, targets, values, str(entry.get("expression", "")), log, str(entry.get("unit", "")))
 
 
@@ -218,7 +228,7 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
     """Return the values of from, to, points, spacing."""
     try:
         first, last, points = float(entry["from"]), float(entry["to"]), int(entry.get("points", 2))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise StudyError(f"parameter {name}: from, to and points expected, all numbers") from None
     if points < 2 or not (math.isfinite(first) and math.isfinite(last)) or (log and min(first, last) <= 0.0):
         raise StudyError(f"parameter {name}: two points or more expected, finite ends, positive ones for spacing = 'log'")
@@ -259,6 +269,8 @@ def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
             if parameter.expression:
                 values[parameter.name] = evaluate(parameter.expression, values)
         points.append({parameter.name: values[parameter.name] for parameter in parameters})
+    if not points:
+        raise StudyError(f"design = {design!r}: a [[parameter]] with values of its own, or from and to, is missing")
     return tuple(points)
 
 
@@ -274,6 +286,8 @@ def _hypercube(said: dict, free: list[Parameter]) -> list[tuple]:
     for parameter in free:
         part = (generator.permutation(samples) + generator.random(samples)) / samples  # one value in each of as many strata
         low, high = min(parameter.values), max(parameter.values)
+        if parameter.log and low * high <= 0.0:
+            raise StudyError(f"parameter {parameter.name}: positive numbers expected for spacing = 'log'")
         column = low * (high / low) ** part if parameter.log else low + (high - low) * part
         columns.append([float(value) for value in column])
     return list(zip(*columns))

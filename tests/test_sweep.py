@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -212,3 +213,67 @@ def test_no_scheduler_is_told_in_one_line(study, capsys):
 def test_histories_are_read_by_their_own_reader_too(study):
     study(STUDY, "--keep", "--no-pictures")
     assert "other.v" in read("results/sweep/study/runs/results/000000")
+
+
+def test_what_is_wrong_with_the_command_ends_it_in_one_line(study, capsys):
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    Path("text").write_text("no program\n", encoding="utf-8")
+    for words, told in (
+        (["--jobs", "0"], "--jobs 0: 1 or more expected"),
+        (["--biela", "nothing"], "nothing: no such program: build it with make, or name it with --biela"),
+        (["--biela", "text", "--no-pictures"], "text: Permission denied"),
+        (["--output", "arm.nml/there"], "arm.nml/there: Not a directory"),
+    ):
+        assert study(STUDY, *words)[0] == 2
+        said = capsys.readouterr().err
+        assert said.startswith("sweep: ")
+        assert said.endswith(f"{told}\n")
+        assert said.count("\n") == 1
+    assert Path("results/sweep/study/table.csv").read_text(encoding="utf-8") == "old\n"
+
+
+def test_a_table_that_cannot_be_written(study, capsys):
+    Path("out/table.csv").mkdir(parents=True)
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    assert study(STUDY.replace("points = 3", "points = 2"), "--output", "out")[0] == 2
+    assert capsys.readouterr().err == "sweep: out/table.csv: cannot be written (Is a directory)\n"
+
+
+class Interrupted(Inline):
+    """An executor that Ctrl-C reaches when it gets its fourth batch."""
+
+    def submit(self, work, batch):
+        """Work at once, or be interrupted."""
+        if len(self.ran) == 3:
+            raise KeyboardInterrupt
+        return super().submit(work, batch)
+
+
+def test_an_interrupted_sweep_says_how_to_go_on(study, monkeypatch, capsys):
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    text = STUDY.replace("points = 3", "points = 2")
+    ran = []
+    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
+    assert study(text, "--jobs", "1")[0] == 2
+    assert capsys.readouterr().err == "sweep: interrupted after 3 of 4 runs; the same command goes on\n"
+    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    ran.clear()
+    assert study(text, "--no-pictures")[0] == 0
+    assert len(ran) == 1
+    journal = Path("results/sweep/study/journal.jsonl")
+    written = journal.read_bytes()
+    journal.write_bytes(written + b"\xff\xfe cut\n")
+    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: pytest.fail("all was run before"))
+    status, rows = study(text, "--no-pictures")
+    assert (status, len(rows)) == (0, 4)
+
+
+def test_without_the_package_of_dask_the_command_names_it(study, monkeypatch, capsys):
+    Path("results/sweep/study").mkdir(parents=True)
+    Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    assert study(STUDY, "--dask", "tcp://127.0.0.1:9")[0] == 2
+    assert capsys.readouterr().err == "sweep: --dask needs the package distributed: pip install 'dask[distributed]'\n"

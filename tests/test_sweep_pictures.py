@@ -1,0 +1,46 @@
+"""Pictures of a sweep's table: what stands on which axis, what failed, when there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import sweep_picture
+import sweep_study
+from sweep_scalars import Scalar
+
+
+def named(name: str, **words: object) -> sweep_study.Parameter:
+    return sweep_study.Parameter(**{"name": name, "targets": (), "values": (1.0, 2.0), "expression": "", "log": False, **words})
+
+
+def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Parameter) -> list:
+    """Return the names of the pictures of a table, and their figures' axes."""
+    found = []
+
+    def save(figure, path):
+        found.extend([path.name, figure.axes])
+        return [path]
+
+    monkeypatch.setattr(sweep_picture, "save", save)
+    study = sweep_study.Study("s", tmp_path / "a.nml", parameters, (Scalar("peak", "peak", "tip.v"),), ())
+    sweep_picture.draw(study, [*(one.label for one in parameters), "peak[m]", "failure"], rows, tmp_path)
+    sweep_picture.plt.close("all")
+    return found
+
+
+def test_pictures_are_curves_over_one_parameter_and_maps_over_two(tmp_path, monkeypatch):
+    one, two = named("h", unit="m", log=True), named("w", log=True)
+    name, axes = drawn(tmp_path, monkeypatch, [[1.0, 3.0, ""], [2.0, 5.0, ""], [4.0, "", "failed"]], one)
+    assert (name, axes[0].get_xlabel(), axes[0].get_xscale()) == ("curves", "h [m]", "log")
+    assert axes[0].lines[0].get_xydata().tolist() == [[1.0, 3.0], [2.0, 5.0]]
+    name, axes = drawn(
+        tmp_path, monkeypatch, [[1.0, 1.0, 3.0, ""], [1.0, 2.0, 4.0, ""], [2.0, 1.0, "", "no"], [2.0, 2.0, 5.0, ""]], one, two
+    )
+    assert (name, axes[0].get_xscale(), axes[0].get_yscale()) == ("map_peak", "log", "log")
+    assert axes[0].lines[0].get_xydata().tolist() == [[2.0, 1.0]], "the failed run is crossed"
+    assert axes[0].get_legend().get_texts()[0].get_text() == "failed"
+    assert np.ma.filled(axes[0].collections[0].get_array(), -1.0).ravel().tolist() == [3.0, -1.0, 4.0, 5.0]
+
+
+def test_what_varies_in_nothing_has_no_picture(tmp_path, monkeypatch):
+    assert drawn(tmp_path, monkeypatch, [[1.0, 3.0, ""]], named("h")) == []
+    assert drawn(tmp_path, monkeypatch, [[1.0, "", "no"], [2.0, "", "no"]], named("h")) == []

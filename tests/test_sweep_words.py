@@ -1,0 +1,307 @@
+"""Sweeps in parts: what each word of a study means or is refused for, measures of columns, how a batch gives its rows."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import f90nml
+import numpy as np
+import pytest
+import sweep
+import sweep_run
+import sweep_study
+from histories import HistoryError
+from sweep_run import Batch, assign, run_batch
+from sweep_scalars import Scalar, measure
+from sweep_study import StudyError, Target
+
+PARAMETER = "[[parameter]]\nname = 'h'\nset = 'section/strip/height'\n"
+RESULT = "[[result]]\nname = 'peak'\nmeasure = 'peak'\ncolumn = 'tip.v'\n"
+
+
+def points(folder: Path, text: str) -> list[tuple]:
+    """Return the values of the parameters of a study's runs."""
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return [tuple(point.values()) for point in sweep_study.read(folder / "study.toml").points]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("", "one of values, from (with to and points), expression expected"),
+        ("values = [1.0]\nfrom = 1.0", "one of values, from (with to and points), expression expected"),
+        ("values = 1.0", "parameter h: values = [...] expected, numbers or words"),
+        ("values = []", "parameter h: values = [...] expected, numbers or words"),
+        ("values = [[1.0]]", "parameter h: values = [...] expected, numbers or words"),
+        ("from = 1.0", "parameter h: from, to and points expected, all numbers"),
+        ("from = 'a'\nto = 2.0", "parameter h: from, to and points expected, all numbers"),
+        ("from = 1.0\nto = 2.0\npoints = inf", "parameter h: from, to and points expected, all numbers"),
+        ("from = 1.0\nto = 2.0\npoints = 1", "parameter h: two points or more expected, finite ends"),
+        ("from = 1.0\nto = inf", "parameter h: two points or more expected, finite ends"),
+        ("from = 0.0\nto = 2.0\nspacing = 'log'", "positive ones for spacing = 'log'"),
+        ("from = 1.0\nto = 2.0\nspacing = 'cubic'", "parameter h: spacing = 'linear' or 'log' expected"),
+        ("expression = ''", "parameter h: expression = '...' expected"),
+        ("expression = '2 +'", "expression '2 +': is no expression"),
+        ("expression = 'sqrt(-1.0)'", "expression 'sqrt(-1.0)' has no value"),
+        ("expression = 'sqrt(1.0, 2.0)'", "expression 'sqrt(1.0, 2.0)' has no value"),
+        ("expression = 'open(1)'", "'open(1)' is not known; numbers, + - * / **, and pi, sqrt"),
+    ],
+)
+def test_what_a_parameter_cannot_be_is_told(tmp_path, words, told):
+    with pytest.raises(StudyError) as fault:
+        points(tmp_path, f"deck = 'a.nml'\n{PARAMETER}{words}\n{RESULT}")
+    assert str(fault.value).startswith(f"{tmp_path / 'study.toml'}: ")
+    assert told in str(fault.value)
+
+
+VALUES = PARAMETER + "values = [1.0, 2.0]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (f"{VALUES}{RESULT}", "deck = 'FILE.nml' is missing"),
+        (f"deck = 3\n{VALUES}{RESULT}", "deck = 'FILE.nml' is missing"),
+        (f"deck = 'a.nml'\n{RESULT}", "no [[parameter]] is given"),
+        (f"deck = 'a.nml'\n{VALUES}", "no [[result]] is given"),
+        (f"deck = 'a.nml'\nparameter = 3\n{RESULT}", "parameter: tables [[parameter]] expected"),
+        (f"deck = 'a.nml'\nparameter = ['h']\n{RESULT}", "parameter: tables [[parameter]] expected"),
+        (f"deck = 'a.nml'\n{VALUES}[result]\nname = 'peak'\n", "result: tables [[result]] expected"),
+        (f"deck = 'a.nml'\ndesign = 'star'\n{VALUES}{RESULT}", "design = 'star': one of grid, zip, latin_hypercube expected"),
+        (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\n{VALUES}{RESULT}", "samples = a whole number expected"),
+        (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 2\nseed = -1\n{VALUES}{RESULT}", "seed too where given"),
+        (
+            f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 2\n{PARAMETER}values = ['a', 'b']\n{RESULT}",
+            "parameters have to be numbers",
+        ),
+        (
+            f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 2\n{PARAMETER}values = [0.0, 1.0]\nspacing = 'log'\n{RESULT}",
+            "parameter h: positive numbers expected for spacing = 'log'",
+        ),
+        (
+            f"deck = 'a.nml'\ndesign = 'zip'\n{PARAMETER}expression = '2.0'\n{RESULT}",
+            "design = 'zip': a [[parameter]] with values of its own, or from and to, is missing",
+        ),
+        (f"deck = 'a.nml'\n[[parameter]]\nname = '2h'\nvalues = [1.0]\n{RESULT}", "name = '2h': a word of letters, digits and _"),
+        (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = 'strip'\nvalues = [1.0]\n{RESULT}", "set: 'strip': 'group/name/var"),
+        (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = 3\nvalues = [1.0]\n{RESULT}", "set: 3: 'group/name/variable'"),
+        (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = [3]\nvalues = [1.0]\n{RESULT}", "set: 3: 'group/name/variable'"),
+    ],
+)
+def test_what_a_study_lacks_is_told(tmp_path, text, told):
+    with pytest.raises(StudyError) as fault:
+        points(tmp_path, text)
+    assert told in str(fault.value)
+
+
+def test_a_study_that_is_not_there(tmp_path):
+    with pytest.raises(StudyError, match=r"none\.toml: no such file"):
+        sweep_study.read(tmp_path / "none.toml")
+
+
+def test_zip_takes_the_values_in_turn_and_expressions_follow(tmp_path):
+    second = "[[parameter]]\nname = 'w'\nfrom = 1.0\nto = 100.0\npoints = 2\nspacing = 'log'\n"
+    linked = "[[parameter]]\nname = 'x'\nexpression = '-h + hypot(3, 4)*cos(pi)/w'\n"
+    found = points(tmp_path, f"deck = 'a.nml'\ndesign = 'zip'\n{VALUES}{second}{linked}{RESULT}")
+    assert found == [(1.0, 1.0, -6.0), (2.0, 100.0, -2.05)]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"name": "2x"}, "name = '2x': a word of letters, digits and _ expected"),
+        ({"measure": "size"}, "measure = 'size': one of peak, rms"),
+        ({"file": "motion"}, "file = 'motion': one of history, energy"),
+        ({"file": ["history"]}, "file = ['history']: one of history, energy"),
+        ({"measure": "summary"}, "measure = 'summary' needs key = 'a.figure.of.summary.json'"),
+        ({"measure": "summary", "key": 3}, "measure = 'summary' needs key"),
+        ({"column": ""}, "measure = 'peak' needs a column"),
+        ({"column": 3}, "measure = 'peak' needs a column"),
+        ({"at": "end"}, "at = 'end': a number expected"),
+        ({"band": [0.1]}, "band = [0.1]: a number expected"),
+        ({"start": "0"}, "from = '0': a number expected"),
+    ],
+)
+def test_what_a_result_cannot_be_is_told(words, told):
+    with pytest.raises(ValueError, match=r"expected|needs") as fault:
+        Scalar(**{"name": "x", "measure": "peak", "column": "tip.v", **words})
+    assert told in str(fault.value)
+
+
+TABLE = "# columns: t[s] a[m] b[rad/s]\n"
+ROWS = [(0.0, 1.0, -2.0), (1.0, -3.0, 4.0), (2.0, 1.0, 10.0)]
+
+
+def lines(rows: list[tuple]) -> str:
+    """Return rows as the solver writes them."""
+    return "".join("".join(f"{x:24.16E}"[:21] + f"{int(f'{x:e}'[-3:]):+04d}" for x in row) + "\n" for row in rows)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a results folder with a history and a summary."""
+    (tmp_path / "history.txt").write_text(TABLE + lines(ROWS), encoding="utf-8")
+    (tmp_path / "summary.json").write_text(json.dumps({"transient": {"steps": 12}, "modes": {"poles": [{"frequency": 3.5}]}}))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "value", "unit"),
+    [
+        ({"measure": "peak", "column": "a"}, 3.0, "m"),
+        ({"measure": "range", "column": "b"}, 12.0, "rad/s"),
+        ({"measure": "mean", "column": "a"}, -1.0, "m"),
+        ({"measure": "mean", "column": "a", "start": 2.0}, 1.0, "m"),
+        ({"measure": "min", "column": "b"}, -2.0, "rad/s"),
+        ({"measure": "rms", "column": "a", "start": 2.0}, 1.0, "m"),
+        ({"measure": "final", "column": "b"}, 10.0, "rad/s"),
+        ({"measure": "value", "column": "b", "at": 0.5}, 1.0, "rad/s"),
+        ({"measure": "value", "column": "b", "at": 2.5}, np.nan, "rad/s"),
+        ({"measure": "peak", "column": "a", "start": 3.0}, np.nan, "m"),
+        ({"measure": "spectral_peak", "column": "a"}, np.nan, "Hz"),
+        ({"measure": "decay_rate", "column": "a"}, np.nan, "1/s"),
+        ({"measure": "settling_time", "column": "b"}, 1.0, "s"),
+        ({"measure": "settling_time", "column": "b", "band": 1.0}, 0.0, "s"),
+        ({"measure": "summary", "key": "transient.steps"}, 12.0, ""),
+        ({"measure": "summary", "key": "modes.poles.0.frequency"}, 3.5, ""),
+    ],
+)
+def test_a_measure_has_its_exact_value_and_unit(folder, words, value, unit):
+    found, units = measure(folder, (Scalar("x", **words),))
+    assert (found, units) == (pytest.approx([value], rel=1e-15, nan_ok=True), [unit])
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "told"),
+    [
+        (None, {"file": "energy"}, "energy.txt: No such file or directory"),
+        (None, {"column": "c"}, "history.txt has no column 'c'; it has t, a, b"),
+        (TABLE + lines(ROWS)[:-5], {}, "history.txt is not complete"),
+        (TABLE, {}, "history.txt is not complete"),
+        ("#\n" + TABLE, {}, "history.txt is not complete"),
+        ("##\n" + TABLE, {}, "history.txt is not complete"),
+        (None, {"measure": "summary", "key": "transient.none"}, "summary.json has no figure 'transient.none'"),
+        (None, {"measure": "summary", "key": "modes.poles.7.frequency"}, "summary.json has no figure 'modes.poles.7.frequency'"),
+        (None, {"measure": "summary", "key": "transient.steps.x"}, "summary.json has no figure 'transient.steps.x'"),
+    ],
+)
+def test_results_without_the_number_are_told(folder, change, words, told):
+    if change is not None:
+        (folder / "history.txt").write_text(change, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"\.txt|\.json") as fault:
+        measure(folder, (Scalar(**{"name": "x", "measure": "peak", "column": "a", **words}),))
+    assert str(fault.value) == told
+
+
+DECK = """&scene gravity=0.0,-9.81 /
+&sensor name='tip' /
+&sensor name='other' /
+&history name='h' file='h.txt' /
+&transient t_end=1.0 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("target", "value", "told"),
+    [
+        (Target("scene", "", "gravity", 2), -1.62, "gravity = 0.0, -1.62"),
+        (Target("transient", "", "t_end", 1), 2.0, "t_end = 2.0"),
+        (Target("scene", "", "check", 0), True, "check = .true."),
+    ],
+)
+def test_a_variable_or_an_element_of_a_list_is_set(target, value, told):
+    deck = f90nml.reads(DECK)
+    assign(deck, target, value)
+    assert told in str(deck)
+
+
+def test_an_element_that_a_list_does_not_have():
+    with pytest.raises(StudyError, match="scene/gravity: the deck gives 2 values, no number 3"):
+        assign(f90nml.reads(DECK), Target("scene", "", "gravity", 3), 1.0)
+
+
+def batch(folder: Path, said: str, **changes: object) -> Batch:
+    """Return a batch of two runs by a stand-in for the solver, which says something."""
+    program = folder / "solver"
+    program.write_text(f"#!/bin/sh\n{said}\n")
+    program.chmod(0o755)
+    runs = {k: ((Target("transient", "", "t_end", 0), value),) for k, value in ((4, 0.5), (5, False))}
+    words = dict(assignments=runs, scalars=(Scalar("peak", "peak", "tip.v"),), keep=None, lean=True)
+    return Batch(str(program), DECK, str(folder), **{**words, **changes})
+
+
+def test_each_run_of_a_batch_has_what_the_solver_says_of_it(tmp_path):
+    said = "echo '000004.nml:3: warning: small' >&2; echo '000004.nml:4: no such word' >&2; echo '000004.nml: more' >&2"
+    rows = run_batch(batch(tmp_path, said))
+    assert [(row.number, row.values, row.reason) for row in rows] == [
+        (4, [], "no such word"),
+        (5, [], "history.txt: No such file or directory"),
+    ]
+    assert {row.reason for row in run_batch(batch(tmp_path, "kill -9 $$"))} == {"the solver was stopped by signal 9"}
+
+
+def test_decks_that_are_kept_hold_the_values_and_tables_lie_where_they_were(tmp_path):
+    run_batch(batch(tmp_path, "true", keep=str(tmp_path / "runs"), lean=False))
+    kept = [f90nml.read(tmp_path / "runs" / f"00000{k}.nml") for k in (4, 5)]
+    assert [deck["transient"]["t_end"] for deck in kept] == [0.5, False]
+    assert kept[0]["history"]["file"] == str(tmp_path / "h.txt")
+    assert len(kept[0]["sensor"]) == 2
+
+
+def test_lean_decks_keep_what_is_measured(tmp_path):
+    names = {}
+    for file in ("history", "modes"):
+        lean = batch(tmp_path, "true", scalars=(Scalar("peak", "peak", "tip.v", file),))
+        names[file] = [one["name"] for one in sweep_run.groups(f90nml.reads(sweep_run.template(lean)), "sensor")]
+    assert names == {"history": ["tip"], "modes": ["tip", "other"]}
+
+
+def test_a_worker_that_never_saw_the_folder_runs_a_batch(tmp_path, monkeypatch):
+    import pickle
+
+    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep.HERE])
+    rows = sweep._on_worker(str(sweep.HERE), pickle.dumps(batch(tmp_path, "exit 0")))
+    assert [row.reason for row in rows] == ["history.txt: No such file or directory"] * 2
+
+
+def test_the_progress_bar_is_for_a_terminal(monkeypatch, capsys):
+    sweep._progress(1, 4, 2.0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    sweep._progress(1, 4, 2.0)
+    sweep._progress(4, 4, 8.0)
+    assert capsys.readouterr().err == f"\r[{'#' * 7:<30}] 1/4 runs, 6 s left \r[{'#' * 30}] 4/4 runs, 0 s left \n"
+
+
+def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return sweep_study.read(folder / "study.toml")
+
+
+@pytest.mark.parametrize(
+    ("wish", "conditions", "told"),
+    [
+        ("max peak", [], "best of 2 runs (max peak): h = 2, peak = 9"),
+        ("min peak", ["h >= 2"], "best of 1 runs (min peak, h >= 2): h = 2, peak = 9"),
+        ("min peak", ["h > 2"], "best: no run meets the conditions"),
+        ("least peak", [], "--best 'least peak': 'min NAME' or 'max NAME' expected, NAME one of h, peak"),
+        ("min mass", [], "'min NAME' or 'max NAME' expected, NAME one of h, peak"),
+        ("min peak", ["mass < 3"], "--where 'mass < 3': 'NAME < VALUE' expected, NAME one of h, peak"),
+        ("min peak", ["h < x"], "--where 'h < x': 'NAME < VALUE' expected, NAME one of h, peak"),
+        ("min peak", ["h = 2"], "--where 'h = 2': 'NAME < VALUE' expected, NAME one of h, peak"),
+    ],
+)
+def test_the_best_run_is_named(tmp_path, wish, conditions, told):
+    rows = [[1.0, 4.0, ""], [2.0, 9.0, ""], [3.0, "", "failed"], [4.0, np.nan, ""]]
+    try:
+        said = sweep.best(study_of(tmp_path), rows, wish, conditions)
+    except HistoryError as fault:
+        said = str(fault)
+    assert told in said
+
+
+def test_words_have_no_size(tmp_path):
+    with pytest.raises(HistoryError, match="--where 'h < 3': the values of h are words"):
+        sweep.best(study_of(tmp_path), [["steel", 4.0, ""], ["brass", 3.0, ""]], "min peak", ["h < 3"])
