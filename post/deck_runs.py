@@ -19,6 +19,8 @@ import subprocess
 import sys
 import threading
 import time
+import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
@@ -150,10 +152,11 @@ class Runner:
 
     def __post_init__(self) -> None:
         try:
-            self.digest = hashlib.sha256(self.biela.read_bytes()).hexdigest()
             self.folder.mkdir(parents=True, exist_ok=True)
+            self.digest = hashlib.sha256(self.biela.read_bytes()).hexdigest()
         except OSError as fault:
-            raise RunsError(f"{fault.filename}: {fault.strerror} (`make` builds the solver)") from None
+            hint = " (`make` builds the solver)" if fault.filename == str(self.biela) else ""
+            raise RunsError(f"{fault.filename}: {fault.strerror}{hint}") from None
         self.children: set[subprocess.Popen] = set()
         self.stopped = threading.Event()
         self.drawing = threading.Lock()
@@ -254,7 +257,7 @@ class Runner:
 
     def kept(self, text: str) -> Outcome | None:
         """Return a kept run, None where it was not made yet."""
-        with contextlib.suppress(OSError, ValueError, KeyError, EOFError):
+        with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             return _load(self.folder / f"{self._key(text)}.npz")
         return None
 
