@@ -155,7 +155,7 @@ def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
         try:
             found = parts(study, deck, point.deck, point.outcome, doublings)
         except (RunsError, OutOfTimeError) as fault:
-            result.notes.append(f"{name}: its error is not split: {fault or 'the time ended'}")
+            result.notes.append(f"{name}: its error is not split: {str(fault) or 'the time ended'}")
             continue
         result.parts.append((name, *found))
         result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest, study.tolerance)

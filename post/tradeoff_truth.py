@@ -98,7 +98,7 @@ def refined_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     except (RunsError, OutOfTimeError) as fault:
         study.runner.share = SECOND
         base = deck_truth(study, deck, written)
-        note = f"no refined truth: {fault or 'the time ended'}; the errors are those of the time integration alone"
+        note = f"no refined truth: {str(fault) or 'the time ended'}; the errors are those of the time integration alone"
         return replace(base, notes=[note, *base.notes])
     finest = meshes[-1]
     words = f"mesh x {2 ** (len(meshes) - 1)}, all kinematics modelled, {_words(study, finest.curves[0])}"

@@ -9,16 +9,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import deck_models
 import deck_text
 import numpy as np
 import pytest
-import tradeoff
 from compare import differences
 from conftest import REFERENCE, ROOT
-from deck_runs import Outcome, RunsError
+from deck_runs import Outcome
 from histories import read
 from oracle import Scene
 from scipy.integrate import solve_ivp
@@ -215,17 +213,6 @@ def test_curves_of_all_methods_fall_with_their_orders(study, tmp_path):
     rows = re.findall(r"^generalized_alpha step (\S+) s +\S+ +\S+ +\S+ +\S+ +(\d+) ", text, re.MULTILINE)
     assert len(rows) > 5
     assert all(int(evaluations) > 1.0 / float(step) for step, evaluations in rows), "Newton iterations count as evaluations"
-
-
-def test_an_error_that_cannot_be_split_leaves_a_note_and_the_rest(monkeypatch):
-    def failing(*_: object) -> None:
-        raise RunsError("no method converged")
-
-    monkeypatch.setattr(tradeoff, "parts", failing)
-    result = SimpleNamespace(written=SimpleNamespace(deck=None, outcome=SimpleNamespace(ok=True)), chosen=None, parts=[], notes=[])
-    tradeoff.split(None, result, None, 1)
-    assert result.parts == []
-    assert result.notes == ["deck as written: its error is not split: no method converged"]
 
 
 def test_a_reader_that_has_gone_ends_the_study_quietly(biela, tmp_path):
