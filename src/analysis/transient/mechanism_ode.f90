@@ -3,7 +3,7 @@
 module mechanism_ode
   use kinds, only: wp, ip
   use border_rows, only: hold_weak_rows, least_shift, light_shift, strong_shift
-  use dynamics, only: evaluate
+  use dynamics, only: evaluate, set_frames, marker_kinematics
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -210,7 +210,9 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call find_powers(self%t, self%m, self%ev, t, q, v, lambda, z, zd, power)
+    call set_frames(self%m, self%ev, q)
+    call marker_kinematics(self%m, self%ev, q, v)
+    call find_powers(self%t, self%m, self%ev, t, v, lambda, z, zd, power)
   end subroutine mechanism_powers
 
   !> Products with the mass.
@@ -488,6 +490,6 @@ contains
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
     call stage_kinematics(self%m, self%ev, at_side(self%options, .true.), t, q, v)
-    call find_powers(self%t, self%m, self%ev, t, q, v, lambda, z, zd, power)
+    call find_powers(self%t, self%m, self%ev, t, v, lambda, z, zd, power)
   end subroutine mechanism_stage_powers
 end module mechanism_ode

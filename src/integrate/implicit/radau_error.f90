@@ -24,77 +24,69 @@ contains
     real(wp), intent(in) :: tolerance        !! [-]
     logical, intent(in) :: careful           !! an error that is too large is filtered once more
     real(wp), intent(out) :: error           !! [-]
-    real(wp), allocatable :: q(:), v(:), a(:), none(:)
     real(wp) :: c2
     integer :: pass
     c2 = real(self%method%mu(1), wp)/self%h
     associate (m => self%method, w => self%work, nq => self%nq)
-      v = -(m%e(1)*(self%q(:, 1) - self%q0) + m%e(2)*(self%q(:, 2) - self%q0) + m%e(3)*(self%q(:, 3) - self%q0))/self%h
-      none = self%v0                          ! rates that the error of positions starts from
-      q = self%q0
+      call embedded_rate(self, nq, self%q0, self%q, w%v)
+      w%v_start = self%v0                     ! rates that the error of positions starts from
+      w%q = self%q0
+      call embedded_internal(self, c2)
       do pass = 1, 2
-        a = -matmul(self%u, m%e)/self%h - c2*(none - v)
-        call internal_error(self, c2)
-        call system%stage_residual(self%t, q, v, a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
+        w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*(w%v_start - w%v)
+        associate (n => self%inner)
+          w%y(1:self%nz) = n%z0 - n%real_gain*(n%free - n%delta0)
+        end associate
+        call system%stage_residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
         call system%stage_correction(w%r(:, 1), w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
-        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (none - v)
+        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (w%v_start - w%v)
         call internal_part(self, system, c2)
         error = norm%measure(w%e, y, self%h, tolerance)
         if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
         if (pass == 2 .or. .not. careful .or. error < 1.0_wp .or. .not. error < huge(1.0_wp)) exit
-        q = self%q0 + w%e(1:nq)
-        none = self%v0 + w%e(nq + 1:2*nq)
+        w%q = self%q0 + w%e(1:nq)
+        w%v_start = self%v0 + w%e(nq + 1:2*nq)
       end do
     end associate
   end subroutine measure_error
 
-  !> Internal variables at which the residual is asked for, in work y: z - g (inertia a^ + viscosity v^ + z - delta).
-  subroutine internal_error(self, c2)
+  !> Rates of the embedded formula from the values of the start and of the stages.
+  pure subroutine embedded_rate(self, n, x0, x, xd)
+    type(radau_stage_values), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x0(n), x(n, 3)   !! [m, rad]
+    real(wp), intent(out) :: xd(n)           !! [m/s, rad/s]
+    associate (e => self%method%e)
+      xd = -(e(1)*(x(:, 1) - x0) + e(2)*(x(:, 2) - x0) + e(3)*(x(:, 3) - x0))/self%h
+    end associate
+  end subroutine embedded_rate
+
+  !> The same of internal variables, and the deformation that rate and acceleration, used as those of coordinates, ask for.
+  subroutine embedded_internal(self, c2)
     type(radau_stage_values), intent(inout) :: self
     real(wp), intent(in) :: c2               !! [1/s]
-    real(wp) :: zd, zdd, g
-    integer :: i
     associate (n => self%inner)
-      do i = 1, self%nz
-        call embedded(self, i, c2, zd, zdd)
-        g = 1/(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
-        self%work%y(i) = n%z0(i) - g*(n%inertia(i)*zdd + n%viscosity(i)*zd + n%z0(i) - n%delta0(i))
-      end do
+      call embedded_rate(self, self%nz, n%z0, n%z, n%rate)
+      call embedded_rate(self, self%nz, n%zd0, n%zd, n%free)
+      n%free = n%inertia*(n%free - c2*(n%zd0 - n%rate)) + n%viscosity*n%rate + n%z0
     end associate
-  end subroutine internal_error
-
-  !> Embedded rate and acceleration of an internal variable, the latter as that of coordinates is used.
-  pure subroutine embedded(self, i, c2, zd, zdd)
-    type(radau_stage_values), intent(in) :: self
-    integer, intent(in) :: i
-    real(wp), intent(in) :: c2               !! [1/s]
-    real(wp), intent(out) :: zd, zdd         !! [m/s, rad/s], [m/s2, rad/s2]
-    zd = -dot_product(self%method%e, self%inner%z(i, :) - self%inner%z0(i))/self%h
-    zdd = -dot_product(self%method%e, self%inner%zd(i, :) - self%inner%zd0(i))/self%h - c2*(self%inner%zd0(i) - zd)
-  end subroutine embedded
+  end subroutine embedded_internal
 
   !> Errors of internal variables, from those of the positions.
   subroutine internal_part(self, system, c2)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
     real(wp), intent(in) :: c2               !! [1/s]
-    real(wp) :: zd, zdd, g
-    real(wp), allocatable :: q(:)
-    integer :: i
     if (self%nz == 0) return
-    q = self%q0 + self%work%dq(:, 1)
-    call system%deformations(q, self%v0, self%inner%delta(:, 2))
-    associate (e => self%work%e, nq => self%nq, nz => self%nz, n => self%inner)
-      do i = 1, nz
-        call embedded(self, i, c2, zd, zdd)
-        g = 1/(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
-        e(2*nq + i) = g*(n%delta(i, 2) - n%inertia(i)*zdd - n%viscosity(i)*zd - n%z0(i))
-        if (i <= self%nzd) e(2*nq + nz + i) = c2*e(2*nq + i) - (n%zd0(i) - zd)
-      end do
+    associate (e => self%work%e, o => 2*self%nq, nz => self%nz, nzd => self%nzd, n => self%inner)
+      self%work%q = self%q0 + self%work%dq(:, 1)
+      call system%deformations(self%work%q, self%v0, n%delta(:, 2))
+      e(o + 1:o + nz) = n%real_gain*(n%delta(:, 2) - n%free)
+      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - (n%zd0(1:nzd) - n%rate(1:nzd))
     end associate
   end subroutine internal_part
 
@@ -103,21 +95,26 @@ contains
   real(wp) function removed_energy(self, system) result(energy)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
-    real(wp) :: x(self%nq + self%nz, 4)
-    integer :: i, k
-    associate (m => self%method, n => self%inner)
-      do i = 1, self%nq
-        x(i, 1) = dot_product(m%lead(1:), self%u(i, :))
-        x(i, 3) = -dot_product(m%lead(1:), self%q(i, :) - self%q0(i))
-        x(i, 4) = dot_product(m%lead, [self%a0(i), self%a(i, :)])
+    real(wp) :: d(3)
+    integer :: i, k, nq
+    nq = self%nq
+    d = self%method%lead(1:)
+    associate (m => self%method, n => self%inner, x => self%work%pairs)
+      do i = 1, nq
+        x(i, 1) = d(1)*self%u(i, 1) + d(2)*self%u(i, 2) + d(3)*self%u(i, 3)
+        x(i, 3) = -(d(1)*(self%q(i, 1) - self%q0(i)) + d(2)*(self%q(i, 2) - self%q0(i)) + d(3)*(self%q(i, 3) - self%q0(i)))
+        x(i, 4) = m%lead(0)*self%a0(i) + d(1)*self%a(i, 1) + d(2)*self%a(i, 2) + d(3)*self%a(i, 3)
       end do
       do k = 1, self%nz
-        i = self%nq + k
-        x(i, 1) = dot_product(m%lead, [n%zd0(k), n%zd(k, :)])
-        x(i, 3) = -dot_product(m%lead(1:), n%z(k, :) - n%z0(k))
+        i = nq + k
+        x(i, 1) = m%lead(0)*n%zd0(k) + d(1)*n%zd(k, 1) + d(2)*n%zd(k, 2) + d(3)*n%zd(k, 3)
+        x(i, 3) = -(d(1)*(n%z(k, 1) - n%z0(k)) + d(2)*(n%z(k, 2) - n%z0(k)) + d(3)*(n%z(k, 3) - n%z0(k)))
         x(i, 4) = x(i, 3)
-        if (n%inertia(k) > 0.0_wp) x(i, 4) = dot_product(m%lead, [(n%delta0(k) - n%z0(k) - n%viscosity(k)*n%zd0(k))/n%inertia(k), &
-                                                                  matmul(m%w, n%zd(k, :) - n%zd0(k))/self%h])
+      end do
+      d = matmul(d, m%w)/self%h
+      do k = 1, self%nz
+        if (n%inertia(k) > 0.0_wp) x(nq + k, 4) = m%lead(0)*(n%delta0(k) - n%z0(k) - n%viscosity(k)*n%zd0(k))/n%inertia(k) &
+          + d(1)*(n%zd(k, 1) - n%zd0(k)) + d(2)*(n%zd(k, 2) - n%zd0(k)) + d(3)*(n%zd(k, 3) - n%zd0(k))
       end do
       x(:, 2) = x(:, 1)
       energy = 3*m%fifth*system%mass_product(self%q(:, 3), x)

@@ -29,6 +29,12 @@ module radau_stages
     real(wp), allocatable :: z0(:), zd0(:)   !! (nz) at the start of the step [m, rad] and per second
     real(wp), allocatable :: z(:, :), zd(:, :)           !! (nz, 3) of the stages [m, rad] and per second
     real(wp), allocatable :: delta0(:), delta(:, :)      !! (nz), (nz, 3) deformations that they follow [m, rad]
+    real(wp) :: h = 0.0_wp                   !! step of the following [s]
+    real(wp), allocatable :: gain(:, :, :)   !! (nz, 3, 3) of each stage, third, by the deformation of each, second [-]
+    real(wp), allocatable :: start(:, :)     !! (nz, 3) of each stage by the rate at the start [s]
+    real(wp), allocatable :: real_gain(:)    !! (nz) 1/(1 + viscosity c2 + inertia c2**2) of the real constant [-]
+    real(wp), allocatable :: rate(:)         !! (nz) of the embedded formula [m/s, rad/s]
+    real(wp), allocatable :: free(:)         !! (nz) deformation that would let its rates and accelerations be [m, rad]
   end type inner_values
 
   !> The stages.
@@ -57,6 +63,8 @@ module radau_stages
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
     real(wp), allocatable :: dlambda(:)      !! (rows) of the real part [N]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
+    real(wp), allocatable :: q(:), v(:), a(:), v_start(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
+    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
   end type stage_work
 
 contains
@@ -76,13 +84,14 @@ contains
                 self%lambda(rows, 3), self%past(nq, 0:3), self%past_lambda(rows, 3), source=0.0_wp)
       associate (n => self%inner)
         allocate (n%viscosity(nz), n%inertia(nz), n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%delta(nz, 3), &
-                  source=0.0_wp)
+                  n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%rate(nz), n%free(nz), source=0.0_wp)
       end associate
       allocate (self%work)
       associate (w => self%work)
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(2*nq + nz + self%nzd + 2), source=0.0_wp)
         allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%dlambda(rows))
         w%y = w%e
+        allocate (w%q(nq), w%v(nq), w%a(nq), w%v_start(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
     end associate
     call system%internal_laws(self%inner%viscosity, self%inner%inertia)
@@ -148,19 +157,55 @@ contains
     call internal_stages(self)
   end subroutine stage_states
 
-  !> Internal variables: their equations are linear, and part by the eigenvectors.
-  subroutine internal_stages(self)
+  !> What the equations of the internal variables, which are linear and part by the eigenvectors, make of deformations.
+  subroutine solve_internal(self)
     type(radau_stage_values), intent(inout) :: self
-    complex(wp) :: x(2), c2(2)
-    integer :: i, j
+    complex(wp) :: g(2), c2(2), x
+    integer :: i, j, k, p
     associate (m => self%method, n => self%inner)
+      n%h = self%h
       c2 = m%mu/self%h
       do i = 1, self%nz
-        x = (matmul(m%from, n%delta(i, :) - n%z0(i)) + n%inertia(i)*c2*sum(m%from, 2)*n%zd0(i)) &
-            /(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
+        if (i > 1) then                       ! neighbours are mostly of one term
+          if (abs(n%viscosity(i) - n%viscosity(i - 1)) + abs(n%inertia(i) - n%inertia(i - 1)) <= 0.0_wp) then
+            n%real_gain(i) = n%real_gain(i - 1)
+            n%gain(i, :, :) = n%gain(i - 1, :, :)
+            n%start(i, :) = n%start(i - 1, :)
+            cycle
+          end if
+        end if
+        g = 1/(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
+        n%real_gain(i) = real(g(1), wp)
         do j = 1, 3
-          n%z(i, j) = n%z0(i) + real(m%to(j, 1)*x(1) + m%to(j, 2)*x(2), wp)
-          n%zd(i, j) = real(m%to(j, 1)*c2(1)*x(1) + m%to(j, 2)*c2(2)*x(2), wp)
+          n%start(i, j) = 0.0_wp
+          n%gain(i, :, j) = 0.0_wp
+          do p = 1, 2
+            do k = 1, 3
+              x = m%to(j, p)*g(p)*m%from(p, k)
+              n%gain(i, k, j) = n%gain(i, k, j) + real(x, wp)
+              n%start(i, j) = n%start(i, j) + n%inertia(i)*real(x*c2(p), wp)
+            end do
+          end do
+        end do
+      end do
+    end associate
+  end subroutine solve_internal
+
+  !> Internal variables of the stages, their rates as those of all coordinates.
+  subroutine internal_stages(self)
+    type(radau_stage_values), intent(inout) :: self
+    integer :: i, j
+    associate (w => self%method%w, n => self%inner)
+      if (abs(n%h - self%h) > 0.0_wp) call solve_internal(self)
+      do j = 1, 3
+        do i = 1, self%nz
+          n%z(i, j) = n%z0(i) + n%start(i, j)*n%zd0(i) + n%gain(i, 1, j)*(n%delta(i, 1) - n%z0(i)) &
+                      + n%gain(i, 2, j)*(n%delta(i, 2) - n%z0(i)) + n%gain(i, 3, j)*(n%delta(i, 3) - n%z0(i))
+        end do
+      end do
+      do j = 1, 3
+        do i = 1, self%nz
+          n%zd(i, j) = (w(j, 1)*(n%z(i, 1) - n%z0(i)) + w(j, 2)*(n%z(i, 2) - n%z0(i)) + w(j, 3)*(n%z(i, 3) - n%z0(i)))/self%h
         end do
       end do
     end associate
@@ -287,14 +332,12 @@ contains
     integer :: i
     d = 0.0_wp
     associate (w => self%work, nq => self%nq)
-      w%e = 0.0_wp
-      w%y = 0.0_wp
       do i = 1, 3
         w%e(1:nq) = w%dq(:, i)
         w%e(nq + 1:2*nq) = w%dv(:, i)
         w%y(1:nq) = self%q(:, i)
         w%y(nq + 1:2*nq) = self%v(:, i)
-        d = max(d, norm%measure(w%e, w%y, self%h, 1.0_wp))
+        d = max(d, norm%measure(w%e(1:2*nq), w%y(1:2*nq), self%h, 1.0_wp))
         if (.not. all(abs(w%dq(:, i)) < huge(1.0_wp))) d = huge(1.0_wp)
       end do
     end associate

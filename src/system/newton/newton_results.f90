@@ -45,8 +45,10 @@ contains
     real(wp) :: dd, e(3)
     integer :: k, b
     if (size(self%terms) == 0) return
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
+    if (any(self%terms%element > 0)) then
+      call set_frames(m, ev, q)
+      call marker_kinematics(m, ev, q, v)
+    end if
     call deform(self, m, q)
     do k = 1, size(self%terms)
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
@@ -55,12 +57,20 @@ contains
           call m%s%forces(t%element)%item%deformation(ev%p, delta(i), dd, e)
         else
           associate (segment => m%s%bodies(b)%segments(t%segment))
-            delta(i:j) = reshape(self%eq(b)%w%d(:, segment%first:segment%last), [j - i + 1])
+            call flatten(j - i + 1, self%eq(b)%w%d(:, segment%first:segment%last), delta(i:j))
           end associate
         end if
       end associate
     end do
   end subroutine term_deformations
+
+  !> An array as a vector.
+  pure subroutine flatten(n, x, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)             !! [m, rad]
+    real(wp), intent(out) :: y(n)            !! [m, rad]
+    y = x
+  end subroutine flatten
 
   !> Deformations of the viscoelastic bodies.
   subroutine deform(self, m, q)
@@ -115,21 +125,19 @@ contains
     end do
   end subroutine relaxation_rates
 
-  !> Power dissipated in bodies and springs, and put in by loads and drives.
-  subroutine find_powers(self, m, ev, t, q, v, lambda, z, zd, power)
+  !> Power dissipated in bodies and springs, and put in by loads and drives, in the frames and markers that stand.
+  subroutine find_powers(self, m, ev, t, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
+    real(wp), intent(in), contiguous :: v(:)                  !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: lambda(:)                         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)           !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)                         !! dissipated, put in [W]
     integer :: k, b, i, n
     ev%dissipated_power = 0.0_wp
     ev%input_power = 0.0_wp
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
     call applied_forces(m, ev, ev%options, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
