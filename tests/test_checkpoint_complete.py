@@ -43,6 +43,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("radau_stages", "inner_values", "radau_stages", "self%inner"): {
         *("viscosity", "inertia", "z", "zd", "delta0", "delta"),
+        *("h", "gain", "start", "real_gain", "rate", "free"),
     },
     ("results", "result_set", "results", "self"): {"incomplete", "nodes", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain"},

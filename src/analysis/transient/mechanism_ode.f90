@@ -7,8 +7,9 @@ module mechanism_ode
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use newton_correction, only: take_residual, solve_condensed => solve_elastic, correction
-  use newton_equations, only: prepare, predict_terms, hold_terms, residual, renew, solve_elastic
+  use newton_correction, only: take_residual, correction
+  use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
+  use newton_equations, only: prepare, predict_terms, hold_terms, residual, take_body_residuals => take_residual, renew
   use newton_results, only: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, &
                             position_groups, scene_reach
   use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
@@ -17,7 +18,7 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
-  use stage_equations, only: set_up_stages, stage_residual, renew_stage, solve_stage, close_rows, stage_kinematics
+  use stage_equations, only: set_up_stages, stage_residual, renew_stage, close_rows, stage_kinematics
   use complex_condensed_system, only: complex_matrix => condensed_matrix
   use stage_system, only: stage_ode
   implicit none (type, external)
@@ -64,6 +65,7 @@ module mechanism_ode
     procedure :: start_stages
     procedure :: stage_residual => mechanism_stage
     procedure :: renew_stages => mechanism_renew_stages
+    procedure :: take_parts => mechanism_take_parts
     procedure :: stage_correction => mechanism_stage_correction
     procedure :: complex_correction => mechanism_complex_correction
     procedure :: deformations => mechanism_deformations
@@ -161,6 +163,7 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: left_limit
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
+    call take_body_residuals(self%t)
   end subroutine mechanism_residual
 
   !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
@@ -188,7 +191,6 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
-    call solve_elastic(self%t)
     call correction(self%t%t, self%m, self%ev, self%ev%rows%phi, dq)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
@@ -428,27 +430,33 @@ contains
     ok = .not. bad
   end subroutine mechanism_renew_stages
 
-  !> Corrections by the real matrix.
-  subroutine mechanism_stage_correction(self, r, gap, dq, dlambda)
+  !> Takes what corrections are asked for.
+  subroutine mechanism_take_parts(self, r, r_complex)
     class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
+    real(wp), intent(in), contiguous :: r(:)            !! (nq) [N, N m]
+    complex(wp), intent(in), contiguous :: r_complex(:) !! (nq) [N, N m]
+    call take_residual(self%t%t, self%m, self%ev, r)
+    call take_complex(self%stages, self%m, self%ev, r_complex)
+  end subroutine mechanism_take_parts
+
+  !> Corrections by the real matrix.
+  subroutine mechanism_stage_correction(self, gap, dq, dlambda)
+    class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
-    call take_residual(self%t%t, self%m, self%ev, r)
-    call solve_condensed(self%t%t)
     call correction(self%t%t, self%m, self%ev, gap, dq)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_stage_correction
 
   !> Corrections by the complex matrix.
-  subroutine mechanism_complex_correction(self, r, gap, dq, dlambda)
+  subroutine mechanism_complex_correction(self, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
-    complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
     complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
     complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    call solve_stage(self%stages, self%m, self%ev, r, gap, dq, dlambda)
+    call correct_complex(self%stages, self%m, self%ev, gap, dq)
+    dlambda = self%stages%rows%y(1:self%rows)
   end subroutine mechanism_complex_correction
 
   !> Deformations that internal variables follow.

@@ -40,7 +40,8 @@ contains
         call system%stage_residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
-        call system%stage_correction(w%r(:, 1), w%gap(:, 1), w%dq(:, 1), w%dlambda)
+        call system%take_parts(w%r(:, 1), w%r_part)
+        call system%stage_correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
         w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (w%v_start - w%v)

@@ -61,7 +61,7 @@ module radau_stages
     real(wp), allocatable :: r(:, :), gap(:, :)          !! (nq, 3), (rows, 3) residuals [N, N m], [m/s]
     real(wp), allocatable :: dq(:, :), dv(:, :)          !! (nq, 3) corrections [m, rad], [m/s, rad/s]
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
-    real(wp), allocatable :: dlambda(:)      !! (rows) of the real part [N]
+    real(wp), allocatable :: r_real(:), gap_real(:), dlambda(:)   !! real part [N, N m], [m/s], [N]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
     real(wp), allocatable :: q(:), v(:), a(:), v_start(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
@@ -89,7 +89,9 @@ contains
       allocate (self%work)
       associate (w => self%work)
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(2*nq + nz + self%nzd + 2), source=0.0_wp)
-        allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%dlambda(rows))
+        allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%r_real(nq), w%gap_real(rows), &
+                  w%dlambda(rows))
+        w%r_part = 0.0_wp
         w%y = w%e
         allocate (w%q(nq), w%v(nq), w%a(nq), w%v_start(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
@@ -276,10 +278,11 @@ contains
     if (ok) call stage_states(self, system)
   end subroutine newton
 
-  !> Residuals of the three stages; the middle one last, where matrices are made.
+  !> Residuals of the three stages, the middle one last, where matrices are made; their parts by the eigenvectors.
   subroutine stage_residuals(self, system)
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
+    real(wp) :: f(3)
     integer :: i, k
     call stage_states(self, system)
     do k = 1, 3
@@ -288,6 +291,12 @@ contains
                                  self%lambda(:, i), .true., self%work%r(:, i), self%work%gap(:, i))
     end do
     self%residuals = self%residuals + 3
+    associate (m => self%method, w => self%work)
+      f = real(m%from(1, :), wp)
+      w%r_real = f(1)*w%r(:, 1) + f(2)*w%r(:, 2) + f(3)*w%r(:, 3)
+      w%r_part = m%from(2, 1)*w%r(:, 1) + m%from(2, 2)*w%r(:, 2) + m%from(2, 3)*w%r(:, 3)
+      call system%take_parts(w%r_real, w%r_part)
+    end associate
   end subroutine stage_residuals
 
   !> Matrices at the second stage.
@@ -306,14 +315,14 @@ contains
     type(radau_stage_values), intent(inout) :: self
     class(stage_ode), intent(inout) :: system
     complex(wp) :: x
+    real(wp) :: f(3)
     integer :: i
     associate (m => self%method, w => self%work, c2 => self%method%mu/self%h)
-      w%e(1:self%nq) = matmul(w%r, real(m%from(1, :), wp))
-      w%y(1:self%rows) = matmul(w%gap, real(m%from(1, :)/c2(1), wp))
-      call system%stage_correction(w%e(1:self%nq), w%y(1:self%rows), w%dq(:, 1), w%dlambda)
-      w%r_part = m%from(2, 1)*w%r(:, 1) + m%from(2, 2)*w%r(:, 2) + m%from(2, 3)*w%r(:, 3)
+      f = real(m%from(1, :)/c2(1), wp)
+      w%gap_real = f(1)*w%gap(:, 1) + f(2)*w%gap(:, 2) + f(3)*w%gap(:, 3)
       w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
-      call system%complex_correction(w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
+      call system%stage_correction(w%gap_real, w%dq(:, 1), w%dlambda)
+      call system%complex_correction(w%gap_part, w%dq_part, w%dlambda_part)
       do i = 3, 1, -1
         x = m%to(i, 2)*c2(2)
         w%dv(:, i) = real(m%to(i, 1)*c2(1), wp)*w%dq(:, 1) + real(x*w%dq_part, wp)
@@ -330,16 +339,15 @@ contains
     type(radau_stage_values), intent(inout) :: self
     type(error_norm), intent(inout) :: norm
     integer :: i
-    d = 0.0_wp
     associate (w => self%work, nq => self%nq)
-      do i = 1, 3
-        w%e(1:nq) = w%dq(:, i)
-        w%e(nq + 1:2*nq) = w%dv(:, i)
-        w%y(1:nq) = self%q(:, i)
-        w%y(nq + 1:2*nq) = self%v(:, i)
-        d = max(d, norm%measure(w%e(1:2*nq), w%y(1:2*nq), self%h, 1.0_wp))
-        if (.not. all(abs(w%dq(:, i)) < huge(1.0_wp))) d = huge(1.0_wp)
+      do i = 1, nq
+        w%e(i) = max(abs(w%dq(i, 1)), abs(w%dq(i, 2)), abs(w%dq(i, 3)))
+        w%e(nq + i) = max(abs(w%dv(i, 1)), abs(w%dv(i, 2)), abs(w%dv(i, 3)))
       end do
+      w%y(1:nq) = self%q(:, 3)
+      w%y(nq + 1:2*nq) = self%v(:, 3)
+      d = norm%measure(w%e(1:2*nq), w%y(1:2*nq), self%h, 1.0_wp)
+      if (.not. all(abs(w%dq) < huge(1.0_wp))) d = huge(1.0_wp)
     end associate
   end function size_of_correction
 

@@ -16,6 +16,7 @@ module stage_system
     procedure(make_stages_ready), deferred :: start_stages
     procedure(stage_residuals), deferred :: stage_residual
     procedure(stage_point), deferred :: renew_stages
+    procedure(residual_parts), deferred :: take_parts
     procedure(stage_solution), deferred :: stage_correction
     procedure(complex_solution), deferred :: complex_correction
     procedure(find_deformations), deferred :: deformations
@@ -42,7 +43,7 @@ module stage_system
       real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
       real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
     end subroutine stage_residuals
-    !> Both matrices, T(c2**2, c2), at the state of the last residual, whose arguments are given again.
+    !> Both matrices, T(c2**2, c2), at the state of the last residual, whose arguments are given again; the parts have been taken.
     subroutine stage_point(self, c2, q, v, a, lambda, whole, hold, ok)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
@@ -53,20 +54,25 @@ module stage_system
       logical, intent(in) :: hold             !! rows that nearly depend on others are held back
       logical, intent(out) :: ok
     end subroutine stage_point
-    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix.
-    subroutine stage_solution(self, r, gap, dq, dlambda)
+    !> Takes the residuals of a real and of a complex system, in the frames of the last stage's.
+    subroutine residual_parts(self, r, r_complex)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
+      complex(wp), intent(in), contiguous :: r_complex(:)   !! (nq) [N, N m]
+    end subroutine residual_parts
+    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix.
+    subroutine stage_solution(self, gap, dq, dlambda)
+      import :: stage_ode, wp
+      class(stage_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
       real(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       real(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
     end subroutine stage_solution
     !> The same by the complex one.
-    subroutine complex_solution(self, r, gap, dq, dlambda)
+    subroutine complex_solution(self, gap, dq, dlambda)
       import :: stage_ode, wp
       class(stage_ode), intent(inout) :: self
-      complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
       complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]

@@ -54,6 +54,7 @@ module condensed_system
     real(number) :: c1 = 0.0_wp              !! [1/s2]
     real(number) :: c2 = 0.0_wp              !! [1/s]
     logical :: whole = .false.               !! the whole elastic blocks stand in the last tangent, not T0
+    logical :: solved = .false.              !! the elastic residuals have been solved
     type(condensed_body), allocatable :: b(:)
     type(row_system) :: rows
     real(number), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]

@@ -53,6 +53,7 @@ contains
     integer :: b, i
     bad = .false.
     self%whole = whole
+    self%solved = .true.
     call fill_laws(self, m, ev, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))

@@ -9,7 +9,7 @@ module newton_correction
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: take_residual, solve_elastic, correction
+  public :: take_residual, correction
 
 contains
 
@@ -20,6 +20,7 @@ contains
     type(evaluation), intent(in) :: ev
     real(number), intent(in) :: r(:)         !! (nq) [N, N m]
     integer :: b, i
+    self%solved = .false.
     do b = 1, size(self%b)
       associate (x => self%b(b))
         i = m%s%qo(b)
@@ -31,10 +32,12 @@ contains
     end do
   end subroutine take_residual
 
-  !> Solves the elastic residuals with the blocks that stand.
+  !> Solves the elastic residuals with the blocks that stand, unless the tangent was condensed with them.
   subroutine solve_elastic(self)
     type(condensed_matrix), intent(inout) :: self
     integer :: b
+    if (self%solved) return
+    self%solved = .true.
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%n > 0) call x%block%solve(self%whole, x%elastic)
@@ -42,7 +45,7 @@ contains
     end do
   end subroutine solve_elastic
 
-  !> The correction dq (global axes) and that of the multipliers (rows%y), from solved elastic residuals.
+  !> The correction dq (global axes) and that of the multipliers (rows%y), from the residuals that were taken.
   subroutine correction(self, m, ev, gap, dq)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -50,6 +53,7 @@ contains
     real(number), intent(in) :: gap(:)       !! (rows) what the rows are open by [m]
     real(number), intent(out) :: dq(:)       !! (nq) [m, rad]
     integer :: b
+    call solve_elastic(self)
     self%rows%d = 0.0_wp
     do b = 1, size(self%b)
       call free_frame(self, m, b)

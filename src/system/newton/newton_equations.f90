@@ -10,11 +10,10 @@ module newton_equations
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_condensation, only: add_tangent, condense
-  use newton_correction, only: solve_condensed => solve_elastic
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, predict_terms, hold_terms, residual, renew, body_tangents, solve_elastic
+  public :: prepare, predict_terms, hold_terms, residual, renew, body_tangents, take_residual
 
 contains
 
@@ -100,7 +99,6 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) positions [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     integer :: b, i, n, k
-    self%solved = .false.
     ev%t = t
     ev%options = options
     call set_frames(m, ev, q)
@@ -184,7 +182,8 @@ contains
     end subroutine add
   end subroutine gather_wrenches
 
-  !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored.
+  !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored, together with the
+  !> elastic residuals that were taken.
   subroutine renew(self, m, ev, q, v, a, lambda, whole, shift, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -195,12 +194,10 @@ contains
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b
-    self%solved = .true.
     call body_tangents(self, m, ev, self%t%c1, self%t%c2, 1.0_wp, q, v, a)
     do b = 1, size(self%eq)
       call add_tangent(self%t%b(b), self%eq(b), 1.0_wp, .true.)
     end do
-    call take_residual(self)
     call condense(self%t, m, ev, self%eq, v, a, lambda, whole, shift, bad)
   end subroutine renew
 
@@ -255,6 +252,7 @@ contains
   subroutine take_residual(self)
     type(newton_matrix), intent(inout) :: self
     integer :: b
+    self%t%solved = .false.
     do b = 1, size(self%eq)
       associate (x => self%t%b(b), eq => self%eq(b))
         x%force = eq%frame
@@ -262,13 +260,4 @@ contains
       end associate
     end do
   end subroutine take_residual
-
-  !> Solves the elastic residuals with the factors that stand, unless the tangent was made for them.
-  subroutine solve_elastic(self)
-    type(newton_matrix), intent(inout) :: self
-    if (self%solved) return
-    self%solved = .true.
-    call take_residual(self)
-    call solve_condensed(self%t)
-  end subroutine solve_elastic
 end module newton_equations

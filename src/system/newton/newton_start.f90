@@ -8,7 +8,7 @@ module newton_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_correction, only: correction
-  use newton_equations, only: residual, renew
+  use newton_equations, only: residual, take_residual, renew
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
@@ -45,6 +45,7 @@ contains
       self%eq(b)%frame = self%t%c1*(self%eq(b)%frame - inertia(i + 1:i + 3))
       if (n > 0) self%eq(b)%elastic(1:n) = self%t%c1*(self%eq(b)%elastic(1:n) - inertia(i + 4:i + 3 + n))
     end do
+    call take_residual(self)
     call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
     call hold_weak_rows(self%t%rows)
@@ -100,6 +101,7 @@ contains
     real(wp), intent(out) :: dq(:)                        !! (nq) [m, rad] or theirs
     integer :: b
     call set_frames(m, ev, q)
+    self%t%solved = .true.
     do b = 1, size(self%t%b)
       self%t%b(b)%force = 0.0_wp
       if (self%t%b(b)%n > 0) self%t%b(b)%elastic = 0.0_wp

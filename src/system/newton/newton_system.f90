@@ -15,7 +15,6 @@ module newton_system
   type, public :: newton_matrix
     type(body_equations), allocatable :: eq(:)   !! (bodies)
     type(condensed_matrix) :: t
-    logical :: solved = .false.              !! the elastic residuals have been solved
     type(condensed_term), allocatable :: terms(:)
     real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
     real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates

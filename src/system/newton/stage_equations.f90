@@ -5,7 +5,6 @@ module stage_equations
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_condensed
   use complex_elastic_columns, only: factor_complex => factor_blocks
   use complex_newton_condensation, only: add_complex => add_tangent, condense_complex => condense
-  use complex_newton_correction, only: take_residual, solve_elastic, correction
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
@@ -17,7 +16,7 @@ module stage_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: set_up_stages, stage_residual, renew_stage, solve_stage, close_rows, stage_kinematics
+  public :: set_up_stages, stage_residual, renew_stage, close_rows, stage_kinematics
 
 contains
 
@@ -49,7 +48,8 @@ contains
     end do
   end subroutine stage_residual
 
-  !> T(c2**2, c2) for a real and a complex constant at the state of the last residual; elastic blocks anew where the constants are.
+  !> T(c2**2, c2) for a real and a complex constant at the state of the last residual, condensed together with the residuals that
+  !> were taken; elastic blocks anew where the constants are.
   subroutine renew_stage(t, newton, m, ev, c2, q, v, a, lambda, whole, shift, bad)
     type(complex_matrix), intent(inout) :: t
     type(newton_matrix), intent(inout) :: newton
@@ -82,27 +82,10 @@ contains
     call body_tangents(newton, m, ev, aimag(c1(2)), aimag(c2(2)), 0.0_wp, q, v, a)
     do b = 1, size(newton%eq)
       call add_complex(t%b(b), newton%eq(b), (0.0_wp, 1.0_wp), .false.)
-      if (t%b(b)%n > 0) t%b(b)%elastic = 0.0_wp
-      if (t%b(b)%n > 0) newton%t%b(b)%elastic = 0.0_wp
     end do
     call condense(newton%t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
     if (.not. bad) call condense_complex(t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
   end subroutine renew_stage
-
-  !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap for the complex constant.
-  subroutine solve_stage(t, m, ev, r, gap, dq, dlambda)
-    type(complex_matrix), intent(inout) :: t
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: r(:)          !! (nq) [N, N m]
-    complex(wp), intent(in) :: gap(:)        !! (rows) [m]
-    complex(wp), intent(out) :: dq(:)        !! (nq) [m, rad]
-    complex(wp), intent(out) :: dlambda(:)   !! (rows) [N]
-    call take_residual(t, m, ev, r)
-    call solve_elastic(t)
-    call correction(t, m, ev, gap, dq)
-    dlambda = t%rows%y(1:size(dlambda))
-  end subroutine solve_stage
 
   !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
   !> stiff forces.
