@@ -72,7 +72,7 @@ contains
     call warn_of_slips(run%d, options%check)
     call model_lines(run%d, run%sys%m, run%assembly, text)
     if (options%check) call mobility_lines(run%d, text)
-    call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)
+    if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
     call advise(run%d, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)

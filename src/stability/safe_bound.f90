@@ -14,7 +14,7 @@ module safe_bound
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
   use tableaux, only: method_names
-  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at
+  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at, extra
   implicit none (type, external)
   private
   public :: find_safe_bound
@@ -153,17 +153,12 @@ contains
     type(fast_spectrum), intent(inout) :: fast
     type(enclosure), intent(inout) :: e
     integer, intent(in) :: i
-    integer :: r
     associate (l => e%line(i))
       call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%reach)
       l%reach = l%reach + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
       call fast%mode(m, ev, 1, l%mode)
       call mode_cause(m, l%mode, l%cause)
-      l%at = [l%mode%damping, l%mode%stiffness]
-      do r = 1, size(l%mode%segments)
-        l%at(2) = l%at(2) + l%mode%segments(r)*sum(fast%lin%segments(r)%law%alpha)
-      end do
-      l%at = l%at/[e%c0, e%k0]
+      l%at = [l%mode%damping, l%mode%stiffness + extra(fast, l%mode%segments)]/[e%c0, e%k0]
       l%exists = .true.
     end associate
   end subroutine find_line

@@ -14,7 +14,7 @@ module step_bounds
   use tableaux, only: method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, take_smaller, material_poles, look_at
+  public :: step_bound, find_bound, take_smaller, material_poles, look_at, extra
 
   !> A bound for each explicit method and what sets it.
   type :: step_bound
@@ -91,49 +91,39 @@ contains
     type(step_bound), intent(inout) :: bound
     type(fast_mode) :: f
     type(bound_cause) :: cause
-    complex(wp), allocatable :: roots(:)
-    logical, allocatable :: is_mode(:)
-    integer :: k, body
+    integer :: k
     if (all([(largest_step(k, mu, bound%step(k)) >= bound%step(k), k=1, size(method_names))])) return
     f%x = x
     call fast%quotients(m, ev, f)
     call mode_cause(m, f, cause)
-    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
-    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
-    if (is_mode(minloc(abs(roots - mu), 1))) then
-      if (damping_limits(fast, f, [mu])) call blame_damping(f, f%springs, cause)
-    else
-      body = cause%body
-      cause = pole_cause(d, m, fast%lin%segments, maxloc(f%segments, dim=1))
-      cause%body = body
-    end if
-    call take([mu], cause, bound)
+    call look_at(d, m, fast, f, cause, bound, [mu])
   end subroutine look_at_pole
 
-  !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s).
-  subroutine look_at(d, m, fast, f, carrier, bound)
+  !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s); where given, poles of the mechanism that belong to it.
+  subroutine look_at(d, m, fast, f, carrier, bound, poles)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(in) :: carrier   !! what the mode belongs to
     type(step_bound), intent(inout) :: bound
-    complex(wp), allocatable :: roots(:)
+    complex(wp), intent(in), optional :: poles(:)   !! [1/s]
+    complex(wp), allocatable :: roots(:), looked_at(:)   ! [1/s]
     logical, allocatable :: is_mode(:)
     type(bound_cause) :: cause
-    real(wp) :: total
-    integer :: body
-    total = f%stiffness + sum(f%segments)
-    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*total, roots)
-    cause = carrier
-    if (damping_limits(fast, f, roots)) call blame_damping(f, f%springs, cause)
+    integer :: k
+    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
     call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
-    call take(pack(roots, is_mode), cause, bound)
+    looked_at = roots
+    if (present(poles)) looked_at = poles
+    is_mode = [(is_mode(minloc(abs(roots - looked_at(k)), 1)), k=1, size(looked_at))]
+    cause = carrier
+    if (damping_limits(fast, f, looked_at)) call blame_damping(f, f%springs, cause)
+    call take(pack(looked_at, is_mode), cause, bound)
     if (all(is_mode)) return
-    body = cause%body
     cause = pole_cause(d, m, fast%lin%segments, maxloc(f%segments, dim=1))
-    cause%body = body
-    call take(pack(roots, .not. is_mode), cause, bound)
+    cause%body = carrier%body
+    call take(pack(looked_at, .not. is_mode), cause, bound)
   end subroutine look_at
 
   !> Whether a mode would allow larger steps of rk4 without its damping.
