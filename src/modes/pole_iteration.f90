@@ -49,9 +49,9 @@ contains
       before = pole%lambda
       call ds%set(pole%lambda, damping)
       call ds%factor()
-      call iterate(ds, pole%x, .false., ok)
+      call iterate(ds, pole%x, .false., tolerance, ok)
       if (ok .and. ds%symmetric) pole%y = pole%x
-      if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., ok)
+      if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance, ok)
       if (.not. ok) then                               ! singular to the last bit: beside the pole the vectors are the same
         pole%lambda = before*(1.0_wp + 1.0e-10_wp)
         cycle
@@ -66,11 +66,12 @@ contains
     ok = .false.
   end subroutine refine_pole
 
-  !> x <- T^-1 T' x, or with the transposed matrices.
-  subroutine iterate(ds, x, transposed, ok)
+  !> x <- T^-1 T' x, or with the transposed matrices; to the last digits only where a pole is wanted to more than half of them.
+  subroutine iterate(ds, x, transposed, tolerance, ok)
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(inout) :: x(:)                 !! (n) [-]
     logical, intent(in) :: transposed
+    real(wp), intent(in) :: tolerance                  !! of the pole [-]
     logical, intent(out) :: ok
     complex(wp) :: u(ds%n + ds%rows)
     if (transposed) then
@@ -78,7 +79,11 @@ contains
     else
       u = ds%times(ds%slope, ds%padded(x))
     end if
-    call ds%solve(u, transposed)
+    if (tolerance > sqrt(epsilon(1.0_wp))) then
+      call ds%solver%solve(u, transposed)
+    else
+      call ds%solve(u, transposed)
+    end if
     ok = maxval(abs(u)) <= huge(1.0_wp) .and. any(abs(u(1:ds%n)) > 0.0_wp)
     if (ok) x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
   end subroutine iterate
@@ -126,7 +131,16 @@ contains
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: values(:)               !! (entries) [any]
     complex(wp), intent(in) :: y(:), x(:)              !! (n) [-]
-    form = sum(ds%padded(y)*ds%times(values, ds%padded(x)))
+    complex(wp) :: ya
+    integer :: j, e
+    form = 0.0_wp
+    do j = 1, ds%n
+      ya = 0.0_wp
+      do e = ds%first(j), ds%first(j + 1) - 1
+        if (ds%row(e) <= ds%n) ya = ya + y(ds%row(e))*values(e)
+      end do
+      form = form + ya*x(j)
+    end do
   end function form
 
   !> Whether an undamped pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
@@ -183,13 +197,14 @@ contains
     type(stiffness_system), intent(inout) :: ds
     type(pole_state), intent(in) :: pole
     real(wp), intent(in) :: damping                    !! [-]
-    complex(wp) :: with(size(ds%values))
+    complex(wp) :: with(size(ds%values)), slope(size(ds%values))
     call ds%set(pole%lambda, 1.0_wp)
     with = ds%values
+    slope = damping*ds%slope
     call ds%set(pole%lambda, 0.0_wp)
     with = with - ds%values
-    call ds%set(pole%lambda, damping)
-    rate = -form(ds, with, pole%y, pole%x)/form(ds, ds%slope, pole%y, pole%x)
+    slope = slope + (1 - damping)*ds%slope
+    rate = -form(ds, with, pole%y, pole%x)/form(ds, slope, pole%y, pole%x)
   end function damping_rate
 
   !> Whether two poles belong to one path: their vectors are biorthogonal to those of all others.
