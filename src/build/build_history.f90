@@ -24,10 +24,14 @@ contains
     type(deck), intent(in) :: d
     integer, intent(in) :: number                         !! of the record
     class(history_model), allocatable, intent(out) :: h
+    type(polynomial_model), allocatable :: polynomial    ! constructors of allocatable components would leak (gfortran)
+    type(pulse_model), allocatable :: pulse
     associate (r => d%histories(number))
       select case (r%kind)
       case ('polynomial')
-        h = polynomial_model(c=r%coefficients)
+        allocate (polynomial)
+        polynomial%c = r%coefficients
+        call move_alloc(polynomial, h)
       case ('sine')
         h = sine_model(offset=r%offset, amplitude=r%amplitude, omega=2*pi*r%frequency, phase=mod(r%phase, 2*pi))
       case ('ramp', 'cycloid')
@@ -35,8 +39,13 @@ contains
       case ('table')
         call make_table(r, h)
       case ('pulse')
-        h = pulse_model(value=r%value, start=r%start, finish=r%finish, breaks=ends(r, 0), &
-                        remedy='a ramp or a cycloid instead of the pulse')
+        allocate (pulse)
+        pulse%value = r%value
+        pulse%start = r%start
+        pulse%finish = r%finish
+        pulse%breaks = ends(r, 0)
+        pulse%remedy = 'a ramp or a cycloid instead of the pulse'
+        call move_alloc(pulse, h)
       case ('sum')
         call make_sum(d, r, h)
       case default

@@ -37,7 +37,7 @@ BALANCE = 0.05  # of the energy that moved
 AGREE = 1.0e-2  # two accurate methods, of a column's range
 ENVIRONMENT = {
     **os.environ,
-    "ASAN_OPTIONS": "detect_leaks=0:allocator_may_return_null=1:max_allocation_size_mb=2000:abort_on_error=0",
+    "ASAN_OPTIONS": "detect_leaks=1:allocator_may_return_null=1:max_allocation_size_mb=2000:abort_on_error=0",
     "UBSAN_OPTIONS": "print_stacktrace=1:halt_on_error=1",
 }
 
