@@ -115,7 +115,7 @@ def export(args: argparse.Namespace) -> int:
                 path = args.output or run.path.with_suffix(ENDINGS[args.to])
                 write_table(run, args.to, path)
         except OSError as fault:
-            raise HistoryError(f"{fault.filename or args.output}: cannot be written ({fault.strerror})") from None
+            raise HistoryError(f"{fault.filename or args.output}: cannot be written ({fault.strerror or fault})") from None
         print(f"wrote {path}")
     return 0
 

@@ -121,7 +121,7 @@ def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
     """Return a note where the storage modulus falls with frequency, which that of a relaxing material never does."""
     wide = np.logspace(np.log10(band[0]) - 1.0, np.log10(band[1]) + 1.0, 400)
     storage = material.modulus(wide).real
-    fall = np.maximum.accumulate(storage) / storage - 1.0
+    fall = 1.0 - storage / np.maximum.accumulate(storage)
     worst = int(np.argmax(fall))
     if fall[worst] < 0.01:
         return []

@@ -134,7 +134,7 @@ def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: 
             unit = "-"
         if unit is None:
             raise DataError(f"{path}: the unit of {quantity} is not stated: add a line of units such as Hz,MPa,MPa, or --units")
-        exact = {"MHz": 1.0e6, "mHz": 1.0e-3}
+        exact = {"MHz": 1.0e6, "mHz": 1.0e-3} if quantity == "frequency" else {}
         if unit not in exact and unit.lower() not in kinds[quantity]:
             known = ", ".join(filter(None, kinds[quantity]))
             raise DataError(f"{path}: {unit!r} is no unit of {quantity}; one of {known} expected")

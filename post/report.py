@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import contextlib
 import io
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -286,10 +285,7 @@ def modal(runs: list[Run]) -> Section | None:
         ]
         head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
         shown = modes.chosen_rows(table, None)
-        try:
-            shapes = modes.draw_shapes(table, shown, run.figures["deck_text"])
-        except HistoryError:  # a deck that includes others is not whole in its summary
-            shapes = modes.draw_shapes(table, shown)
+        shapes = modes.draw_shapes(table, shown, run.figures["deck_text"])
         pictures = [embed(shapes, f"{run.label}: shapes"), embed(modes.draw_poles(table), f"{run.label}: poles")]
         words = [line for line in (found["complete"], found["complete_damped"]) if line]
         parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
@@ -317,8 +313,7 @@ def motion(runs: list[Run]) -> Section | None:
         table = run.table("motion")
         if table is not None and len(table.time) > 1:
             scene = from_motion(table)
-            with contextlib.suppress(HistoryError):  # as above
-                add_text(scene, run.figures["deck_text"], run.folder)
+            add_text(scene, run.figures["deck_text"], run.folder)
             parts.append(Part(pictures=[embed(sheet(scene, 3), f"{run.label}: motion")]))
     return Section("Motion", parts) if parts else None
 

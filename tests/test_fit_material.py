@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import deck_text
 import fit_material
 import numpy as np
@@ -153,3 +155,101 @@ def test_options_that_make_no_sense(tmp_path, capsys):
     for words in (["--terms", "0"], ["--fastest-pole", "1"], ["--band", "5", "2"], ["--band", "2", "9"], ["--target", "nan"]):
         assert fit_material.main([path, *words]) == 2
     assert capsys.readouterr().err.count("\n") == 5
+
+
+@pytest.mark.parametrize(
+    ("header", "names", "modulus"),
+    [
+        ("f,E_stor,E_loss,eta\nHz,Pa,Pa,-", {}, 2.0 + 3.0j),
+        ("f,E_stor,E_loss,eta\nHz,Pa,Pa,-", {"factor": "eta"}, 2.0 + 1.0j),
+        ("f,E_stor,E_loss,eta\nHz,Pa,Pa,-", {"loss": "e_loss"}, 2.0 + 3.0j),
+        ("f,real,E_loss,eta\nHz,kPa,Pa,%", {"storage": "Real", "factor": "ETA"}, 2.0e3 + 10.0j),
+        ("f,E_stor,E_loss,eta\nmHz,MHz,Pa,-", {}, "'MHz' is no unit of storage"),
+    ],
+)
+def test_named_columns_go_before_the_usual_ones(tmp_path, header, names, modulus):
+    path = table(tmp_path, header + "\n1,2,3,0.5\n4,2,3,0.5\n")
+    if isinstance(modulus, str):
+        with pytest.raises(DataError, match=modulus):
+            read(path, names)
+    else:
+        np.testing.assert_allclose(read(path, names).modulus, [modulus] * 2, rtol=1e-15)
+
+
+def test_files_that_cannot_be_read_or_written_are_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(fit_material, "picture", lambda *_: None)
+    monkeypatch.setattr(fit_material, "save", lambda *_: [])
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "out.nml").mkdir()
+    path = str(table(tmp_path, ELASTOMER))
+    for words, told in (
+        ([str(tmp_path / "none.csv")], "none.csv: no such file"),
+        ([str(tmp_path / "binary.csv")], "binary.csv: cannot be read as text"),
+        ([path, "--law", "maxwell", "--terms", "1", "--output", f"{tmp_path}/out"], "out.nml: cannot be written (Is a directory)"),
+    ):
+        assert fit_material.main(words) == 2
+        said = capsys.readouterr().err
+        assert told in said
+        assert said.count("\n") == 1
+
+
+def test_the_law_is_chosen_for_a_given_number_of_terms(tmp_path):
+    data = read(table(tmp_path, ELASTOMER))
+    args = fit_material.arguments().parse_args(["data.csv", "--terms", "1"])
+    found, told = fit_material.chosen_fit(args, data.frequency, data.modulus)
+    assert found.material.weight.size == 2, "two Maxwell terms cost as much as one GHM term"
+    other = fit("ghm", 1, data.frequency, data.modulus, 20.0 * np.pi * 1500.0)
+    errors = [f"{100 * one.error:.3g} % with 2 internal variables" for one in (found, other)]
+    assert told == [f"law chosen: 2 Maxwell terms: {errors[0]}; 1 GHM terms: {errors[1]}"]
+
+
+def test_a_storage_modulus_that_falls_is_noted():
+    ghm = Material(1.0e6, np.array([1.0]), np.array([0.3]), np.array([2.0 * np.pi * 30.0]))
+    (note,) = fit_material.falling_storage(ghm, (1.0, 1000.0))
+    wide = np.logspace(-1.0, 4.0, 4000)
+    storage = ghm.modulus(wide).real
+    lowest = storage[storage.argmax() :].min()
+    assert float(re.search(r"falls by (\S+) %", note)[1]) == pytest.approx(100.0 * (1.0 - lowest / storage.max()), rel=0.05)
+    assert note.endswith("an under-damped term; try Maxwell terms")
+    assert fit_material.falling_storage(Material(1.0e6, weight=np.ones(1), tau=np.full(1, 0.01)), (1.0, 1000.0)) == []
+
+
+def test_a_temperature_that_the_table_lacks(tmp_path, capsys):
+    rows = "".join(f"{f},{2 + f},{3},{T}\n" for T in (10, 20) for f in (1, 10))
+    path = table(tmp_path, "f,E_stor,E_loss,T\nHz,MPa,MPa,C\n" + rows)
+    assert fit_material.main([str(path), "--reference", "17"]) == 2
+    assert capsys.readouterr().err == "fit_material: --reference 17: no temperature of the table (283.15, 293.15 K)\n"
+
+
+def test_temperatures_of_one_row_cannot_be_shifted(tmp_path):
+    data = read(table(tmp_path, "f,E_stor,E_loss,T\nHz,MPa,MPa,C\n1,2,3,10\n1,2,3,20\n"))
+    with pytest.raises(DataError, match="neighbouring temperatures share no frequencies to shift by: three rows or more at each"):
+        master_curve(data, "wlf", 283.15)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("ghm_alpha=1.0,2.0 ghm_zeta=1.0 ghm_omega=1.0", "&material m: the lists of its terms differ in length"),
+        ("prony_alpha=1.0,-2.0 prony_tau=1.0,2.0", "&material m: young and all terms have to be positive"),
+        ("young=0.0", "&material m: young and all terms have to be positive"),
+    ],
+)
+def test_terms_that_make_no_modulus(words, told):
+    with pytest.raises(deck_text.DeckError) as fault:
+        of_group(deck_text.parse(f"&material name='m' {words if 'young' in words else 'young=1e6 ' + words} /").one("material"))
+    assert str(fault.value) == told
+
+
+def test_what_the_solver_says_of_the_deck_is_told(tmp_path):
+    (tmp_path / "deck.nml").write_text("&material name='rubber' density=1000.0 young=1e6 /\n")
+    (tmp_path / "solver").write_text("#!/bin/sh\necho 'deck.nml:1: too soft' >&2\necho more >&2\nexit 2\n")
+    (tmp_path / "solver").chmod(0o755)
+    for program, told in (
+        ("solver", f"{tmp_path}/deck.nml: with the fitted terms the solver says: deck.nml:1: too soft"),
+        ("none", f"{tmp_path}/none: cannot be run (No such file or directory): build it, or name it with --biela"),
+    ):
+        args = fit_material.arguments().parse_args(["d.csv", "--deck", f"{tmp_path}/deck.nml", "--biela", f"{tmp_path}/{program}"])
+        with pytest.raises(DataError) as fault:
+            fit_material.stable_steps(args, Material(1e6))
+        assert str(fault.value) == told

@@ -7,8 +7,14 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 
+import matplotlib.pyplot as plt
 import pytest
+import report as report_tool
 from conftest import ROOT
+from histories import HistoryError, read
+from PIL import Image
+from test_frequency_response import FORCE, sweep
+from test_modal import beam
 
 CRANK = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=2e-4")
 VOID = {"meta", "img", "br", "link", "wbr"}
@@ -104,3 +110,98 @@ def test_what_is_no_run_is_told_in_a_line(tmp_path):
         done = report(tmp_path, *words)
         assert done.returncode == 2
         assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.fixture(scope="module")
+def modal_run(biela, tmp_path_factory):
+    """Return the results folder of a damped beam with modes and a response."""
+    folder = tmp_path_factory.mktemp("modal")
+    (folder / "beam.nml").write_text(beam(6, ghm="ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0") + FORCE + sweep(1.0, 300.0, 30))
+    subprocess.run([biela, "--quiet", "beam.nml"], cwd=folder, check=True, capture_output=True)
+    return folder / "results" / "beam"
+
+
+def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
+    monkeypatch.setattr(report_tool, "embed", lambda figure, caption: plt.close(figure) or caption)
+    run = report_tool.load(modal_run, "beam", "A")
+    (part,) = report_tool.modal([run]).parts
+    table = read(modal_run, "modes")
+    assert part.pictures == ["beam: shapes", "beam: poles"]
+    assert [row[1] for row in part.rows] == [report_tool.short(pole["mode"]) for pole in run.figures["modes"]["poles"]]
+    assert part.rows[0][2] == f"{table['frequency'][0]:.4g}"
+    section = report_tool.responses([run])
+    assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
+
+
+def test_a_trade_off_beside_the_run_or_in_a_folder_is_shown(modal_run, tmp_path):
+    run = report_tool.load(modal_run, "beam", "A")
+    assert report_tool.tradeoff([run], None) is None
+    with pytest.raises(HistoryError, match=r"has no tradeoff\.txt$"):
+        report_tool.tradeoff([run], tmp_path)
+    own = modal_run.parent / "tradeoff" / "beam"
+    own.mkdir(parents=True)
+    for place in (own, tmp_path):
+        (place / "tradeoff.txt").write_text(f"table in {place.name}\n")
+    Image.new("RGB", (123, 45)).save(own / "work_precision.png")
+    for given, place, pictures in ((None, own, [123]), (tmp_path, tmp_path, [])):
+        section = report_tool.tradeoff([run], given)
+        (part,) = section.parts
+        assert (section.title, section.id) == ("Trade-off", "trade-off")
+        assert (part.heading, part.text) == (str(place), f"table in {place.name}\n")
+        assert [picture.width for picture in part.pictures] == pictures
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--labels", "one", "two"], "report: 2 labels for 1 runs: one each expected\n"),
+        (["--output", "."], "report: .: cannot be written (Is a directory)\n"),
+        (["--output", "file/page.html"], "report: file/page.html: cannot be written (File exists)\n"),
+    ],
+)
+def test_what_is_wrong_with_the_command_is_told_in_a_line(modal_run, tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(report_tool, "page", lambda *_: "<html></html>")
+    (tmp_path / "file").write_text("")
+    assert report_tool.main([str(modal_run), *words]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", told)
+
+
+def fake(folder, letter, status, columns):
+    """Return a run with these columns, (time, constant, 2 t, 3 t, ...)."""
+    folder.mkdir()
+    rows = [" ".join(f"{k * t:.1f}" for k in range(1, len(columns) + 1)) for t in (0.0, 1.0, 2.0)]
+    (folder / "history.txt").write_text("\n".join([f"# columns: {' '.join(columns)}", *rows]) + "\n")
+    return report_tool.Run(folder, {"status": status, "scene": {}}, "", folder.name, letter)
+
+
+def test_only_so_many_columns_are_drawn_and_what_one_run_lacks_is_named(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(report_tool, "drawn", lambda *words: seen.append(words[2]) or [])
+    many = ["t[s]", *(f"c{k}[m]" for k in range(43))]
+    section = report_tool.histories([fake(tmp_path / "one", "A", 0, many)])
+    assert section.parts[0].paragraphs == ["The first 40 of 43 columns are drawn; history.txt holds all."]
+    assert [len(names) for names in seen] == [40]
+    runs = [fake(tmp_path / "a", "A", 0, ["t[s]", "x[m]", "y[m]"]), fake(tmp_path / "b", "B", 0, ["t[s]", "z[m]", "x[m]"])]
+    section = report_tool.histories(runs)
+    assert section.parts[0].paragraphs == ["Not in both runs: y, z."]
+    assert section.parts[1].rows == [["x [m]", "4", "2", "50 %"]]
+
+
+def test_a_damaged_table_is_a_fault_of_a_run_that_ended_well_only(tmp_path):
+    for letter, status in (("A", 0), ("B", 1)):
+        run = fake(tmp_path / letter, letter, status, ["t[s]", "x[m]"])
+        (run.folder / "history.txt").write_text("# columns: t[s] x[m]\n")
+        if run.ok:
+            with pytest.raises(HistoryError, match="holds no rows"):
+                run.table("history")
+        else:
+            assert run.table("history") is None
+            assert report_tool.histories([run]) is None
+    assert run.table("energy") is None
+
+
+@pytest.mark.parametrize(("figure", "shown"), [(None, "–"), (1234567, "1,234,567"), (0.000123456, "0.0001235"), ("rk4", "rk4")])
+def test_figures_of_tables(figure, shown):
+    assert report_tool.short(figure) == shown

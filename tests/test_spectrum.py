@@ -128,3 +128,54 @@ def test_motion_in_vtk_is_that_of_the_run(run_deck):
     middle = [motion["rod.2.x"][100], motion["rod.2.y"][100], 0.0]
     assert np.abs(mesh.points - middle).sum(axis=1).min() < 1.0e-12
     assert (result.folder / "vtk" / "motion.pvd").read_text().count("DataSet") == len(files)
+
+
+MODES = (
+    "# columns: number[-] mode[-] kind[-] frequency[Hz] damping_ratio[-]\n1 1 0 8.0 0\n2 1 1 {} 0.031\n3 2 1 20.0 0.2\n4 3 3 0 1\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("modes", "told"),
+    [
+        (None, ""),
+        (MODES.format("7.9"), "modes.txt: mode 1 at 7.9 Hz with damping ratio 0.031"),
+        (MODES.format("50.0"), "modes.txt: mode 2 at 20 Hz with damping ratio 0.2"),
+        (UNDAMPED, ""),
+    ],
+)
+def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, told):
+    monkeypatch.setattr(spectrum, "save", lambda figure, _: spectrum.plt.close(figure) or [])
+    if modes:
+        (run / "modes.txt").write_text(modes)
+    assert spectrum.nearest_mode(run, 8.0) == told
+    assert spectrum.main([str(run), "--columns", "ring", "--decay"]) == 0
+    assert [line.strip() for line in capsys.readouterr().out.splitlines()[1:-1]] == ([told] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--columns", "tone", "--peaks", "-1"], "--peaks -1: 0 or more expected"),
+        (["--columns", "chirp", "--waterfall", "--speed", "ring"], "ring does not run one way: a waterfall against it would fold"),
+        (["--columns", "chirp", "--waterfall", "--speed", "none"], "no column 'none'"),
+    ],
+)
+def test_options_that_cannot_be_met_are_told(run, capsys, words, told):
+    assert spectrum.main([str(run), *words]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
+
+
+def test_exports_that_cannot_be_written_are_told(run, capsys):
+    (run / "file").write_text("")
+    for words, told in (
+        ([str(run), str(run), "--output", "x.csv"], "export: --output goes with one RUN\n"),
+        ([str(run), "--output", f"{run}/file/x.csv"], f"export: {run}/file/x.csv: cannot be written (Cannot save file into"),
+        ([str(run), "--output", str(run)], f"export: {run}: cannot be written (Is a directory)\n"),
+    ):
+        assert export.main([*words, "--to", "csv"]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(told)
+        assert said.count("\n") == 1
