@@ -137,11 +137,14 @@ def read_summary(folder: str | Path) -> dict:
     """
     path = Path(folder) / "summary.json"
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file (has the run been made?)") from None
     except (OSError, ValueError) as fault:
         raise HistoryError(f"{path}: cannot be read ({fault})") from None
+    if not isinstance(found, dict):
+        raise HistoryError(f"{path}: cannot be read (no figures of a run)")
+    return found
 
 
 def _why_missing(path: Path) -> str:

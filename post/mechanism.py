@@ -167,13 +167,17 @@ def add_deck(scene: Mechanism, path: Path) -> None:
 def add_text(scene: Mechanism, text: str, path: Path) -> None:
     """Add what the text of a deck says; path: where it comes from, for messages. Raises HistoryError as `add_deck`."""
     try:
-        groups = f90nml.reads(text)
+        _add_groups(scene, f90nml.reads(text))
     except Exception as fault:
-        raise HistoryError(f"{path}: cannot be read as a deck ({fault})") from None
+        raise HistoryError(f"{path}: is no deck of these results ({fault})") from None
+
+
+def _add_groups(scene: Mechanism, groups: f90nml.Namelist) -> None:
+    """Add what the groups of a deck say; any exception where they are not those of the scene."""
     for group in _all(groups, "body"):
         body = scene.bodies.get(str(group["name"]).lower())
         if body is None:
-            raise HistoryError(f"{path}: its body {group['name']!r} is not in the motion file: is it the deck of these results?")
+            raise ValueError(f"its body {group['name']!r} is not in the motion file")
         _shape(body, group)
     for kind in ("joint", "spring"):
         for group in _all(groups, kind):
@@ -219,12 +223,15 @@ def _list(value: object) -> list:
 
 def _shape(body: Body, group: f90nml.Namelist) -> None:
     """Take the undeformed nodes and the elements of a beam or frame from its group."""
-    count = len(body.rest)
-    if group.get("kind") == "frame" and count:
-        body.rest = np.column_stack([_list(group["node_x"]), _list(group["node_y"])]).astype(float)
+    count, kind = len(body.rest), str(group.get("kind")).lower()
+    if kind == "frame" and count:
+        rest = np.column_stack([_list(group["node_x"]), _list(group["node_y"])]).astype(float)
+        if len(rest) != count:
+            raise ValueError(f"its body {group['name']!r} has {len(rest)} nodes, {count} in the motion file")
+        body.rest = rest
         ends = _list(group["element_nodes"])
         body.elements = [(int(i) - 1, int(j) - 1) for i, j in zip(ends[::2], ends[1::2])]
-    elif group.get("kind") == "beam" and count:
+    elif kind == "beam" and count:
         body.rest = np.column_stack([np.linspace(0.0, float(group["length"]), count), np.zeros(count)])
 
 
@@ -239,6 +246,8 @@ def _place(scene: Mechanism, group: f90nml.Namelist, side: str) -> Place | None:
         return None
     node = group.get(f"node{side}")
     if node and len(body.rest):
+        if not 0 < abs(node) <= len(body.rest):
+            raise ValueError(f"its body {name!r} has {len(body.rest)} nodes in the motion file, no node {node}")
         return Place(body, int(node) - 1 if node > 0 else int(node), point)
     if f"point{side}" in group:
         body.places.append(point)

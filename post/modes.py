@@ -45,15 +45,21 @@ def positions(path: Path) -> np.ndarray:
     """
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith(POSITIONS):
-            return np.array(line[len(POSITIONS) :].split(), dtype=float)
+            words = line[len(POSITIONS) :].split()
+            try:
+                return np.array(words, dtype=float)
+            except ValueError as fault:
+                raise HistoryError(f"{path}: its line {POSITIONS!r} is damaged ({fault})") from None
         if not line.startswith("#"):
             break
     raise HistoryError(f"{path}: has no line {POSITIONS!r}: is it a modes.txt?")
 
 
 def shapes(table: History) -> tuple[list[str], np.ndarray]:
-    """Return the names of the shapes' columns without .re, and the complex shapes, shape (rows, columns)."""
+    """Return the names of the shapes' columns without .re, and the complex shapes, shape (rows, columns); HistoryError."""
     names = [name[: -len(".re")] for name in table.names if name.endswith(".re")]
+    if not names:
+        raise HistoryError(f"{table.path}: has no columns of shapes")
     return names, np.column_stack([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names])
 
 

@@ -76,3 +76,12 @@ def test_the_joints_energies_are_those_at_the_end_and_the_motors_largest(tmp_pat
     assert numbers(dissipated) == pytest.approx([0.25])
     assert numbers(work) == pytest.approx([2.0], rel=1e-5)
     assert read(tmp_path / "results" / attenuation.deck_name("rod"), "energy")["work"][-1] == 0.0
+
+
+def test_cases_with_other_rows_are_not_compared(monkeypatch, capsys):
+    rows = {case: 3 + (case == "both") for case in attenuation.CASES}
+    runs = {attenuation.deck_name(case): np.linspace(0.0, 1.0, count)[:, None] for case, count in rows.items()}
+    monkeypatch.setattr(attenuation, "run", lambda *_: None)
+    monkeypatch.setattr(attenuation, "read", lambda path: History(path, ["t"], {"t": "s"}, runs[path.name]))
+    assert attenuation.main([]) == 1
+    assert capsys.readouterr() == ("", "attenuation: the four decks do not have the same output times\n")

@@ -7,8 +7,11 @@ import sys
 
 import draw
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 from conftest import ROOT
+from histories import HistoryError
+from matplotlib.colors import to_rgb
 
 
 @pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "andrews"])
@@ -43,3 +46,26 @@ def test_a_faulty_deck_is_told_as_the_solver_tells_it(biela, tmp_path):
     assert done.returncode == 2
     assert "bad.nml:1" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_missing_solver_and_one_that_says_nothing_are_told(tmp_path):
+    with pytest.raises(HistoryError, match=r"none: No such file or directory \(`make` builds the solver\)$"):
+        draw.figures_of(tmp_path / "deck.nml", tmp_path / "none")
+    (tmp_path / "mute").write_text("#!/bin/sh\nexit 3\n")
+    (tmp_path / "mute").chmod(0o755)
+    with pytest.raises(HistoryError, match=r"deck\.nml: biela --check ended with status 3$"):
+        draw.figures_of(tmp_path / "deck.nml", tmp_path / "mute")
+
+
+def test_a_drive_along_a_line_is_an_arrow_that_way(biela, tmp_path):
+    (tmp_path / "deck.nml").write_text(
+        "&body name='block' kind='rigid' mass=1.0 inertia=0.1 position=1.0,0.0 /\n"
+        "&drive name='push' type='position' body_a='block' direction=0.5 history='rest' /\n"
+        "&history name='rest' kind='polynomial' coefficients=0.8775825618903728 /\n"
+    )
+    figure = draw.draw(draw.figures_of(tmp_path / "deck.nml", biela))
+    arrows = [text for text in figure.axes[0].texts if text.arrow_patch and not text.get_text()]
+    (arrow,) = [one for one in arrows if one.arrow_patch.get_edgecolor()[:3] == to_rgb(draw.DRIVE)]
+    along = np.subtract(arrow.xy, arrow.xyann)
+    assert np.arctan2(along[1], along[0]) == pytest.approx(0.5)
+    plt.close(figure)

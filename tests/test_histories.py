@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from histories import HistoryError, read
+from histories import HistoryError, read, read_summary
 
 GOOD = "# biela: sensors\n# columns: t[s] a.q[rad] a.qd[rad/s] b\n0.0 1.0 -2.5e3 1\n1.0e-3 2.0 1E-300 2\n"
 
@@ -107,3 +107,25 @@ def test_a_missing_file_is_named(tmp_path):
     (tmp_path / "history.txt").touch()
     with pytest.raises(HistoryError, match=r"motion.txt: no such file \(it is written where .* has a motion_step\)"):
         read(tmp_path, "motion")
+
+
+def test_numbers_as_only_other_programs_write_them(write):
+    with pytest.raises(HistoryError, match=r"history.txt: cannot be read as rows of 2 numbers$"):
+        read(write("# columns: t[s] a\n0 1\n1 1_0\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "no such file (has the run been made?)"),
+        ("{", "cannot be read (Expecting property name"),
+        (b"\xff", "cannot be read ('utf-8' codec"),
+        ("[]", "cannot be read (no figures of a run)"),
+    ],
+)
+def test_figures_that_are_missing_or_damaged(write, tmp_path, text, told):
+    if text is not None:
+        write(text, "summary.json")
+    with pytest.raises(HistoryError) as fault:
+        read_summary(tmp_path)
+    assert str(fault.value).startswith(f"{tmp_path}/summary.json: {told}")

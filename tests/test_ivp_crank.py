@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import REFERENCE, ROOT
 from histories import read
+from tradeoff_settings import Grid
 
 COLUMNS = {"rod": "phi2", "slider.x": "x3", "mid.v": "wmid_local"}
 # elements: largest errors of rod angle, slider and mid-rod deflection over their ranges, measured; a factor of 1.5 is allowed
@@ -54,3 +55,17 @@ def test_the_tools_faults_are_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ivp_crank, "rows", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     assert ivp_crank.main(["--biela", __file__]) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("family", "ladder"),
+    [
+        ("dopri5", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9]),
+        ("generalized_alpha adaptive", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
+        ("rk4", [1.0 / (4 * 2**k) for k in range(9)]),
+        ("generalized_alpha", [1.0 / 2**k for k in range(9)]),
+    ],
+)
+def test_ladders_of_settings(family, ladder):
+    grid = Grid(1.0, 1.0, 1.0, 1.0)
+    assert [setting.size(grid) for setting in ivp_crank.settings(family)] == pytest.approx(ladder, rel=1e-12)

@@ -110,3 +110,53 @@ def test_a_file_without_positions_is_refused(run):
     table.write_text("\n".join(line for line in table.read_text().splitlines() if not line.startswith("# positions")))
     with pytest.raises(HistoryError, match="positions"):
         modes.positions(table)
+
+
+SHAPES = "# positions: {}\n# columns: number[-] mode[-] kind[-] frequency[Hz] damping_ratio[-]{}\n"
+COLUMNS = "".join(f" b.{c}.{part}[-]" for c in ("x", "y", "angle") for part in ("re", "im"))
+
+
+@pytest.mark.parametrize(
+    ("places", "columns", "told"),
+    [
+        ("0 0 0", COLUMNS, ""),
+        ("0 0", COLUMNS, "2 positions for 3 shape columns"),
+        ("0 0 x", COLUMNS, "its line '# positions:' is damaged (could not convert string to float: 'x')"),
+        ("0 0 0", "", "has no columns of shapes"),
+    ],
+)
+def test_a_damaged_file_of_modes_is_told(tmp_path, places, columns, told):
+    path = tmp_path / "modes.txt"
+    path.write_text(SHAPES.format(places, columns) + "1 1 0 5.0 0.0" + " 0.5" * len(columns.split()) + "\n")
+    if told:
+        with pytest.raises(HistoryError) as fault:
+            modes.moved(read(path), 0, None)
+        assert str(fault.value) == f"{path}: {told}"
+    else:
+        assert modes.moved(read(path), 0, None).bodies["b"].frame.shape == (3, 3)
+
+
+def test_panels_that_shapes_do_not_need_are_empty(run):
+    table = read(run[0].folder, "modes")
+    rows = modes.chosen_rows(table, [1, 2, 3, 1, 2])
+    figure = modes.draw_shapes(table, rows, title="a beam")
+    named = [axis.get_title() for axis in figure.axes]
+    assert named[:5] == [modes.caption(table, row) for row in rows]
+    assert [axis.axison for axis in figure.axes] == [True] * 5 + [False] * (len(named) - 5)
+    assert figure.get_suptitle() == "a beam"
+    modes.plt.close(figure)
+
+
+def test_the_file_itself_stands_for_its_folder(run, monkeypatch, capsys):
+    monkeypatch.setattr(modes, "save", lambda figure, stem: modes.plt.close(figure) or [stem])
+    folder = run[0].folder
+    assert modes.main([str(folder / "modes.txt"), "--modes", "1"]) == 0
+    assert capsys.readouterr().out == f"wrote {folder}/modal_modes, {folder}/modal_poles, {folder}/modal_response\n"
+
+
+def test_a_response_of_which_no_file_tells_the_input(tmp_path):
+    assert modes.input_of(tmp_path / "none.txt") == ""
+    (tmp_path / "f.txt").write_text("# columns: f[Hz]\n1.0\n")
+    assert modes.input_of(tmp_path / "f.txt") == ""
+    (tmp_path / "f.txt").write_text("# input: force tip; per unit\n1.0\n")
+    assert modes.input_of(tmp_path / "f.txt") == "response to force tip, per unit of its history"

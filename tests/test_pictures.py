@@ -332,3 +332,13 @@ def test_lines_of_a_picture_differ_in_colour_and_in_style(runs):
 def test_a_motion_without_bodies_is_refused(runs):
     with pytest.raises(HistoryError, match=r"is it a motion\.txt"):
         mechanism.from_motion(read(runs[0]))
+
+
+def test_a_panel_that_is_not_needed_is_empty(tmp_path):
+    names = ["t[s]", *(f"x{k}[u{k}]" for k in range(plot.ONE_COLUMN + 1 + plot.ONE_COLUMN % 2))]
+    run = read(written(tmp_path / "history.txt", names, np.outer(TIME, np.arange(1.0, len(names) + 1.0))))
+    figure = plot.draw([run], ["run"], run.names[1:], title="odd")
+    assert [axis.axison for axis in figure.axes] == [True] * (len(names) - 1) + [False] * (len(figure.axes) + 1 - len(names))
+    assert len(figure.axes) % 2 == 0
+    assert figure.get_suptitle() == "odd"
+    plot.plt.close(figure)
