@@ -124,3 +124,82 @@ def test_prestress_grows_by_load_steps(run_deck):
     table = read(run_deck(PRESTRESS).folder, "static")
     np.testing.assert_allclose(table["a.x"], 0.4 * 100.0 / 400.0 * table["load"], rtol=1e-9)
     np.testing.assert_allclose(table["turn"], 0.8 * 10.0 / 40.0 * table["load"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_random_chains_of_upright_and_hanging_links(run_deck, seed):
+    """Growth rates are those of the chain's own small motions, M a'' + K a = 0 in the angles, derived here."""
+    rng = np.random.default_rng(seed)
+    links, gravity = rng.integers(1, 5), rng.uniform(1.0, 20.0)
+    up = rng.choice([-1.0, 1.0], links)
+    length, mass, inertia, spring = (10 ** rng.uniform(*x, links) for x in ((-1, 0.3), (-1, 1), (-3, 0), (-1, 2.3)))
+    com = length * rng.uniform(0.2, 0.9, links)
+    deck = f"&scene title='seed {seed}' gravity=0.0,{-gravity} /\n"
+    m, k, y = np.diag(inertia), np.zeros((links, links)), 0.0
+    for i in range(links):
+        deck += f"&body name='b{i}' kind='rigid' mass={mass[i]} inertia={inertia[i]} com={com[i]},0.0 position=0.0,{y:.17g} "
+        deck += f"angle={up[i] * math.pi / 2:.17g} /\n"
+        on = f"body_b='b{i - 1}' point_b={length[i - 1]},0.0" if i else ""
+        deck += f"&joint name='j{i}' type='revolute' body_a='b{i}' {on} /\n"
+        other = f"body_b='b{i - 1}'" if i else ""
+        deck += f"&spring name='k{i}' type='torsional' body_a='b{i}' {other} stiffness={spring[i]} /\n"
+        y += up[i] * length[i]
+        arm = np.zeros(links)  # height of the mass centre is sum(arm sin), its sideways motion -sum(arm a)
+        arm[:i] = (up * length)[:i]
+        arm[i] = up[i] * com[i]
+        m += mass[i] * np.outer(arm, arm)
+        k -= mass[i] * gravity * np.diag(arm)
+        turn = np.zeros(links)
+        turn[i] = 1.0
+        if i:
+            turn[i - 1] = -1.0
+        k += spring[i] * np.outer(turn, turn)
+    lowest = np.linalg.eigvals(np.linalg.solve(m, k)).real.min()
+    expected = math.sqrt(max(0.0, -lowest))
+    assert growth(run_deck(deck + "&static /\n")) == pytest.approx(expected, rel=1e-5), f"seed {seed}"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_cantilevers_that_sag_are_told_of(run_deck, seed):
+    """The tip sags by F l3/(3 E I), the end section turns by F l2/(2 E I); limits are a tenth of the length and 0.2 rad."""
+    rng = np.random.default_rng(seed)
+    length, young, inertia = 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(8, 11), 10 ** rng.uniform(-12, -8)
+    sag = rng.uniform(0.02, 0.25)
+    force = 3 * young * inertia * sag / length**2
+    deck = f"""&scene title='seed {seed}' /
+&material name='m' density=1000.0 young={young} /
+&section name='s' area=1.0e-5 inertia={inertia} /
+&body name='b' kind='beam' length={length} elements={rng.integers(1, 9)} material='m' section='s' reference='clamped' /
+&joint name='w' type='weld' body_a='b' node_a=1 /
+&force name='f' type='force' body='b' node=-1 fy={force} /
+&static /
+"""
+    run = run_deck(deck)
+    for words, figure, limit in (("deflects by", 100 * sag, 10.0), ("turns a section by", 1.5 * sag, 0.2)):
+        found = re.search(rf'in the static analysis body "b" {words} (\S+) ', run.stderr)
+        assert (found is not None) == (figure > limit), f"seed {seed}"
+        if found:
+            assert float(found[1]) == pytest.approx(figure, rel=0.02), f"seed {seed}"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_prestress_grows_by_load_steps(run_deck, seed):
+    """Springs along a guide and about a pin: each row has its share of the displacement, also beside a force."""
+    rng = np.random.default_rng(seed)
+    ends, stiffness, free = rng.uniform(1, 2, 4) * [1, 1, -1, -1], 10 ** rng.uniform(1, 4, 4), rng.uniform(0.9, 1.1, 4)
+    torsion, angle, force = 10 ** rng.uniform(0, 2, 3), rng.uniform(-1, 1, 3), rng.uniform(-5, 5)
+    deck = f"&scene title='seed {seed}' /\n&body name='a' kind='rigid' mass=1.0 inertia=0.1 /\n"
+    deck += "&joint name='g' type='prismatic' body_a='a' /\n&body name='t' kind='rigid' mass=1.0 inertia=0.1 position=0.0,9.0 /\n"
+    deck += f"&joint name='p' type='revolute' body_a='t' point_b=0.0,9.0 /\n&force name='f' type='force' body='a' fx={force} /\n"
+    for i in range(4):
+        deck += f"&spring name='s{i}' type='linear' body_a='a' point_b={ends[i]},0.0 stiffness={stiffness[i]} "
+        deck += f"free_length={abs(ends[i]) * free[i]} /\n"
+    for i in range(3):
+        deck += f"&spring name='t{i}' type='torsional' body_a='t' stiffness={torsion[i]} free_angle={angle[i]} /\n"
+    deck += "&sensor name='a' quantity='position' body='a' /\n&sensor name='turn' quantity='angle' body='t' /\n"
+    table = read(run_deck(deck + f"&static load_steps={rng.integers(1, 7)} /\n").folder, "static")
+    moved = (force + np.sum(stiffness * ends * (1 - free))) / stiffness.sum()
+    assert table["load"][-1] == 1.0
+    np.testing.assert_allclose(table["a.x"], moved * table["load"], rtol=1e-8, atol=1e-12, err_msg=f"seed {seed}")
+    turned = np.sum(torsion * angle) / torsion.sum()
+    np.testing.assert_allclose(table["turn"], turned * table["load"], rtol=1e-8, atol=1e-12, err_msg=f"seed {seed}")

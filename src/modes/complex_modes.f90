@@ -200,7 +200,7 @@ contains
     type(reduced_poles) :: poles
     integer, allocatable :: members(:), ranks(:)
     complex(wp), allocatable :: others(:)
-    integer :: part, j, i, listed, owner, zeros, expected, unasked
+    integer :: part, j, i, listed, owner, zeros, expected
     logical :: ok, spanned, settled(size(shapes, 2))
     listed = maxval([0, modes%mode])
     settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
@@ -208,7 +208,6 @@ contains
     allocate (others(0))
     zeros = 0
     expected = 0
-    unasked = 0
     spanned = model%exact .and. model%p == ds%n - ds%rows
     do part = 1, model%parts
       if (caught_signal() > 0) return
@@ -223,9 +222,8 @@ contains
         if (caught_signal() > 0) return
         owner = most_alike(poles%shape(:, i), shapes)
         if (modes%claims(poles%lambda(i))) cycle
-        if (unlisted%claims(poles%lambda(i)) .or. (spanned .and. owner > listed)) then
-          unasked = unasked + 1
-        else if (owner > listed) then
+        if (unlisted%claims(poles%lambda(i)) .or. (spanned .and. owner > listed)) cycle
+        if (owner > listed) then
           call name_pole(ds, model, poles%lambda(i), poles%shape(:, i), modes, unlisted, others)
         else
           call list_pole(ds, model, spanned, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
@@ -233,7 +231,7 @@ contains
       end do
     end do
     if (spanned) then
-      call check_whole(modes, expected, unasked)
+      call check_whole(modes, expected, listed >= size(shapes, 2))
     else
       call check_damped(ds, zeros, others, ranks, modes, unlisted)
     end if

@@ -5,12 +5,12 @@ module gyroscopic_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
-  use natural_modes, only: rounding_level, without_rounding
+  use natural_modes, only: rounding_level, squared_scales, without_rounding
   implicit none (type, external)
   private
   public :: turning_basis
 
-  real(wp), parameter :: no_stiffness = 1.0e-6_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
+  real(wp), parameter :: no_stiffness = 1.0e-9_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
 contains
 
@@ -49,10 +49,10 @@ contains
     p = size(k, 1)
     do j = 1, p
       level(j) = rounding_level(ds, x(:, j))
-      scale(j) = 1.0_wp/sqrt(max(abs(k(j, j)), level(j), tiny(1.0_wp)))
     end do
     allocate (u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))
     a = without_rounding(k, level)
+    scale = 1.0_wp/sqrt(squared_scales(a, max(level, [(abs(k(j, j)), j=1, p)], tiny(1.0_wp))))
     do j = 1, p
       a(:, j) = scale*a(:, j)*scale(j)
     end do

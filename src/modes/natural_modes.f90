@@ -9,7 +9,7 @@ module natural_modes
   use process, only: caught_signal
   implicit none (type, external)
   private
-  public :: natural_subspace, rounding_level, without_rounding
+  public :: natural_subspace, rounding_level, without_rounding, squared_scales
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
@@ -262,6 +262,23 @@ contains
       end do
     end do
   end function without_rounding
+
+  !> Sizes that make a stiffness on mass-normalised motions one of entries of at most one: the diagonal, or what stiffer motions
+  !> make of one that has none there.
+  pure function squared_scales(k, least) result(scale)
+    real(wp), intent(in) :: k(:, :)           !! (p, p) [1/s2]
+    real(wp), intent(in) :: least(:)          !! (p) smallest sizes, about those of the diagonal [1/s2]
+    real(wp) :: scale(size(least)), coupling  !! [1/s2]
+    integer :: i, j
+    scale = least
+    do j = 1, size(k, 2)
+      do i = 1, size(k, 1)
+        coupling = max(abs(k(i, j)), abs(k(j, i)))
+        if (least(i) > coupling) coupling = coupling**2/least(i)
+        scale(j) = max(scale(j), coupling)
+      end do
+    end do
+  end function squared_scales
 
   !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.
   pure real(wp) function fastest(ds) result(ratio)

@@ -53,22 +53,24 @@ contains
     poles = [named, pack(named, abs(named) <= 0.0_wp)]
   end function doubled
 
-  !> Where all eigenvalues of the system were computed they are the poles, each listed or left out.
-  subroutine check_whole(modes, expected, unasked)
+  !> Where all eigenvalues of the system were computed they are the poles, each listed or of a mode that was not asked for.
+  subroutine check_whole(modes, expected, all_asked)
     type(mode_set), intent(inout) :: modes
     integer, intent(in) :: expected                    !! eigenvalues, one of each conjugate pair
-    integer, intent(in) :: unasked                     !! of modes not asked for
+    logical, intent(in) :: all_asked                   !! for all modes
     complex(wp) :: listed(count(modes%kind /= undamped_mode))   ! [1/s]
     character(:), allocatable :: number
+    integer :: others
     listed = pack(modes%lambda, modes%kind /= undamped_mode)
-    modes%missing = expected - unasked - size(listed)
+    others = expected - size(listed)
+    if (all_asked .or. others < 0) modes%missing = others
     number = to_text(size(listed) + count(listed%im > 0.0_wp))//' with conjugates'
     if (modes%missing /= 0) then
-      modes%note_damped = 'poles: '//number//', '//to_text(modes%missing)//' missing'
-    else if (unasked == 0) then
+      modes%note_damped = 'poles: '//number//', '//to_text(others)//' missing'
+    else if (others == 0) then
       modes%note_damped = 'poles: complete, all '//number
     else
-      modes%note_damped = 'poles: '//number//', complete, '//to_text(unasked)//' of modes not asked for left out'
+      modes%note_damped = 'poles: '//number//', complete, '//to_text(others)//' of modes not asked for left out'
     end if
   end subroutine check_whole
 

@@ -7,7 +7,7 @@ module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev, dgeqp3, dorgqr, dsyev
-  use natural_modes, only: rounding_level, without_rounding
+  use natural_modes, only: rounding_level, squared_scales, without_rounding
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -18,7 +18,7 @@ module reduced_system
   real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
 
   real(wp), parameter :: rounding = 1.0e-13_wp         !! rate that is, over the highest frequency [-]
-  real(wp), parameter :: dependent = 1.0e-10_wp        !! row of it that follows from others, rows scaled to 1 [-]
+  real(wp), parameter :: dependent = 1.0e-11_wp        !! row of it that follows from others, rows scaled to 1 [-]
 
   !> The matrices on the subspace.
   type :: reduced_model
@@ -106,7 +106,10 @@ contains
       do r = 1, size(self%law)
         self%scale(j) = self%scale(j) + sum(self%law(r)%alpha)*self%part(j, j, r)
       end do
-      self%scale(j) = max(sqrt(max(self%scale(j), 0.0_wp)), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
+    end do
+    self%scale = sqrt(squared_scales(self%k, max(self%scale, 0.0_wp)))
+    do j = 1, self%p
+      self%scale(j) = max(self%scale(j), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
       if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
     end do
   end subroutine find_scale
