@@ -34,13 +34,23 @@ contains
     t = long_text(int(n, ip))
   end function integer_text
 
-  !> An integer of 64 bits without blanks.
+  !> An integer of 64 bits without blanks. Not by a format: numbers of this kind are in most formats and messages.
   pure function long_text(n) result(t)
     integer(ip), intent(in) :: n   !! any integer
     character(:), allocatable :: t
-    character(20) :: buffer
-    write (buffer, '(i0)') n
-    t = trim(buffer)
+    character(19) :: digits
+    integer(ip) :: rest
+    integer :: first
+    rest = merge(n, -n, n < 0)     ! negative: the least one has no counterpart
+    first = len(digits) + 1
+    do
+      first = first - 1
+      digits(first:first) = achar(iachar('0') - int(mod(rest, 10_ip)))
+      rest = rest/10
+      if (rest == 0) exit
+    end do
+    t = digits(first:)
+    if (n < 0) t = '-'//t
   end function long_text
 
   !> A real as d.ddE+ee after a blank or minus sign, as d.dE+eee where the exponent needs it: always decimals + 7 characters.
@@ -55,11 +65,11 @@ contains
     end if
   end function es_text
 
-  !> A real in as few digits as give it back where they are read: 6, or 15 to 17.
+  !> A real in as few digits as give it back where they are read: 6, 15 or 17.
   pure function exact_text(x) result(t)
     real(wp), intent(in) :: x          !! any finite number [-]
     character(:), allocatable :: t
-    character(*), parameter :: forms(3) = ['(es26.14e3)', '(es26.15e3)', '(es26.16e3)']
+    character(*), parameter :: forms(2) = ['(es26.14e3)', '(es26.16e3)']
     character(26) :: buffer
     real(wp) :: back
     integer :: k
