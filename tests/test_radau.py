@@ -9,6 +9,7 @@ from conftest import REFERENCE, ROOT
 from histories import read
 from scipy.integrate import Radau
 from test_failures import PULL, failed
+from test_generalized_alpha import four_bars as row_of_four_bars
 from test_implicit_failures import BENT
 from test_published import four_bars, reduced_four_bars
 
@@ -182,6 +183,15 @@ def test_change_points_by_tolerance(run_deck):
     exact, _ = reduced_four_bars(2, run.history.time)
     assert np.abs(run.history["b0.x"] - np.sin(exact)).max() < 1e-4
     assert np.abs(run.history["b0.y"] - np.cos(exact)).max() < 1e-4
+
+
+@pytest.mark.parametrize("step", [1e-2, 2e-3])
+@pytest.mark.parametrize("speed", [1.0, 1.37])
+@pytest.mark.parametrize("bars", [2, 4])
+def test_change_points_by_fixed_steps(bars, speed, step, run_deck):
+    """Rows of four-bars that fall into line: no step ends the run, and the energy is kept."""
+    run = run_deck(row_of_four_bars(bars, speed) + f"&transient t_end=4.0 method='radau' step={step} output_step=0.01 /\n")
+    assert np.abs(run.energy["residual"]).max() < 3e-4 * run.energy["kinetic"].max()
 
 
 @pytest.mark.parametrize("steps", ["step=1e-3", "tolerance=1e-5"])

@@ -2,7 +2,7 @@
 !> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp, ip
-  use border_rows, only: hold_weak_rows, least_shift, light_shift, strong_shift
+  use border_rows, only: hold_weak_rows, least_shift, light_shift, strong_shift, stage_shift
   use dynamics, only: evaluate, set_frames, marker_kinematics
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
@@ -425,7 +425,7 @@ contains
     real(wp) :: shift                         ! of constraint rows [-]
     logical :: bad
     shift = merge(light_shift, least_shift, self%m%redundant)
-    if (hold) shift = strong_shift
+    if (hold) shift = stage_shift
     call renew_stage(self%stages, self%t, self%m, self%ev, c2, q, v, a, lambda, whole, shift, bad)
     ok = .not. bad
   end subroutine mechanism_renew_stages

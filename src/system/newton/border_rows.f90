@@ -17,6 +17,7 @@ module border_rows
 
   real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! of constraint rows: uneven masses allow no more [-]
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! where redundant; where held [-]
+  real(wp), parameter, public :: stage_shift = 1.0e-5_wp   !! where stages hold them, which see the rates of rows alone [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> The equations between rows and their factor.
