@@ -87,6 +87,19 @@ def test_closed_streams_change_no_result(closed, biela, tmp_path):
         assert (tmp_path / "closed" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
 
 
+@pytest.mark.parametrize("words", [[], ["--jobs", "2"]])
+@pytest.mark.parametrize("quiet", [False, True])
+def test_how_decks_ended_is_a_line_that_was_asked_for(words, quiet, biela, tmp_path):
+    """With all streams closed the results are complete; the lines cannot be printed, which --quiet does not ask for."""
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.nml").write_text(PENDULUM + TRANSIENT.replace("generalized_alpha", "rk4"))
+    command = [biela, *words, *(["--quiet"] if quiet else []), "a.nml", "b.nml"]
+    done = subprocess.run(command, cwd=tmp_path, preexec_fn=lambda: os.closerange(0, 3), check=False)
+    assert done.returncode == (0 if quiet else 3)
+    for name in ("a", "b"):
+        assert "outcome" in (tmp_path / "results" / name / "summary.json").read_text()
+
+
 @pytest.mark.parametrize("option", ["--help", "--version", "--check"])
 def test_what_cannot_be_printed_is_told(option, biela, tmp_path):
     (tmp_path / "a.nml").write_text(PENDULUM)

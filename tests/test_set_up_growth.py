@@ -91,3 +91,15 @@ def test_the_modes_of_a_fine_mesh(run_deck):
     exact = (beta / scenes.LENGTH) ** 2 * math.sqrt(scenes.YOUNG * scenes.INERTIA / scenes.DENSITY / scenes.AREA) / (2 * math.pi)
     np.testing.assert_allclose(table[:3, 3], exact, rtol=1e-10)
     assert int(re.search(r"factorisations: (\d+)", run.summary).group(1)) <= 40
+
+
+def test_the_modes_of_a_mesh_whose_rounding_lies_above_them(run_deck):
+    """Of a rod that turns its crank freely: a motion of frequency 0 and vibrations as those of a coarser mesh, to 8 digits."""
+    found = []
+    for elements in (800, 5000):
+        deck = re.sub("&force.*\n", "", scenes.slider_crank(elements, "&modal modes=4 /\n"))
+        table = np.loadtxt(run_deck(deck, name=f"e{elements}").folder / "modes.txt")
+        found.append(table[:, 3])
+    assert found[0][0] == found[1][0] == 0.0
+    np.testing.assert_allclose(found[1][1:], found[0][1:], rtol=3e-7)
+    assert found[1][1] == pytest.approx(534.13395960, rel=1e-8)

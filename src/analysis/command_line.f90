@@ -188,7 +188,8 @@ contains
       '  biela --quiet ...              no progress, warnings and errors only'//lf// &
       '  biela --version | --help (-h)'//lf//lf// &
       'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or'//lf// &
-      'a deck is wrong, nothing was written; 3 results could not be written; 128 + signal when stopped by a signal.'// &
+      'a deck is wrong, nothing was written; 3 results, or lines that were asked for on standard output, could not be'//lf// &
+      'written; 128 + signal when stopped by a signal.'// &
       lf, status)
   end subroutine print_help
 

@@ -38,7 +38,7 @@ contains
     type(stiffness_system) :: ds
     type(linear_mechanism) :: lin
     real(wp), allocatable :: omega2(:), x(:, :), y(:), a(:), lambda(:)
-    logical, allocatable :: free(:), flexible(:)
+    logical, allocatable :: free(:)
     character(:), allocatable :: names
     integer :: j, b
     logical :: ok
@@ -59,9 +59,8 @@ contains
     call even_masses(run, ds)
     call natural_subspace(ds, 4, .false., omega2, x, ok)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
-    flexible = [(elastic(run, j), j=1, ds%n)]
-    do j = 1, merge(size(omega2), 0, ok)              ! elasticity holds all that bends: in a free motion frames alone move
-      if (abs(omega2(j)) <= rounding_level(ds, merge(0.0_wp, x(:, j), flexible))) call mark(run, x(:, j), free)
+    do j = 1, merge(size(omega2), 0, ok)
+      if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
     end do
     names = ''
     do b = 1, size(free)

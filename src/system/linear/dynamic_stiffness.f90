@@ -177,15 +177,20 @@ contains
     logical, intent(in), optional :: transposed
     complex(wp), allocatable :: b(:), r(:)
     logical :: turned
+    real(wp) :: change, last                   ! sizes of corrections [m, rad; N]
     integer :: pass
     turned = .false.
     if (present(transposed)) turned = transposed
     b = x
+    last = huge(1.0_wp)
     call self%solver%solve(x, turned)
-    do pass = 1, 2
+    do pass = 1, 12
       r = b - self%balance(x, turned)
       call self%solver%solve(r, turned)
       x = x + r
+      change = maxval(abs(r%re) + abs(r%im))
+      if (pass >= 2 .and. .not. change < 0.5_wp*last) exit
+      last = change
       if (is_small(r(1:self%n), x(1:self%n)) .and. is_small(r(self%n + 1:), x(self%n + 1:))) exit
     end do
   contains
