@@ -92,6 +92,7 @@ def test_panels_that_a_sheet_does_not_need_are_empty():
     count = next(n for n in range(2, 9) if np.prod(animate.tiles(n, *scene.extent())[:2]) > n)
     figure = animate.sheet(scene, count, "deflections × 3")
     assert [axis.axison for axis in figure.axes] == [True] * count + [False] * (len(figure.axes) - count)
+    assert len(figure.axes) > count
     assert figure.get_suptitle() == "deflections × 3"
     assert figure.axes[count - 1].texts[-1].get_text() == "t = 1 s"
     animate.plt.close(figure)

@@ -138,11 +138,14 @@ def test_a_damaged_file_of_modes_is_told(tmp_path, places, columns, told):
 
 def test_panels_that_shapes_do_not_need_are_empty(run):
     table = read(run[0].folder, "modes")
-    rows = modes.chosen_rows(table, [1, 2, 3, 1, 2])
-    figure = modes.draw_shapes(table, rows, title="a beam")
-    named = [axis.get_title() for axis in figure.axes]
-    assert named[:5] == [modes.caption(table, row) for row in rows]
-    assert [axis.axison for axis in figure.axes] == [True] * 5 + [False] * (len(named) - 5)
+    (row,) = modes.chosen_rows(table, [1])
+    corners = modes.moved(table, row, None).extent()
+    count = next(n for n in range(2, 20) if np.prod(modes.tiles(n, *corners)[:2]) > n)
+    figure = modes.draw_shapes(table, [row] * count, title="a beam")
+    titles = [axis.get_title() for axis in figure.axes]
+    assert titles == [modes.caption(table, row)] * count + [""] * (len(titles) - count)
+    assert [axis.axison for axis in figure.axes] == [bool(title) for title in titles]
+    assert len(titles) > count
     assert figure.get_suptitle() == "a beam"
     modes.plt.close(figure)
 
