@@ -13,7 +13,7 @@ module pole_check
 
   real(wp), parameter :: steepest = 1.7_wp, flattest = 2.9_wp   !! bounds of the region's angle [rad]
   real(wp), parameter :: narrow = 1.001_wp             !! ratio of moduli between which no boundary fits [-]
-  real(wp), parameter :: far_below = 1.0e-3_wp         !! of the lowest known pole: a lower one may be missing [-]
+  real(wp), parameter :: far_below = 1.0e-2_wp         !! of the lowest known pole: a lower one may be missing [-]
   integer, parameter :: further_gaps = 6               !! gaps beyond the list in which the boundary may lie
 
 contains
