@@ -41,7 +41,8 @@ contains
     character(19) :: digits
     integer(ip) :: rest
     integer :: first
-    rest = merge(n, -n, n < 0)     ! negative: the least one has no counterpart
+    rest = n
+    if (n > 0) rest = -n             ! negative: the least number has no counterpart
     first = len(digits) + 1
     do
       first = first - 1
