@@ -160,6 +160,8 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
     """Return a figure of amplitudes over frequency and time, or over the speed of a drive."""
     axis, values = even_samples(run.time, run[name])
     frequency, times, size = waterfall(axis, values)
+    if not times.size:
+        raise HistoryError(f"{axis.size} rows: {LEAST + 1} or more are needed for a waterfall")
     across, label = times, "t [s]"
     if speed:
         across, label = np.interp(times, run.time, run[speed]), run.label(speed)
