@@ -20,15 +20,7 @@ module linearisation
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linearise, pair_blocks, marker_jacobian, to_body
-
-  !> What the unknowns of one marker do to those of another, or of the same: one of four blocks of a pair; empty on the ground.
-  type, public :: pair_block
-    integer, allocatable :: rows(:), cols(:)
-    real(wp), allocatable :: k(:, :)           !! of displacements [N/m, N, N m]
-    real(wp), allocatable :: c(:, :)           !! of rates [N s/m, N s, N m s]
-    real(wp), allocatable :: turning(:, :)     !! of displacements, by the rates that turning makes of them [N/m, N, N m]
-  end type pair_block
+  public :: linearise, marker_jacobian
 
 contains
 
@@ -209,33 +201,14 @@ contains
     end do
   end subroutine element_terms
 
-  !> Adds the blocks of a pair of markers.
+  !> Adds J^T k J of a pair of markers, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
   subroutine add_pair(m, ev, t, v, stiffness, damping, rate_stiffness)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_stiffness), intent(in) :: t
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
-    type(pair_block) :: blocks(4)
-    integer :: i
-    call pair_blocks(m, ev, t, v, blocks)
-    do i = 1, 4
-      associate (x => blocks(i))
-        if (any(abs(x%k) > 0.0_wp)) call stiffness%add_block(x%rows, x%cols, x%k)
-        if (.not. any(abs(x%c) > 0.0_wp)) cycle
-        call damping%add_block(x%rows, x%cols, x%c)
-        call rate_stiffness%add_block(x%rows, x%cols, x%turning)
-      end associate
-    end do
-  end subroutine add_pair
-
-  !> J^T k J of a pair of markers, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
-  subroutine pair_blocks(m, ev, t, v, blocks)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_stiffness), intent(in) :: t
-    real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
-    type(pair_block), intent(out) :: blocks(4)
+    integer, allocatable :: rows(:), cols(:)
     real(wp), allocatable :: ji(:, :), jj(:, :)
     real(wp) :: k(3, 3), c(3, 3)               ! [N/m, N, N m], [N s/m, ...]
     integer :: side, other, pi, pj
@@ -245,17 +218,16 @@ contains
         pj = merge(t%ia, t%ib, other == 0)
         k = in_body_axes(m, ev, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
         c = in_body_axes(m, ev, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-        associate (x => blocks(1 + 2*side + other))
-          call marker_jacobian(m, ev, pi, x%rows, ji)
-          call marker_jacobian(m, ev, pj, x%cols, jj)
-          x%k = matmul(transpose(ji), matmul(k, jj))
-          x%c = matmul(transpose(ji), matmul(c, jj))
-          x%turning = x%c
-          if (size(x%cols) > 0) x%turning = matmul(transpose(ji), matmul(c, rate_jacobian(m, ev, pj, v, jj)))
-        end associate
+        call marker_jacobian(m, ev, pi, rows, ji)
+        call marker_jacobian(m, ev, pj, cols, jj)
+        if (size(rows) == 0 .or. size(cols) == 0) cycle
+        if (any(abs(k) > 0.0_wp)) call stiffness%add_block(rows, cols, matmul(transpose(ji), matmul(k, jj)))
+        if (.not. any(abs(c) > 0.0_wp)) cycle
+        call damping%add_block(rows, cols, matmul(transpose(ji), matmul(c, jj)))
+        call rate_stiffness%add_block(rows, cols, matmul(transpose(ji), matmul(c, rate_jacobian(m, ev, pj, v, jj))))
       end do
     end do
-  end subroutine pair_blocks
+  end subroutine add_pair
 
   !> How a marker's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
   function rate_jacobian(m, ev, marker, v, jac) result(r)
