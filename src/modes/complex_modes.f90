@@ -19,6 +19,7 @@ module complex_modes
   integer, parameter :: whole_below = 120              !! freedoms up to which a system is reduced on all its motions
   real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which the iteration has not ended at a pole [-]
   real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
+  real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
   real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
 
 contains
@@ -108,6 +109,16 @@ contains
     yes = abs(lambda - start) <= 10*same*abs(lambda)
   end function copies
 
+  !> Whether a search has made an estimate accurate, which of a double root is good to a few digits only.
+  logical function leads_to(ds, damping, start, pole) result(yes)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: damping                    !! [-]
+    complex(wp), intent(in) :: start                   !! [1/s]
+    type(pole_state), intent(in) :: pole
+    yes = copies(pole%lambda, start)
+    if (.not. yes .and. abs(pole%lambda - start) <= spread*abs(start)) yes = double_root(ds, damping, pole)
+  end function leads_to
+
   !> Whether an undamped pole decays.
   pure elemental logical function decays(lambda) result(yes)
     complex(wp), intent(in) :: lambda                  !! [1/s]
@@ -135,12 +146,12 @@ contains
         if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
         if (model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
-          if (ok) ok = copies(pole%lambda, starts(j))
+          if (ok) ok = leads_to(ds, 0.0_wp, starts(j), pole)
           if (.not. ok) pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
           ok = .true.
         end if
         if (ok) ok = copies(pole%lambda, starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
-        if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, pole)
+        if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, 0.0_wp, pole)
       end if
       if (ok) then
         starts(j) = pole%lambda
@@ -287,7 +298,7 @@ contains
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
       if (unlisted%claims(pole%lambda, unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
-      ok = copies(pole%lambda, lambda)
+      ok = leads_to(ds, 1.0_wp, lambda, pole)
       if (.not. (ok .or. spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if
     if (spanned .and. .not. ok) then

@@ -143,12 +143,13 @@ contains
     end do
   end function form
 
-  !> Whether an undamped pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
-  logical function double_root(ds, pole) result(yes)
+  !> Whether a pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
+  logical function double_root(ds, damping, pole) result(yes)
     type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(in) :: pole
     complex(wp) :: inertia
-    call ds%set(pole%lambda, 0.0_wp)
+    call ds%set(pole%lambda, damping)
     inertia = 2*pole%lambda*form(ds, cmplx(ds%m, 0.0_wp, wp), pole%y, pole%x)
     yes = abs(form(ds, ds%slope, pole%y, pole%x)) <= 1.0e-3_wp*abs(inertia)
   end function double_root
