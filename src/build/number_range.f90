@@ -102,13 +102,20 @@ contains
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function beyond
 
-  !> Reports bodies with a marker so far away that rounding of their angle moves it by more than they can tell.
+  !> Reports forces that no number can follow, and bodies with a marker so far away that rounding of their angle moves it by more than they can tell.
   subroutine judge_distances(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
     type(fault_list), intent(inout) :: faults
     real(wp) :: distance, radius              ! [m]
     integer :: k
+    do k = 1, size(d%forces)
+      associate (f => d%forces(k))
+        if (f%marker%body == 0) cycle
+        if (beyond(f%at, 'force/'//trim(f%name), 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
+                   'm/s2', faults)) return
+      end associate
+    end do
     do k = 1, size(s%markers)
       if (s%markers(k)%body == 0) cycle
       associate (b => s%bodies(s%markers(k)%body))
