@@ -43,6 +43,7 @@ contains
     integer, intent(out) :: rigid                      !! how many
     logical, intent(out) :: ok
     real(wp) :: scale(size(k, 1)), level(size(k, 1)), s(size(k, 1)), tau(size(k, 1))
+    real(wp) :: noise(size(k, 1))                      ! roots of what rounding is on the diagonal, scaled [-]
     real(wp), allocatable :: a(:, :), u(:, :), vt(:, :), work(:)
     integer, allocatable :: iwork(:), pivots(:)
     integer :: p, j, info
@@ -57,7 +58,8 @@ contains
       a(:, j) = scale*a(:, j)*scale(j)
     end do
     call dgesdd('A', p, p, a, p, s, u, p, vt, p, work, size(work), iwork, info)
-    rigid = count(s < no_stiffness)
+    noise = scale*sqrt(level)
+    rigid = count([(s(j) < max(no_stiffness, dot_product(abs(u(:, j)), noise)*dot_product(abs(vt(j, :)), noise)), j=1, p)])
     ok = info == 0
     if (.not. ok) return
     allocate (pivots(rigid), source=0)
