@@ -103,3 +103,16 @@ def test_the_modes_of_a_mesh_whose_rounding_lies_above_them(run_deck):
     assert found[0][0] == found[1][0] == 0.0
     np.testing.assert_allclose(found[1][1:], found[0][1:], rtol=3e-7)
     assert found[1][1] == pytest.approx(534.13395960, rel=1e-8)
+
+
+def test_a_free_mesh_whose_stiffness_rounds_to_an_indefinite_one_is_told(run_deck):
+    """Rounding of the stiffest elements outweighs the lowest bending; its signs depend on the length."""
+    refused = 0
+    for length in (scenes.LENGTH, 0.8, 1.0):
+        deck = scenes.materials(0) + f"&body name='rod' kind='beam' length={length} elements=5000 "
+        deck += "material='rod' section='rod' reference='free' modes=6 /\n&modal modes=6 /\n"
+        run = run_deck(deck, expect=None, name=f"l{length}")
+        refused += run.status == 2
+        told = "the stiffness of this mesh is not positive definite; expected fewer elements" in run.stderr
+        assert told == (run.status == 2) == (not run.folder.exists())
+    assert refused > 0

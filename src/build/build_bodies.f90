@@ -200,7 +200,8 @@ contains
         return
       end if
       call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
-      if (bad) call refuse(r, faults, 'the modes could not be computed: the mass matrix is not positive definite')
+      if (bad) call refuse(r, faults, 'the modes could not be computed: rounded to double precision the stiffness of this mesh '// &
+                           'is not positive definite; expected fewer elements or less uneven ones')
     end associate
   end subroutine reduce
 end module build_bodies
