@@ -94,23 +94,33 @@ contains
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     type(viscoelastic_segment), allocatable :: joined(:)
-    real(wp) :: part(size(b%op%k))                       ! stiffness of one material [N/m, N, N m]
-    logical :: is_first(size(b%segments))                ! of its material
-    integer :: r, k, e
+    integer :: of(maxval(b%segments%material))           ! number of a material's segment
+    integer :: n, r, e, j
+    of = 0
+    n = 0
     do r = 1, size(b%segments)
-      is_first(r) = .not. any(b%segments(:r - 1)%material == b%segments(r)%material)
+      if (of(b%segments(r)%material) > 0) cycle
+      n = n + 1
+      of(b%segments(r)%material) = n
     end do
-    joined = b%segments(pack([(r, r=1, size(is_first))], is_first))
-    do k = 1, size(joined)
-      part = 0.0_wp
-      do e = 1, size(b%op%part)
-        if (b%segments(b%op%segment(e))%material /= joined(k)%material) cycle
-        part(b%op%entry(e)) = part(b%op%entry(e)) + b%op%part(e)
+    allocate (joined(n))
+    do r = size(b%segments), 1, -1
+      joined(of(b%segments(r)%material)) = b%segments(r)
+    end do
+    do r = 1, n
+      joined(r)%first = r
+      joined(r)%last = r
+      allocate (joined(r)%stiffness(size(x, 2), size(x, 2)), source=0.0_wp)
+    end do
+    associate (op => b%op)
+      do e = 1, size(op%part)
+        associate (k => joined(of(b%segments(op%segment(e))%material))%stiffness, at => op%entry(e))
+          do j = 1, size(x, 2)
+            k(:, j) = k(:, j) + op%part(e)*x(op%even%col(at), j)*x(op%even%row(at), :)
+          end do
+        end associate
       end do
-      joined(k)%first = k
-      joined(k)%last = k
-      joined(k)%stiffness = projected(b%op%even, part, x)
-    end do
+    end associate
     b%segments = joined
   end subroutine join_segments
 
