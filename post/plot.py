@@ -137,7 +137,7 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         if len(runs) > 1:
             looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
             handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
-            figure.legend(handles=handles, loc="outside upper right", ncols=min(len(runs), 4))
+            figure.legend(handles=handles, loc="outside lower center", ncols=min(len(runs), 4))
         if title:
             figure.suptitle(title)
     return figure
