@@ -102,7 +102,8 @@ contains
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function beyond
 
-  !> Reports forces that no number can follow, and bodies with a marker so far away that rounding of their angle moves it by more than they can tell.
+  !> Reports forces whose accelerations are out of range, and bodies with a marker so far away that rounding of their angle moves
+  !> it by more than they can tell.
   subroutine judge_distances(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s

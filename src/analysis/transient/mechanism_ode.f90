@@ -18,7 +18,8 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
-  use stage_equations, only: set_up_stages, stage_residual, renew_stage, close_rows, stage_kinematics
+  use stage_equations, only: set_up_stages, stage_residual, factor_stages, stage_tangents, condense_stages, close_rows, &
+                             stage_kinematics
   use complex_condensed_system, only: complex_matrix => condensed_matrix
   use stage_system, only: stage_ode
   implicit none (type, external)
@@ -426,7 +427,11 @@ contains
     logical :: bad
     shift = merge(light_shift, least_shift, self%m%redundant)
     if (hold) shift = stage_shift
-    call renew_stage(self%stages, self%t, self%m, self%ev, c2, q, v, a, lambda, whole, shift, bad)
+    call factor_stages(self%stages, self%t, self%m, c2, bad)
+    ok = .not. bad
+    if (bad) return
+    call stage_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
+    call condense_stages(self%stages, self%t, self%m, self%ev, v, a, lambda, whole, shift, bad)
     ok = .not. bad
   end subroutine mechanism_renew_stages
 

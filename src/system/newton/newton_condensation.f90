@@ -170,30 +170,12 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)             !! (nq) [m/s, rad/s]
     integer, intent(in) :: b, e
-    real(wp) :: w(3), j(3), n(2), rel(2)
+    real(wp) :: w(3), j(3), rel(2)
     real(number) :: x(2)
-    integer :: i, k, l, c, col
+    integer :: k, l, c, col
     associate (r => self%rows, t => self%b(b))
-      i = r%row(e)
       k = r%marker(e)
-      w = 0.0_wp
-      n = 0.0_wp
-      select case (r%kind(e))
-      case (-1)
-        n = ev%rows%na(:, i)
-        w(3) = ev%rows%sa(i)
-      case (-2)
-        n = ev%rows%nb(:, i)
-        w(3) = ev%rows%sb(i)
-      case (1, 4)
-        n(1) = 1.0_wp
-      case (2, 5)
-        n(2) = 1.0_wp
-      case default
-        w(3) = 1.0_wp
-      end select
-      w(1) = ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2)
-      w(2) = ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1)
+      w = side_direction(ev, r%kind(e), r%row(e), b)
       j = [w(1), w(2), w(3) + ev%p%rho(1, k)*w(2) - ev%p%rho(2, k)*w(1)]
       r%marker_column(:, e) = w
       r%frame_column(:, e) = j
@@ -228,6 +210,33 @@ contains
       end do
     end associate
   end subroutine one_end
+
+  !> What a row asks of a marker on its side: displacement in body axes, rotation.
+  pure function side_direction(ev, kind, row, b) result(w)
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: kind              !! of the side (`row_system`)
+    integer, intent(in) :: row, b
+    real(wp) :: w(3)                         !! [-, -, m]
+    real(wp) :: n(2)                         ! displacement in global axes [-]
+    w = 0.0_wp
+    n = 0.0_wp
+    select case (kind)
+    case (-1)
+      n = ev%rows%na(:, row)
+      w(3) = ev%rows%sa(row)
+    case (-2)
+      n = ev%rows%nb(:, row)
+      w(3) = ev%rows%sb(row)
+    case (1, 4)
+      n(1) = 1.0_wp
+    case (2, 5)
+      n(2) = 1.0_wp
+    case default
+      w(3) = 1.0_wp
+    end select
+    w(1) = ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2)
+    w(2) = ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1)
+  end function side_direction
 
   !> One body's part of the rows' compliance.
   subroutine add_compliance(self, b)

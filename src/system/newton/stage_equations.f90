@@ -16,7 +16,7 @@ module stage_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: set_up_stages, stage_residual, renew_stage, close_rows, stage_kinematics
+  public :: set_up_stages, stage_residual, factor_stages, stage_tangents, condense_stages, close_rows, stage_kinematics
 
 contains
 
@@ -48,44 +48,56 @@ contains
     end do
   end subroutine stage_residual
 
-  !> T(c2**2, c2) for a real and a complex constant at the state of the last residual, condensed together with the residuals that
-  !> were taken; elastic blocks anew where the constants are.
-  subroutine renew_stage(t, newton, m, ev, c2, q, v, a, lambda, whole, shift, bad)
+  !> Takes a real and a complex constant: elastic blocks of both matrices anew where the constants are.
+  subroutine factor_stages(t, newton, m, c2, bad)
+    type(complex_matrix), intent(inout) :: t
+    type(newton_matrix), intent(inout) :: newton
+    type(mechanism_model), intent(in) :: m
+    complex(wp), intent(in) :: c2(2)         !! [1/s]
+    logical, intent(out) :: bad
+    bad = .false.
+    if (.not. abs(t%c2 - c2(2)) > 0.0_wp) return
+    call factor_blocks(newton%t, m, newton%terms, real(c2(1)**2, wp), real(c2(1), wp), bad)
+    if (.not. bad) call factor_complex(t, m, newton%terms, c2(2)**2, c2(2), bad)
+    if (bad) t%c2 = 0.0_wp
+  end subroutine factor_stages
+
+  !> T(c2**2, c2) of both constants at the state of the last residual.
+  subroutine stage_tangents(t, newton, m, ev, q, v, a)
     type(complex_matrix), intent(inout) :: t
     type(newton_matrix), intent(inout) :: newton
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    complex(wp), intent(in) :: c2(2)         !! [1/s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    integer :: b
+    call body_tangents(newton, m, ev, newton%t%c1, newton%t%c2, 1.0_wp, q, v, a)
+    do b = 1, size(newton%eq)
+      call add_tangent(newton%t%b(b), newton%eq(b), 1.0_wp, .true.)
+    end do
+    call body_tangents(newton, m, ev, t%c1%re, t%c2%re, 1.0_wp, q, v, a)
+    do b = 1, size(newton%eq)
+      call add_complex(t%b(b), newton%eq(b), (1.0_wp, 0.0_wp), .true.)
+    end do
+    call body_tangents(newton, m, ev, t%c1%im, t%c2%im, 0.0_wp, q, v, a)
+    do b = 1, size(newton%eq)
+      call add_complex(t%b(b), newton%eq(b), (0.0_wp, 1.0_wp), .false.)
+    end do
+  end subroutine stage_tangents
+
+  !> Condenses both, together with the residuals that were taken.
+  subroutine condense_stages(t, newton, m, ev, v, a, lambda, whole, shift, bad)
+    type(complex_matrix), intent(inout) :: t
+    type(newton_matrix), intent(inout) :: newton
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in), contiguous :: v(:), a(:)         !! (nq) rates, accelerations [m/s, rad/s] and per second
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: whole             !! factors the whole elastic blocks
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
-    complex(wp) :: c1(2)
-    integer :: b
-    c1 = c2**2
-    bad = .false.
-    if (abs(t%c2 - c2(2)) > 0.0_wp) then
-      call factor_blocks(newton%t, m, newton%terms, real(c1(1), wp), real(c2(1), wp), bad)
-      if (.not. bad) call factor_complex(t, m, newton%terms, c1(2), c2(2), bad)
-      if (bad) t%c2 = 0.0_wp
-      if (bad) return
-    end if
-    call body_tangents(newton, m, ev, real(c1(1), wp), real(c2(1), wp), 1.0_wp, q, v, a)
-    do b = 1, size(newton%eq)
-      call add_tangent(newton%t%b(b), newton%eq(b), 1.0_wp, .true.)
-    end do
-    call body_tangents(newton, m, ev, real(c1(2), wp), real(c2(2), wp), 1.0_wp, q, v, a)
-    do b = 1, size(newton%eq)
-      call add_complex(t%b(b), newton%eq(b), (1.0_wp, 0.0_wp), .true.)
-    end do
-    call body_tangents(newton, m, ev, aimag(c1(2)), aimag(c2(2)), 0.0_wp, q, v, a)
-    do b = 1, size(newton%eq)
-      call add_complex(t%b(b), newton%eq(b), (0.0_wp, 1.0_wp), .false.)
-    end do
     call condense(newton%t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
     if (.not. bad) call condense_complex(t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
-  end subroutine renew_stage
+  end subroutine condense_stages
 
   !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
   !> stiff forces.
