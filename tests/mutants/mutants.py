@@ -29,7 +29,7 @@ LINKED += ["pyproject.toml", "fortitude.toml"]
 # what builds the program, or reads its sources, says nothing about a mistake
 APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]
 MOST = 4000
-SECONDS = 900  # of the tests that one mistake meets
+HANG = 10  # times as long as without a mistake: the tests hang
 FEW = 12  # of the tests that it meets first
 SWAPS = [
     (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < ", " <= "), (r" > ", " >= "),
@@ -273,15 +273,20 @@ def reach(jobs: str) -> dict[int, list[tuple[float, str]]]:
     return {k: sorted(found) for k, found in tests.items()}
 
 
-def caught(k: int, tests: list[tuple[float, str]]) -> bool:
-    """Return whether a test that reaches a mistake fails: a few first, then the shortest of each file, then the others."""
+def groups(tests: list[tuple[float, str]]) -> list[list[tuple[float, str]]]:
+    """Return the tests that reach a mistake, in order: a few short ones, then the shortest of each file, then the others."""
     files, first, others = set(), [], []
     for seconds, name in tests:
         file = name.split("::")[0]
-        (others if file in files or seconds > 2.0 else first).append(name)
+        (others if file in files or seconds > 2.0 else first).append((seconds, name))
         files.add(file)
-    groups = (first[:FEW], first[FEW:], others)
-    return any(group and pytest("-x", *group, seconds=SECONDS, PLANTED=str(k)) == 1 for group in groups)
+    return [first[:FEW], first[FEW:], others]
+
+
+def caught(k: int, tests: list[tuple[float, str]]) -> bool:
+    """Return whether one of these tests fails, or hangs, with a mistake."""
+    patience = HANG * (sum(seconds for seconds, _ in tests) + 10.0)
+    return bool(tests) and pytest("-x", *(name for _, name in tests), seconds=patience, PLANTED=str(k)) == 1
 
 
 def main() -> int:
@@ -305,13 +310,16 @@ def main() -> int:
     tests = reach(jobs)
     if not tests:
         sys.exit("mutants: no test passes without any mistake")
-    survivors = []
+    meets = {k: groups(tests.get(k, [])) for k in told}
+    left = list(told)
     with ThreadPoolExecutor(os.cpu_count() if jobs == "auto" else int(jobs)) as pool:
-        for k, found in zip(told, pool.map(lambda k: caught(k, tests.get(k, [])), told)):
-            word = "caught" if found else "SURVIVED" if k in tests else "NOT REACHED"
-            print(f"{word} {told[k]}", flush=True)
-            if not found:
-                survivors.append(f"{word} {told[k]}")
+        for turn, word in enumerate(("passes a few tests", "passes the shortest of each file", "SURVIVED")):
+            found = pool.map(lambda k, turn=turn: caught(k, meets[k][turn]), left)
+            ends = {}
+            for k, ends[k] in zip(left, found):
+                print(f"{'caught' if ends[k] else word if k in tests else 'NOT REACHED'}: {told[k]}", flush=True)
+            left = [k for k in left if not ends[k]]
+    survivors = [f"{'SURVIVED' if k in tests else 'NOT REACHED'} {told[k]}" for k in left]
     report = f"{len(told)} mistakes of seed {seed}, {len(told) - len(survivors)} caught\n" + "".join(f"{s}\n" for s in survivors)
     (ROOT / "results").mkdir(exist_ok=True)
     (ROOT / "results" / "mutants.txt").write_text(report, encoding="utf-8")
