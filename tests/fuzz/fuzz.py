@@ -17,7 +17,9 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +91,7 @@ def run(program: Path, folder: Path, names: list[str], patience: float = PATIENC
 
 def table(path: Path) -> np.ndarray:
     """Return the numbers of a result."""
-    return np.loadtxt(path, comments="#", ndmin=2)
+    return np.loadtxt(path, comments="#", ndmin=2, encoding="latin-1")
 
 
 def unbalanced(results: Path) -> str:
@@ -153,7 +155,7 @@ def disagree(folder: Path, pair: list[str]) -> str:
     """Return where the positions and angles that two methods give differ, '' where they agree."""
     paths = [folder / "results" / Path(name).stem / "history.txt" for name in pair]
     a, b = (table(path) for path in paths)
-    heads = re.search(r"^# columns: (.*)$", paths[0].read_text(), re.MULTILINE)[1].split()
+    heads = re.search(r"^# columns: (.*)$", paths[0].read_text("latin-1"), re.MULTILINE)[1].split()
     if a.shape != b.shape:
         return f"{pair} have unlike rows"
     for k, head in enumerate(heads):
@@ -229,6 +231,16 @@ def batch(program: Path, number: int, count: int) -> tuple[int, list[tuple[bytes
     return number, judge(program, drawn(number, count), twin=True)
 
 
+@contextmanager
+def workers(count: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Yield processes; where the work on a result fails, what waits is not begun."""
+    pool = ProcessPoolExecutor(count)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def main() -> int:
     """Fuzz each program given; exit status 1 where something is wrong."""
     programs = [Path(name).resolve() for name in sys.argv[1:]]
@@ -238,7 +250,7 @@ def main() -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     print(f"{cases} decks, FUZZ_SEED={first}, {' and '.join(p.name for p in programs)} in turn", flush=True)
     began, kinds, statuses, decks_run = time.monotonic(), Counter(), Counter(), 0
-    with ProcessPoolExecutor(jobs or None) as pool:
+    with workers(jobs or None) as pool:
         waiting = [pool.submit(batch, programs[k % len(programs)], 10**6 * first + k, BATCH) for k in range(-(-cases // BATCH))]
         for k, task in enumerate(waiting):
             number, judged = task.result()
