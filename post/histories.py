@@ -113,10 +113,10 @@ def read(source: str | Path, kind: str = "history") -> History:
     if path.is_dir():
         path = path / RESULT_FILES[kind]
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
-    except (OSError, UnicodeDecodeError) as fault:
+    except OSError as fault:
         raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
     separator = "," if path.suffix == ".csv" else None
     first, columns = _header(path, lines, separator)
@@ -137,7 +137,7 @@ def read_summary(folder: str | Path) -> dict:
     """
     path = Path(folder) / "summary.json"
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8", errors="replace"))
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file (has the run been made?)") from None
     except (OSError, ValueError) as fault:

@@ -43,7 +43,7 @@ def positions(path: Path) -> np.ndarray:
     Raises:
         HistoryError: the file has no such line.
     """
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         if line.startswith(POSITIONS):
             words = line[len(POSITIONS) :].split()
             try:
@@ -240,7 +240,7 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
 
 def input_of(path: Path) -> str:
     """Return what the amplitudes of a response belong to, from the file's comment."""
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:
         if line.startswith(INPUT):
             return f"response to {line[len(INPUT) :].split(';')[0].strip()}, per unit of its history"
     return ""

@@ -128,8 +128,8 @@ def load(folder: Path, label: str, letter: str) -> Run:
     if not folder.is_dir():
         raise HistoryError(f"{folder}: no results folder")
     try:
-        words = (folder / "summary.txt").read_text(encoding="utf-8").partition("\ndeck text\n")[0]
-    except (OSError, UnicodeDecodeError) as fault:
+        words = (folder / "summary.txt").read_text(encoding="utf-8", errors="replace").partition("\ndeck text\n")[0]
+    except OSError as fault:
         raise HistoryError(f"{folder}: has no readable summary.txt ({fault})") from None
     return Run(folder, read_summary(folder), words, label, letter)
 

@@ -194,7 +194,7 @@ def _numbers(words: np.ndarray) -> np.ndarray:
 def _summary_figure(folder: Path, key: str) -> float:
     """Return a figure of summary.json by its path of keys."""
     try:
-        found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        found = json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace"))
         for part in key.split("."):
             found = found[int(part)] if isinstance(found, list) else found[part]
         return float(found)

@@ -104,6 +104,15 @@ def test_one_run_with_modes(run_deck, tmp_path):
     assert "Histories" not in headings
 
 
+def test_a_title_in_another_encoding(run_deck, tmp_path):
+    deck = ROOT / "input" / "quick_return.nml"
+    (tmp_path / "scene.nml").write_bytes(re.sub(rb"title='[^']*'", b"title='b\xf3ia'", deck.read_bytes()))
+    run_deck(tmp_path / "scene.nml")
+    done = report(tmp_path, "results/scene")
+    assert done.returncode == 0, done.stderr
+    assert "<h1>b\u00f3ia</h1>" in (tmp_path / "results" / "scene" / "report.html").read_text(encoding="utf-8")
+
+
 def test_what_is_no_run_is_told_in_a_line(tmp_path):
     (tmp_path / "empty").mkdir()
     for words in (["none"], ["empty"], ["a", "b", "c"]):
