@@ -107,17 +107,17 @@ rounding: tests/rounding/rounding.py $(BIELA) $(VENV)   ## digits that rounding 
 	@$(MAKE) B=build/fused SUFFIX=-fused FFLAGS='-O3 -ffp-contract=fast -march=native' all
 	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 LDLIBS='$(LDLIBS) -lgfortran' all
 	@$(RUN) $< $(BIELA) bin/biela-off bin/biela-fused bin/biela-flang
+GCOVR       = --root . --filter src/ --gcov-ignore-parse-errors=all
 # branches of decisions alone: those of array expressions and allocations are the compiler's
-DECISIONS = ^(?! *(\w+: *)?(if|else if|do)\b).*
+NO_DECISION = ^(?! *(\w+: *)?(if|else if|do)\b).*
 coverage: $(VENV)                  ## lines and branches of src/, lines of post/ that the tests reach: results/coverage_*.txt
 	@$(MAKE) BUILD=coverage all probe
 	@mkdir -p results; find build/coverage -name '*.gcda' -delete; rm -f .coverage*
 	-@BIELA=bin/biela-coverage PROBE=bin/probe-coverage TANGENT=bin/tangent-coverage TERMS=bin/terms-coverage \
 	  $(RUN) -m coverage run -m pytest -q -n $(JOBS) $(TESTS)
-	@$(RUN) -m gcovr --root . --filter src/ --gcov-ignore-parse-errors=all --txt results/coverage_src.txt \
-	  --json build/coverage.json build/coverage
-	@$(RUN) -m gcovr --root . -a build/coverage.json --txt-metric branch --exclude-branches-by-pattern '$(DECISIONS)' \
-	  --txt results/coverage_branches.txt
+	@$(RUN) -m gcovr $(GCOVR) --txt results/coverage_src.txt build/coverage
+	@$(RUN) -m gcovr $(GCOVR) --txt results/coverage_branches.txt --txt-metric branch --exclude-branches-by-pattern '$(NO_DECISION)' \
+	  build/coverage
 	@$(RUN) -m coverage combine -q && $(RUN) -m coverage report --show-missing > results/coverage_post.txt
 	@tail -n 2 results/coverage_src.txt results/coverage_branches.txt results/coverage_post.txt
 mutants: tests/mutants/mutants.py $(BIELA) $(PROBE) $(VENV)   ## MUTANTS=20 small mistakes in src/, SEED=1: which does no test notice?
