@@ -22,6 +22,18 @@ module complex_modes
   real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
   real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
 
+  !> What is known of the poles beside those that are listed.
+  type :: search
+    type(reduced_model) :: model                       !! the system on the natural modes
+    complex(wp), allocatable :: starts(:)              !! undamped poles; those listed as they were found [1/s]
+    complex(wp), allocatable :: shapes(:, :)           !! (p, modes) their shapes on the basis of the model [-]
+    complex(wp), allocatable :: twins(:)               !! poles that decay where another grows [1/s]
+    integer :: listed = 0                              !! modes that are asked for, the first ones
+    logical :: spanned = .false.                       !! the reduced system is the whole one: its poles need no search
+    logical, allocatable :: followed(:)                !! (modes) tried already
+    type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
+  end type search
+
 contains
 
   !> The lowest undamped modes and, with damping, their poles.
@@ -30,43 +42,40 @@ contains
     integer, intent(in) :: asked                       !! how many modes
     type(mode_set), intent(out) :: modes
     logical, intent(out) :: ok
-    type(reduced_model) :: model
-    type(mode_set) :: unlisted
-    complex(wp), allocatable :: starts(:), shapes(:, :), twins(:)
+    type(search) :: s
     real(wp), allocatable :: omega2(:), x(:, :)
     integer :: wanted, basis, free
     call modes%clear(ds%n)
-    call unlisted%clear(ds%n)
+    call s%unlisted%clear(ds%n)
     ok = .true.
-    wanted = min(asked, ds%n - ds%rows)
+    free = ds%n - ds%rows
+    wanted = min(asked, free)
     if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
-    free = ds%n - ds%rows
     basis = wanted
     if (.not. (ds%symmetric .or. free <= whole_below)) basis = min(free, 2*wanted + 20)
     call natural_subspace(ds, basis, free <= whole_below, omega2, x, ok)
-    if (ok) call undamped_starts(ds, omega2, x, model, starts, shapes, twins, ok)
+    if (ok) call undamped_starts(ds, omega2, x, s, ok)
     if (.not. ok) return
-    if (wanted == ds%n - ds%rows) wanted = size(starts)    ! more than the freedoms where motions grow and their twins do not decay
-    call list_undamped(ds, model, starts, shapes, wanted, modes)
+    if (wanted == free) wanted = size(s%starts)        ! more than the freedoms where motions grow and their twins do not decay
+    call list_undamped(ds, s, wanted, modes)
     if (caught_signal() > 0) return
-    call check_undamped(ds, model%p == free, [starts, twins], modes)
+    call check_undamped(ds, s%model%p == free, [s%starts, s%twins], modes)
     if (.not. ds%damped) return
-    call model%take_apart()
-    call list_vibrations(ds, model, starts, shapes, modes, unlisted)
-    call list_others(ds, model, shapes, modes, unlisted)
+    s%listed = maxval([0, modes%mode])
+    call s%model%take_apart()
+    s%spanned = s%model%exact .and. s%model%p == free
+    call follow_modes(ds, s, 1, s%listed, modes)
+    call list_others(ds, s, modes)
   end subroutine find_modes
 
   !> The undamped modes on the subspace: natural modes, or with gyroscopic terms or an unsymmetric K the poles of the reduced
   !> system in ascending order, of a diverging motion the one that grows.
-  subroutine undamped_starts(ds, omega2, x, model, starts, shapes, twins, ok)
+  subroutine undamped_starts(ds, omega2, x, s, ok)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: omega2(:)                  !! (p) natural frequencies squared [rad2/s2]
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
-    type(reduced_model), intent(out) :: model
-    complex(wp), allocatable, intent(out) :: starts(:)     !! (modes) [1/s]
-    complex(wp), allocatable, intent(out) :: shapes(:, :)  !! (p, modes) on the basis of the model [-]
-    complex(wp), allocatable, intent(out) :: twins(:)      !! poles that decay where another grows [1/s]
+    type(search), intent(inout) :: s
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
     real(wp), allocatable :: turned(:, :)
@@ -75,31 +84,32 @@ contains
     p = size(omega2)
     ok = .true.
     if (ds%symmetric) then
-      call model%build(ds, x, [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)])
-      starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), model%rigid)
+      call s%model%build(ds, x, [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)])
+      s%starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), s%model%rigid)
       order = [(j, j=1, p)]
-      allocate (twins(0))
+      allocate (s%twins(0))
     else
       call turning_basis(ds, x, turned, rigid, ok)
       if (.not. ok) return
-      call model%build(ds, turned, [(j <= rigid, j=1, p)])
-      call poles%find(model, [(j, j=1, p)], .false., ok)
+      call s%model%build(ds, turned, [(j <= rigid, j=1, p)])
+      call poles%find(s%model, [(j, j=1, p)], .false., ok)
       if (.not. ok) return
-      twins = pack(poles%lambda, decays(poles%lambda))
+      s%twins = pack(poles%lambda, decays(poles%lambda))
       order = by_modulus(poles%lambda)
       order = pack(order, .not. decays(poles%lambda(order)))
-      starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
+      s%starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
     end if
-    allocate (shapes(p, size(starts)))
-    shapes = 0.0_wp
-    rigid = size(starts) - size(order)
-    do j = 1, size(starts)
+    allocate (s%shapes(p, size(s%starts)))
+    s%shapes = 0.0_wp
+    rigid = size(s%starts) - size(order)
+    do j = 1, size(s%starts)
       if (ds%symmetric .or. j <= rigid) then
-        shapes(j, j) = 1.0_wp
+        s%shapes(j, j) = 1.0_wp
       else
-        shapes(:, j) = poles%shape(:, order(j - rigid))
+        s%shapes(:, j) = poles%shape(:, order(j - rigid))
       end if
     end do
+    allocate (s%followed(size(s%starts)), source=.false.)
   end subroutine undamped_starts
 
   !> Whether a search has stayed where it began: if its pole is listed, the reduced system has it more than once, with one
@@ -110,8 +120,8 @@ contains
   end function copies
 
   !> Whether a search has made an estimate accurate, which of a double root is good to a few digits only.
-  logical function leads_to(ds, damping, start, pole) result(yes)
-    type(stiffness_system), intent(inout) :: ds
+  pure logical function leads_to(ds, damping, start, pole) result(yes)
+    type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: damping                    !! [-]
     complex(wp), intent(in) :: start                   !! [1/s]
     type(pole_state), intent(in) :: pole
@@ -126,68 +136,75 @@ contains
   end function decays
 
   !> The undamped modes that are asked for.
-  subroutine list_undamped(ds, model, starts, shapes, wanted, modes)
+  subroutine list_undamped(ds, s, wanted, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(reduced_model), intent(in) :: model
-    complex(wp), intent(inout) :: starts(:)            !! [1/s]; those listed as they were found
-    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
+    type(search), intent(inout) :: s
     integer, intent(in) :: wanted
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
     integer :: j
     logical :: ok
-    do j = 1, min(wanted, size(starts))
+    do j = 1, min(wanted, size(s%starts))
       if (caught_signal() > 0) return
-      pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
+      pole = start_of_mode(ds, s, j)
       ok = .true.
-      if (.not. ds%symmetric .and. abs(starts(j)) > 0.0_wp) then
+      if (.not. ds%symmetric .and. abs(s%starts(j)) > 0.0_wp) then
         call refine_pole(ds, 0.0_wp, exact, pole, ok)
         if (abs(pole%lambda%re) <= steady*abs(pole%lambda)) pole%lambda%re = 0.0_wp
         if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
-        if (model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
-          if (ok) ok = leads_to(ds, 0.0_wp, starts(j), pole)
-          if (.not. ok) pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
+        if (s%model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
+          if (ok) ok = leads_to(ds, 0.0_wp, s%starts(j), pole)
+          if (.not. ok) pole = start_of_mode(ds, s, j)
           ok = .true.
         end if
-        if (ok) ok = copies(pole%lambda, starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
+        if (ok) ok = copies(pole%lambda, s%starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
         if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, 0.0_wp, pole)
       end if
       if (ok) then
-        starts(j) = pole%lambda
+        s%starts(j) = pole%lambda
         call modes%add(undamped_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 0.0_wp), pole%x)
       else
-        modes%unfound = [modes%unfound, starts(j)]
-        starts(j) = cmplx(0.0_wp, -1.0_wp, wp)         ! not named in the count
+        modes%unfound = [modes%unfound, s%starts(j)]
+        s%starts(j) = cmplx(0.0_wp, -1.0_wp, wp)         ! not named in the count
       end if
     end do
   end subroutine list_undamped
 
-  !> Follows the modes to their vibrations; those of modes that are not asked for, where they couple to others that are, only
-  !> so that they are not taken for something else.
-  subroutine list_vibrations(ds, model, starts, shapes, modes, unlisted)
+  !> The estimate of a pole that an undamped mode is.
+  type(pole_state) function start_of_mode(ds, s, j) result(pole)
+    type(stiffness_system), intent(in) :: ds
+    type(search), intent(in) :: s
+    integer, intent(in) :: j                           !! mode
+    pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
+  end function start_of_mode
+
+  !> Follows modes to their vibrations, those that are not asked for where they couple to one of the given part.
+  subroutine follow_modes(ds, s, first, last, modes, part)
     type(stiffness_system), intent(inout) :: ds
-    type(reduced_model), intent(in) :: model
-    complex(wp), intent(in) :: starts(:)               !! [1/s]
-    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
-    type(mode_set), intent(inout) :: modes, unlisted
+    type(search), intent(inout) :: s
+    integer, intent(in) :: first, last                 !! modes
+    type(mode_set), intent(inout) :: modes
+    integer, intent(in), optional :: part              !! of the model; all
     type(pole_state) :: pole
-    integer :: part(size(starts)), j, listed           ! a mode is in the part of the motion that it holds most of
+    integer :: j, mine                                 ! a mode is in the part of the motion that it holds most of
     logical :: vibrates
-    listed = maxval([0, modes%mode])
-    part = [(model%label(maxloc(abs(shapes(:, j)), 1)), j=1, size(part))]
-    do j = 1, size(starts)
+    do j = first, last
       if (caught_signal() > 0) return
-      if (starts(j)%im <= 0.0_wp) cycle                ! rigid or diverging: no vibration to damp
-      if (j > listed .and. all(part(1:listed) /= part(j))) cycle
-      pole = start_pole(ds, starts(j), matmul(model%basis, shapes(:, j)))
-      call follow_damping(ds, merge(1.0_wp, short_step, count(model%label == part(j)) == 1), pole, vibrates)
-      if (vibrates) vibrates = .not. taken(modes) .and. .not. taken(unlisted)
+      if (s%starts(j)%im <= 0.0_wp .or. s%followed(j)) cycle   ! rigid or diverging: no vibration to damp
+      mine = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
+      if (present(part)) then
+        if (mine /= part) cycle
+      end if
+      s%followed(j) = .true.
+      pole = start_of_mode(ds, s, j)
+      call follow_damping(ds, merge(1.0_wp, short_step, count(s%model%label == mine) == 1), pole, vibrates)
+      if (vibrates) vibrates = .not. taken(modes) .and. .not. taken(s%unlisted)
       if (.not. vibrates) cycle
-      if (j <= listed) then
+      if (j <= s%listed) then
         call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
       else
-        call unlisted%add(vibration_mode, j, pole%lambda, 0.0_wp, pole%x)
+        call s%unlisted%add(vibration_mode, j, pole%lambda, 0.0_wp, pole%x)
       end if
     end do
   contains
@@ -197,96 +214,92 @@ contains
       integer :: k
       k = list%known(ds, pole%lambda, pole%x, vibration_mode)
       taken = k > 0
-      if (taken) taken = .not. copies(starts(j), starts(list%mode(k)))
+      if (.not. taken) return
+      if (list%mode(k) > 0) taken = .not. copies(s%starts(j), s%starts(list%mode(k)))
     end function taken
-  end subroutine list_vibrations
+  end subroutine follow_modes
 
   !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
   !> most. Those of other modes are named for the count only.
-  subroutine list_others(ds, model, shapes, modes, unlisted)
+  subroutine list_others(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(reduced_model), intent(in) :: model
-    complex(wp), intent(in) :: shapes(:, :) !! (p, modes) [-]
-    type(mode_set), intent(inout) :: modes, unlisted
+    type(search), intent(inout) :: s
+    type(mode_set), intent(inout) :: modes
     type(reduced_poles) :: poles
     integer, allocatable :: members(:), ranks(:)
     complex(wp), allocatable :: others(:)
-    integer :: part, j, i, listed, owner, zeros, expected
-    logical :: ok, spanned, settled(size(shapes, 2))
-    listed = maxval([0, modes%mode])
-    settled = [(any(modes%kind == vibration_mode .and. modes%mode == j), j=1, size(settled))]
+    integer :: part, j, i, owner, zeros, expected
+    logical :: ok
     allocate (ranks(size(ds%groups)), source=0)
     allocate (others(0))
     zeros = 0
     expected = 0
-    spanned = model%exact .and. model%p == ds%n - ds%rows
-    do part = 1, model%parts
-      if (caught_signal() > 0) return
-      members = pack([(j, j=1, model%p)], model%label == part)
-      call poles%find(model, members, .true., ok)
-      spanned = spanned .and. ok
+    do part = 1, s%model%parts
+      members = pack([(j, j=1, s%model%p)], s%model%label == part)
+      call poles%find(s%model, members, .true., ok)
+      s%spanned = s%spanned .and. ok
       if (.not. ok) cycle
       ranks = ranks + poles%rank
       zeros = zeros + poles%zeros
       expected = expected + size(poles%lambda)
       do i = 1, size(poles%lambda)
         if (caught_signal() > 0) return
-        owner = most_alike(poles%shape(:, i), shapes)
+        owner = most_alike(poles%shape(:, i), s%shapes)
         if (modes%claims(poles%lambda(i))) cycle
-        if (unlisted%claims(poles%lambda(i)) .or. (spanned .and. owner > listed)) cycle
-        if (owner > listed) then
-          call name_pole(ds, model, poles%lambda(i), poles%shape(:, i), modes, unlisted, others)
+        if (s%unlisted%claims(poles%lambda(i)) .or. (s%spanned .and. owner > s%listed)) cycle
+        if (owner > s%listed) then
+          call name_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes, others)
         else
-          call list_pole(ds, model, spanned, poles%lambda(i), poles%shape(:, i), owner, settled(owner), modes, unlisted)
+          call list_pole(ds, s, part, poles%lambda(i), poles%shape(:, i), owner, modes)
         end if
       end do
     end do
-    if (spanned) then
-      call check_whole(modes, expected, listed >= size(shapes, 2))
+    if (s%spanned) then
+      call check_whole(modes, expected, s%listed >= size(s%starts))
     else
-      call check_damped(ds, zeros, others, ranks, modes, unlisted)
+      call check_damped(ds, zeros, others, ranks, modes, s%unlisted)
     end if
   end subroutine list_others
 
   !> Names a pole of a mode that is not asked for. Where it may lie inside the region of the count, the true one.
-  subroutine name_pole(ds, model, lambda, shape, modes, unlisted, others)
+  subroutine name_pole(ds, s, lambda, shape, modes, others)
     type(stiffness_system), intent(inout) :: ds
-    type(reduced_model), intent(in) :: model
+    type(search), intent(inout) :: s
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
-    type(mode_set), intent(inout) :: modes, unlisted
+    type(mode_set), intent(in) :: modes
     complex(wp), allocatable, intent(inout) :: others(:)   !! estimates [1/s]
     type(pole_state) :: pole
     logical :: ok
     ok = lambda%im > 0.0_wp .and. -lambda%re < 0.5_wp*abs(lambda) .and. &
          abs(lambda) < 1.5_wp*maxval([0.0_wp, abs(modes%lambda)])
     if (ok) then
-      pole = start_pole(ds, lambda, matmul(model%basis, shape))
+      pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       call refine_pole(ds, 1.0_wp, exact, pole, ok)
     end if
     if (.not. ok) then
       others = [others, lambda]
     else if (modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0 .and. &
-             unlisted%known(ds, pole%lambda, pole%x, vibration_mode) == 0) then
-      call unlisted%add(further_mode, 0, pole%lambda, 0.0_wp, pole%x)
+             s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode) == 0) then
+      call s%unlisted%add(further_mode, 0, pole%lambda, 0.0_wp, pole%x)
     end if
   end subroutine name_pole
 
-  !> Lists one pole of the reduced system as one of the whole, unless it is listed.
-  subroutine list_pole(ds, model, spanned, lambda, shape, owner, settled, modes, unlisted)
+  !> Lists one pole of the reduced system as one of the whole, unless it is listed, or the vibration of a mode that is not asked
+  !> for: all that couple to it are followed before a vibrating pole is taken for one that internal variables add.
+  subroutine list_pole(ds, s, part, lambda, shape, owner, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(reduced_model), intent(in) :: model
-    logical, intent(in) :: spanned                     !! the reduced system is the whole one: its poles need no search
+    type(search), intent(inout) :: s
+    integer, intent(in) :: part                        !! of the model
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
     integer, intent(in) :: owner                       !! the undamped mode that it belongs to
-    logical, intent(inout) :: settled                  !! that mode has its vibration
-    type(mode_set), intent(inout) :: modes, unlisted
+    type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
     real(wp) :: residual
     integer :: kind
     logical :: ok
-    pole = start_pole(ds, lambda, matmul(model%basis, shape))
+    pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
     call refine_pole(ds, 1.0_wp, exact, pole, ok)
     if (ok) then
       if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
@@ -297,20 +310,21 @@ contains
     end if
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
-      if (unlisted%claims(pole%lambda, unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
+      if (pole%lambda%im > 0.0_wp) call follow_modes(ds, s, s%listed + 1, size(s%starts), modes, part)
+      if (s%unlisted%claims(pole%lambda, s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
       ok = leads_to(ds, 1.0_wp, lambda, pole)
-      if (.not. (ok .or. spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+      if (.not. (ok .or. s%spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if
-    if (spanned .and. .not. ok) then
-      pole = start_pole(ds, lambda, matmul(model%basis, shape))
+    if (s%spanned .and. .not. ok) then
+      pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
     else if (.not. ok) then
       modes%lost = [modes%lost, lambda]
       return
     end if
-    kind = merge(further_mode, vibration_mode, settled)
+    kind = vibration_mode
+    if (any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = further_mode
     if (pole%lambda%im <= 0.0_wp) kind = real_pole
-    settled = settled .or. kind == vibration_mode
     call modes%add(kind, owner, pole%lambda, residual, pole%x)
     modes%claimed(modes%count) = .true.
   end subroutine list_pole

@@ -18,6 +18,11 @@ module pole_iteration
     complex(wp) :: lambda = (0.0_wp, 0.0_wp)           !! [1/s]
     complex(wp), allocatable :: x(:)                   !! (n) right vector, its largest entry 1 [-]
     complex(wp), allocatable :: y(:)                   !! (n) left vector, likewise [-]
+    complex(wp) :: m = (0.0_wp, 0.0_wp)                !! y^T M x [kg]
+    complex(wp) :: gyro = (0.0_wp, 0.0_wp)             !! likewise of gyroscopic terms [kg/s]
+    complex(wp) :: c = (0.0_wp, 0.0_wp)                !! of damping [kg/s]
+    complex(wp) :: k = (0.0_wp, 0.0_wp)                !! of the stiffness at E_R [kg/s2]
+    complex(wp), allocatable :: part(:)                !! (groups) of what viscoelastic terms multiply [kg/s2]
   end type pole_state
 
 contains
@@ -32,7 +37,54 @@ contains
     pole%x = x/maxval(abs(x))
     pole%y = pole%x
     if (.not. ds%symmetric) pole%y = conjg(pole%x)
+    call find_forms(ds, pole)
   end function start_pole
+
+  !> The bilinear forms of the present vectors, stiffness summed in twice the working precision.
+  pure subroutine find_forms(ds, pole)
+    type(stiffness_system), intent(in) :: ds
+    type(pole_state), intent(inout) :: pole
+    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), m, gyro, c
+    integer :: j, e, r
+    x = ds%padded(pole%x)
+    y = ds%padded(pole%y)
+    pole%m = 0.0_wp
+    pole%gyro = 0.0_wp
+    pole%c = 0.0_wp
+    do j = 1, ds%n
+      m = 0.0_wp
+      gyro = 0.0_wp
+      c = 0.0_wp
+      do e = ds%first(j), ds%first(j + 1) - 1
+        m = m + ds%m(e)*y(ds%row(e))
+        gyro = gyro + ds%gyro(e)*y(ds%row(e))
+        c = c + (ds%c(e) - ds%gyro(e))*y(ds%row(e))
+      end do
+      pole%m = pole%m + m*x(j)
+      pole%gyro = pole%gyro + gyro*x(j)
+      pole%c = pole%c + c*x(j)
+    end do
+    pole%k = sum(y*ds%stiffness_product(x, 0))
+    pole%part = [(sum(y*ds%stiffness_product(x, r)), r=1, size(ds%groups))]
+  end subroutine find_forms
+
+  !> y^T T(s) x and its derivatives by s and by the damping.
+  pure subroutine functional(ds, pole, s, damping, f, slope, rise)
+    type(stiffness_system), intent(in) :: ds
+    type(pole_state), intent(in) :: pole
+    complex(wp), intent(in) :: s                       !! [1/s]
+    real(wp), intent(in) :: damping                    !! [-]
+    complex(wp), intent(out) :: f, slope, rise         !! [kg/s2], [kg/s], [kg/s2]
+    integer :: r
+    rise = pole%c*s
+    slope = pole%c
+    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. s%im > 0.0_wp)
+      rise = rise + pole%part(r)*ds%groups(r)%law%ratio(s)
+      slope = slope + pole%part(r)*ds%groups(r)%law%slope(s)
+    end do
+    f = pole%m*s**2 + pole%gyro*s + pole%k + damping*rise
+    slope = 2*pole%m*s + pole%gyro + damping*slope
+  end subroutine functional
 
   !> Iterates until the pole changes by less than the tolerance, or by rounding alone.
   subroutine refine_pole(ds, damping, tolerance, pole, ok)
@@ -56,6 +108,7 @@ contains
         pole%lambda = before*(1.0_wp + 1.0e-10_wp)
         cycle
       end if
+      call find_forms(ds, pole)
       call functional_root(ds, damping, pole, ok)
       if (.not. ok) return
       change = abs(pole%lambda - before)
@@ -94,29 +147,13 @@ contains
     real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(inout) :: pole
     logical, intent(out) :: ok
-    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), m, c, k, part(size(ds%groups)), f, df, step, lambda
-    integer :: pass, r
-    x = ds%padded(pole%x)
-    y = ds%padded(pole%y)
-    m = form(ds, cmplx(ds%m, 0.0_wp, wp), pole%y, pole%x)
-    c = form(ds, cmplx(ds%gyro + damping*(ds%c - ds%gyro), 0.0_wp, wp), pole%y, pole%x)
-    k = sum(y*ds%stiffness_product(x, 0))
-    part = 0.0_wp
-    do r = 1, size(part)
-      if (damping > 0.0_wp) part(r) = damping*sum(y*ds%stiffness_product(x, r))
-    end do
+    complex(wp) :: f, slope, rise, step, lambda
+    integer :: pass
     lambda = pole%lambda
     do pass = 1, 8
-      f = m*lambda**2 + c*lambda + k
-      df = 2*m*lambda + c
-      do r = 1, size(part)
-        associate (p => ds%groups(r))
-          f = f + part(r)*p%law%ratio(lambda)
-          df = df + part(r)*p%law%slope(lambda)
-        end associate
-      end do
+      call functional(ds, pole, lambda, damping, f, slope, rise)
       step = 0.0_wp
-      if (abs(f) > 0.0_wp) step = -f/df
+      if (abs(f) > 0.0_wp) step = -f/slope
       if (abs(step) > 0.3_wp*abs(lambda)) step = step*(0.3_wp*abs(lambda)/abs(step))
       ok = abs(step) <= abs(lambda)
       if (.not. ok) return
@@ -126,10 +163,9 @@ contains
     pole%lambda = lambda
   end subroutine functional_root
 
-  !> y^T A x for entries given on the pattern.
-  pure complex(wp) function form(ds, values, y, x)
+  !> y^T T' x at the s of the last factor.
+  pure complex(wp) function slope_form(ds, y, x) result(form)
     type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: values(:)               !! (entries) [any]
     complex(wp), intent(in) :: y(:), x(:)              !! (n) [-]
     complex(wp) :: ya
     integer :: j, e
@@ -137,21 +173,20 @@ contains
     do j = 1, ds%n
       ya = 0.0_wp
       do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) <= ds%n) ya = ya + y(ds%row(e))*values(e)
+        if (ds%row(e) <= ds%n) ya = ya + y(ds%row(e))*ds%slope(e)
       end do
       form = form + ya*x(j)
     end do
-  end function form
+  end function slope_form
 
   !> Whether a pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
-  logical function double_root(ds, damping, pole) result(yes)
-    type(stiffness_system), intent(inout) :: ds
+  pure logical function double_root(ds, damping, pole) result(yes)
+    type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(in) :: pole
-    complex(wp) :: inertia
-    call ds%set(pole%lambda, damping)
-    inertia = 2*pole%lambda*form(ds, cmplx(ds%m, 0.0_wp, wp), pole%y, pole%x)
-    yes = abs(form(ds, ds%slope, pole%y, pole%x)) <= 1.0e-3_wp*abs(inertia)
+    complex(wp) :: f, slope, rise
+    call functional(ds, pole, pole%lambda, damping, f, slope, rise)
+    yes = abs(slope) <= 1.0e-3_wp*abs(2*pole%lambda*pole%m)
   end function double_root
 
   !> Follows an undamped mode while the damping grows from 0 to 1, in steps that keep it recognisable.
@@ -161,7 +196,7 @@ contains
     type(pole_state), intent(inout) :: pole            !! in: the undamped mode; out: the vibration that it turns into
     logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
     type(pole_state) :: next
-    complex(wp) :: rate, foreseen
+    complex(wp) :: f, slope, rise, foreseen
     real(wp) :: damping, step, ahead
     logical :: good
     damping = 0.0_wp
@@ -169,10 +204,10 @@ contains
     vibrates = .true.
     if (.not. ds%symmetric) call refine_pole(ds, damping, exact, pole, vibrates)
     do while (vibrates .and. damping < 1.0_wp)
-      rate = damping_rate(ds, pole, damping)
+      call functional(ds, pole, pole%lambda, damping, f, slope, rise)
       ahead = min(1.0_wp, damping + step)
       next = pole
-      next%lambda = pole%lambda + rate*(ahead - damping)
+      next%lambda = pole%lambda - rise/slope*(ahead - damping)
       good = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
       foreseen = next%lambda
       if (good) call functional_root(ds, ahead, next, good)
@@ -181,7 +216,7 @@ contains
       if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, ahead >= 1.0_wp), next, good)
       if (good) good = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
       if (good) good = abs(next%lambda - foreseen) <= 0.01_wp*abs(next%lambda)
-      if (good) good = alike(ds, pole, next)
+      if (good) good = alike(ds, ahead, pole, next)
       if (good) then
         pole = next
         damping = ahead
@@ -193,26 +228,14 @@ contains
     end do
   end subroutine follow_damping
 
-  !> d lambda/d(damping) = -y^T (s C + sum g_r K_r) x / y^T T' x.
-  complex(wp) function damping_rate(ds, pole, damping) result(rate)
-    type(stiffness_system), intent(inout) :: ds
-    type(pole_state), intent(in) :: pole
-    real(wp), intent(in) :: damping                    !! [-]
-    complex(wp) :: with(size(ds%values)), slope(size(ds%values))
-    call ds%set(pole%lambda, 1.0_wp)
-    with = ds%values
-    slope = damping*ds%slope
-    call ds%set(pole%lambda, 0.0_wp)
-    with = with - ds%values
-    slope = slope + (1 - damping)*ds%slope
-    rate = -form(ds, with, pole%y, pole%x)/form(ds, slope, pole%y, pole%x)
-  end function damping_rate
-
   !> Whether two poles belong to one path: their vectors are biorthogonal to those of all others.
-  logical function alike(ds, a, b) result(yes)
-    type(stiffness_system), intent(in) :: ds
+  pure logical function alike(ds, damping, a, b) result(yes)
+    type(stiffness_system), intent(in) :: ds           !! factored at b, nearly
+    real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(in) :: a, b
-    yes = abs(form(ds, ds%slope, a%y, b%x)*form(ds, ds%slope, b%y, a%x) &
-              /(form(ds, ds%slope, a%y, a%x)*form(ds, ds%slope, b%y, b%x)) - 1.0_wp) < 0.05_wp
+    complex(wp) :: f, slope_a, slope_b, rise
+    call functional(ds, a, b%lambda, damping, f, slope_a, rise)
+    call functional(ds, b, b%lambda, damping, f, slope_b, rise)
+    yes = abs(slope_form(ds, a%y, b%x)*slope_form(ds, b%y, a%x) - slope_a*slope_b) < 0.05_wp*abs(slope_a*slope_b)
   end function alike
 end module pole_iteration
