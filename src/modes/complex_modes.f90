@@ -30,7 +30,6 @@ module complex_modes
     complex(wp), allocatable :: twins(:)               !! poles that decay where another grows [1/s]
     integer :: listed = 0                              !! modes that are asked for, the first ones
     logical :: spanned = .false.                       !! the reduced system is the whole one: its poles need no search
-    logical, allocatable :: followed(:)                !! (modes) tried already
     type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
   end type search
 
@@ -65,7 +64,7 @@ contains
     s%listed = maxval([0, modes%mode])
     call s%model%take_apart()
     s%spanned = s%model%exact .and. s%model%p == free
-    call follow_modes(ds, s, 1, s%listed, modes)
+    call list_vibrations(ds, s, modes)
     call list_others(ds, s, modes)
   end subroutine find_modes
 
@@ -109,7 +108,6 @@ contains
         s%shapes(:, j) = poles%shape(:, order(j - rigid))
       end if
     end do
-    allocate (s%followed(size(s%starts)), source=.false.)
   end subroutine undamped_starts
 
   !> Whether a search has stayed where it began: if its pole is listed, the reduced system has it more than once, with one
@@ -179,45 +177,44 @@ contains
     pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
   end function start_of_mode
 
-  !> Follows modes to their vibrations, those that are not asked for where they couple to one of the given part.
-  subroutine follow_modes(ds, s, first, last, modes, part)
+  !> Follows the modes that are asked for to their vibrations.
+  subroutine list_vibrations(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(inout) :: s
-    integer, intent(in) :: first, last                 !! modes
+    type(search), intent(in) :: s
     type(mode_set), intent(inout) :: modes
-    integer, intent(in), optional :: part              !! of the model; all
     type(pole_state) :: pole
-    integer :: j, mine                                 ! a mode is in the part of the motion that it holds most of
+    integer :: j, k, part                              ! a mode is in the part of the motion that it holds most of
     logical :: vibrates
-    do j = first, last
+    do j = 1, s%listed
       if (caught_signal() > 0) return
-      if (s%starts(j)%im <= 0.0_wp .or. s%followed(j)) cycle   ! rigid or diverging: no vibration to damp
-      mine = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
-      if (present(part)) then
-        if (mine /= part) cycle
-      end if
-      s%followed(j) = .true.
+      if (s%starts(j)%im <= 0.0_wp) cycle              ! rigid or diverging: no vibration to damp
+      part = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
       pole = start_of_mode(ds, s, j)
-      call follow_damping(ds, merge(1.0_wp, short_step, count(s%model%label == mine) == 1), pole, vibrates)
-      if (vibrates) vibrates = .not. taken(modes) .and. .not. taken(s%unlisted)
+      call follow_damping(ds, 0.0_wp, 1.0_wp, merge(1.0_wp, short_step, count(s%model%label == part) == 1), pole, vibrates)
       if (.not. vibrates) cycle
-      if (j <= s%listed) then
-        call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
-      else
-        call s%unlisted%add(vibration_mode, j, pole%lambda, 0.0_wp, pole%x)
+      k = modes%known(ds, pole%lambda, pole%x, vibration_mode)
+      if (k > 0) then                                  ! another mode has this vibration: are they one without damping, too?
+        if (.not. copies(s%starts(j), s%starts(modes%mode(k)))) cycle
       end if
+      call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
-  contains
-    !> Whether another mode has this vibration, unless the two are one without damping, too.
-    logical function taken(list)
-      type(mode_set), intent(in) :: list
-      integer :: k
-      k = list%known(ds, pole%lambda, pole%x, vibration_mode)
-      taken = k > 0
-      if (.not. taken) return
-      if (list%mode(k) > 0) taken = .not. copies(s%starts(j), s%starts(list%mode(k)))
-    end function taken
-  end subroutine follow_modes
+  end subroutine list_vibrations
+
+  !> Whether a vibrating pole is that of a mode that is not asked for: without damping it is none of those that are, but for
+  !> twins of modes that have their vibrations.
+  logical function of_unlisted_mode(ds, s, modes, pole) result(yes)
+    type(stiffness_system), intent(inout) :: ds
+    type(search), intent(in) :: s
+    type(mode_set), intent(in) :: modes
+    type(pole_state), intent(in) :: pole               !! damped
+    type(pole_state) :: undamped
+    integer :: j
+    undamped = pole
+    call follow_damping(ds, 1.0_wp, 0.0_wp, short_step, undamped, yes)
+    do j = 1, merge(s%listed, 0, yes)
+      if (copies(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
+    end do
+  end function of_unlisted_mode
 
   !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
   !> most. Those of other modes are named for the count only.
@@ -250,7 +247,7 @@ contains
         if (owner > s%listed) then
           call name_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes, others)
         else
-          call list_pole(ds, s, part, poles%lambda(i), poles%shape(:, i), owner, modes)
+          call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), owner, modes)
         end if
       end do
     end do
@@ -286,11 +283,11 @@ contains
   end subroutine name_pole
 
   !> Lists one pole of the reduced system as one of the whole, unless it is listed, or the vibration of a mode that is not asked
-  !> for: all that couple to it are followed before a vibrating pole is taken for one that internal variables add.
-  subroutine list_pole(ds, s, part, lambda, shape, owner, modes)
+  !> for.
+  subroutine list_pole(ds, s, coupled, lambda, shape, owner, modes)
     type(stiffness_system), intent(inout) :: ds
     type(search), intent(inout) :: s
-    integer, intent(in) :: part                        !! of the model
+    logical, intent(in) :: coupled                     !! there are modes in its part that are not asked for
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
     integer, intent(in) :: owner                       !! the undamped mode that it belongs to
@@ -310,8 +307,13 @@ contains
     end if
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
-      if (pole%lambda%im > 0.0_wp) call follow_modes(ds, s, s%listed + 1, size(s%starts), modes, part)
       if (s%unlisted%claims(pole%lambda, s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
+      if (pole%lambda%im > 0.0_wp .and. coupled) then
+        if (of_unlisted_mode(ds, s, modes, pole)) then
+          call s%unlisted%add(vibration_mode, 0, pole%lambda, 0.0_wp, pole%x)
+          return
+        end if
+      end if
       ok = leads_to(ds, 1.0_wp, lambda, pole)
       if (.not. (ok .or. s%spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if

@@ -189,23 +189,25 @@ contains
     yes = abs(slope) <= 1.0e-3_wp*abs(2*pole%lambda*pole%m)
   end function double_root
 
-  !> Follows an undamped mode while the damping grows from 0 to 1, in steps that keep it recognisable.
-  subroutine follow_damping(ds, longest, pole, vibrates)
+  !> Follows a vibrating pole while the damping changes, in steps that keep it recognisable.
+  subroutine follow_damping(ds, from, to, longest, pole, vibrates)
     type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: longest                    !! step of the damping [-]
-    type(pole_state), intent(inout) :: pole            !! in: the undamped mode; out: the vibration that it turns into
+    real(wp), intent(in) :: from, to                   !! damping before and after: 1: all, 0: the undamped system [-]
+    real(wp), intent(in) :: longest                    !! step of it [-]
+    type(pole_state), intent(inout) :: pole            !! in: the pole; out: the vibration that it turns into
     logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
     type(pole_state) :: next
     complex(wp) :: f, slope, rise, foreseen
     real(wp) :: damping, step, ahead
     logical :: good
-    damping = 0.0_wp
+    damping = from
     step = 0.1_wp*longest
     vibrates = .true.
     if (.not. ds%symmetric) call refine_pole(ds, damping, exact, pole, vibrates)
-    do while (vibrates .and. damping < 1.0_wp)
+    do while (vibrates .and. abs(to - damping) > 0.0_wp)
       call functional(ds, pole, pole%lambda, damping, f, slope, rise)
-      ahead = min(1.0_wp, damping + step)
+      ahead = to
+      if (step < abs(to - damping)) ahead = damping + sign(step, to - damping)
       next = pole
       next%lambda = pole%lambda - rise/slope*(ahead - damping)
       good = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
@@ -213,7 +215,7 @@ contains
       if (good) call functional_root(ds, ahead, next, good)
       if (good) good = abs(next%lambda - foreseen) <= 0.1_wp*abs(next%lambda)
       foreseen = next%lambda                           ! the shape as it was: small is what it has changed
-      if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, ahead >= 1.0_wp), next, good)
+      if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, abs(to - ahead) <= 0.0_wp), next, good)
       if (good) good = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
       if (good) good = abs(next%lambda - foreseen) <= 0.01_wp*abs(next%lambda)
       if (good) good = alike(ds, pole, next)
