@@ -16,7 +16,8 @@ module complex_modes
   private
   public :: find_modes
 
-  integer, parameter :: whole_below = 120              !! freedoms up to which a system is reduced on all its motions
+  integer, parameter :: reserve = 20                   !! motions beside two for each mode that is asked for
+  integer, parameter :: few_more = 40                  !! likewise, if a system has no more it is reduced on all
   real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which the iteration has not ended at a pole [-]
   real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
   real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
@@ -43,7 +44,8 @@ contains
     logical, intent(out) :: ok
     type(search) :: s
     real(wp), allocatable :: omega2(:), x(:, :)
-    integer :: wanted, basis, free
+    integer :: wanted, free
+    logical :: whole                                   ! the system is reduced on all its motions
     call modes%clear(ds%n)
     call s%unlisted%clear(ds%n)
     ok = .true.
@@ -51,9 +53,8 @@ contains
     wanted = min(asked, free)
     if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
-    basis = wanted
-    if (.not. (ds%symmetric .or. free <= whole_below)) basis = min(free, 2*wanted + 20)
-    call natural_subspace(ds, basis, free <= whole_below, omega2, x, ok)
+    whole = free <= 2*wanted + few_more
+    call natural_subspace(ds, merge(wanted, wanted + reserve/2, ds%symmetric .or. whole), whole, omega2, x, ok)
     if (ok) call undamped_starts(ds, omega2, x, s, ok)
     if (.not. ok) return
     if (wanted == free) wanted = size(s%starts)        ! more than the freedoms where motions grow and their twins do not decay
