@@ -2,7 +2,7 @@
 !> factorisation a frequency, into frequency_response.txt.
 module response_analysis
   use kinds, only: wp, pi
-  use column_names, only: joined, suffixed
+  use column_names, only: suffixed
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed, status_no_output
   use interruption, only: stop_if_signalled
@@ -13,7 +13,7 @@ module response_analysis
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: joined, to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -207,7 +207,7 @@ contains
         names(4*k) = name(:index(name, '[') - 1)//'.phase[rad]'
       end associate
     end do
-    call file%line('# columns: f[Hz]'//joined(names))
+    call file%line('# columns: '//joined([character(96) :: 'f[Hz]', names], ' '))
   end subroutine write_header
 
   !> Real and imaginary part, amplitude and phase of every column.

@@ -42,9 +42,8 @@ contains
   end subroutine begin_restoring
 
   !> Whether everything that was saved has been restored, and nothing else.
-  pure function complete(self) result(yes)
+  pure logical function complete(self) result(yes)
     class(value_archive), intent(in) :: self
-    logical :: yes
     yes = .not. self%damaged .and. self%count == size(self%words)
   end function complete
 
@@ -118,9 +117,8 @@ contains
   end subroutine exchange_table
 
   !> A number that changes with every bit of the words: two 32-bit multiplicative hashes side by side, no overflow.
-  pure function digest(words) result(hash)
+  pure integer(ip) function digest(words) result(hash)
     integer(ip), intent(in) :: words(:)
-    integer(ip) :: hash
     integer(ip), parameter :: low = 4294967295_ip
     integer(ip) :: a, b, x
     integer :: k, half

@@ -89,10 +89,9 @@ contains
   end subroutine round_to_digits
 
   !> Largest e with 10^e <= x, within one at a power of ten that is no double. x = m 2^q with 2^62 <= m < 2^63.
-  pure function floor_log10(x, q) result(e)
+  pure integer function floor_log10(x, q) result(e)
     real(wp), intent(in) :: x   !! positive [-]
     integer, intent(in) :: q
-    integer :: e
     e = int(shifta((q + 62)*1292913986_int64, 32))           ! log10(2) 2^32
     e = max(e, -324)
     if (x >= table%value(e + 1)) e = e + 1

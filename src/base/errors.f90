@@ -88,9 +88,8 @@ contains
   end subroutine raise_failure
 
   !> Whether a failure has been raised.
-  pure function failure_happened(self) result(yes)
+  pure logical function failure_happened(self) result(yes)
     class(failure), intent(in) :: self
-    logical :: yes
     yes = self%status /= status_ok
   end function failure_happened
 end module errors

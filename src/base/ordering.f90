@@ -81,9 +81,8 @@ contains
   end subroutine adjacency
 
   !> The vertex of least degree in the last level of a breadth-first search.
-  function last_level_vertex(root, first, neighbour, n) result(vertex)
+  integer function last_level_vertex(root, first, neighbour, n) result(vertex)
     integer, intent(in) :: root, first(:), neighbour(:), n
-    integer :: vertex
     integer, allocatable :: queue(:), level(:)
     integer :: head, tail, k, i
     allocate (queue(n), level(n))

@@ -6,7 +6,7 @@ module posix
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
-  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, c_open
+  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, c_open, c_close
   public :: standard_output, standard_error, nameless_file, read_back
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
@@ -16,143 +16,126 @@ module posix
   integer, parameter :: exists = 0                  !! F_OK
   integer, parameter :: was_interrupted = 4         !! EINTR
   integer, parameter :: standard_output = 1, standard_error = 2   !! handles for write_bytes
-  character(kind=c_char), allocatable :: locked(:)  !! path of the lock that this process holds
+  character(:, c_char), allocatable :: locked   !! path of the lock that this process holds
 
   interface
     !> mkdir(2): makes one folder.
-    function c_mkdir(path, mode) bind(c, name='mkdir') result(status)
+    integer(c_int) function c_mkdir(path, mode) bind(c, name='mkdir')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
-      integer(c_int) :: status
     end function c_mkdir
     !> creat(2): opens a file for writing, made anew.
-    function c_creat(path, mode) bind(c, name='creat') result(fd)
+    integer(c_int) function c_creat(path, mode) bind(c, name='creat')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
-      integer(c_int) :: fd
     end function c_creat
     !> access(2): 0 where there is such a file.
-    function c_access(path, mode) bind(c, name='access') result(status)
+    integer(c_int) function c_access(path, mode) bind(c, name='access')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
-      integer(c_int) :: status
     end function c_access
-    !> The last system call's errno.
-    function c_errno() bind(c, name='_gfortran_ierrno_i4') result(code)
-      import :: c_int
-      integer(c_int) :: code
-    end function c_errno
     !> open(2): opens a file that exists.
-    function c_open(path, flags) bind(c, name='open') result(fd)
+    integer(c_int) function c_open(path, flags) bind(c, name='open')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: flags
-      integer(c_int) :: fd
     end function c_open
+    !> close(2).
+    integer(c_int) function c_close(fd) bind(c, name='close')
+      import :: c_int
+      integer(c_int), value :: fd
+    end function c_close
+    !> fsync(2): data to the disk.
+    integer(c_int) function c_fsync(fd) bind(c, name='fsync')
+      import :: c_int
+      integer(c_int), value :: fd
+    end function c_fsync
+    !> isatty(3): 1 for a terminal.
+    integer(c_int) function c_isatty(fd) bind(c, name='isatty')
+      import :: c_int
+      integer(c_int), value :: fd
+    end function c_isatty
+    !> flock(2): locks an open file.
+    integer(c_int) function c_flock(fd, operation) bind(c, name='flock')
+      import :: c_int
+      integer(c_int), value :: fd, operation
+    end function c_flock
+    !> The last system call's errno.
+    integer(c_int) function c_errno() bind(c, name='_gfortran_ierrno_i4')
+      import :: c_int
+    end function c_errno
     !> write(2): bytes to an open file; how many were taken, -1 on failure.
-    function c_write(fd, bytes, count) bind(c, name='write') result(done)
+    integer(c_long) function c_write(fd, bytes, count) bind(c, name='write')
       import :: c_char, c_int, c_size_t, c_long
       integer(c_int), value :: fd
       character(kind=c_char), intent(in) :: bytes(*)
       integer(c_size_t), value :: count
-      integer(c_long) :: done
     end function c_write
     !> mkstemp(3): makes and opens a file whose name ends with letters of its own choice, in place of XXXXXX.
-    function c_mkstemp(name) bind(c, name='mkstemp') result(fd)
+    integer(c_int) function c_mkstemp(name) bind(c, name='mkstemp')
       import :: c_char, c_int
-      character(kind=c_char), intent(inout) :: name(64)
-      integer(c_int) :: fd
+      character(kind=c_char), intent(inout) :: name(*)
     end function c_mkstemp
     !> read(2): bytes from an open file; how many there were.
-    function c_read(fd, bytes, count) bind(c, name='read') result(done)
+    integer(c_long) function c_read(fd, bytes, count) bind(c, name='read')
       import :: c_char, c_int, c_size_t, c_long
       integer(c_int), value :: fd
       integer(c_size_t), value :: count
       character(kind=c_char), intent(out) :: bytes(count)
-      integer(c_long) :: done
     end function c_read
     !> lseek(2): where the next byte of an open file goes.
-    function c_lseek(fd, offset, whence) bind(c, name='lseek') result(position)
+    integer(c_long) function c_lseek(fd, offset, whence) bind(c, name='lseek')
       import :: c_int, c_long
       integer(c_int), value :: fd, whence
       integer(c_long), value :: offset
-      integer(c_long) :: position
     end function c_lseek
-    !> flock(2): locks an open file.
-    function c_flock(fd, operation) bind(c, name='flock') result(status)
-      import :: c_int
-      integer(c_int), value :: fd, operation
-      integer(c_int) :: status
-    end function c_flock
-    !> close(2).
-    function c_close(fd) bind(c, name='close') result(status)
-      import :: c_int
-      integer(c_int), value :: fd
-      integer(c_int) :: status
-    end function c_close
     !> rename(2): in one step, over an existing file.
-    function c_rename(from, to) bind(c, name='rename') result(status)
+    integer(c_int) function c_rename(from, to) bind(c, name='rename')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: from(*), to(*)
-      integer(c_int) :: status
     end function c_rename
     !> unlink(2): removes a file.
-    function c_unlink(path) bind(c, name='unlink') result(status)
+    integer(c_int) function c_unlink(path) bind(c, name='unlink')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
-      integer(c_int) :: status
     end function c_unlink
-    !> isatty(3): 1 for a terminal.
-    function c_isatty(fd) bind(c, name='isatty') result(yes)
-      import :: c_int
-      integer(c_int), value :: fd
-      integer(c_int) :: yes
-    end function c_isatty
-    !> fsync(2): data to the disk.
-    function c_fsync(fd) bind(c, name='fsync') result(status)
-      import :: c_int
-      integer(c_int), value :: fd
-      integer(c_int) :: status
-    end function c_fsync
     !> truncate(2): cuts a file to a length.
-    function c_truncate(path, length) bind(c, name='truncate') result(status)
+    integer(c_int) function c_truncate(path, length) bind(c, name='truncate')
       import :: c_char, c_int, c_long
       character(kind=c_char), intent(in) :: path(*)
       integer(c_long), value :: length
-      integer(c_int) :: status
     end function c_truncate
   end interface
 
 contains
 
-  !> Makes a folder and its parents; true where it exists afterwards or may exist already.
+  !> Makes a folder and its parents; where that fails, so will the first file in it.
   subroutine make_folder(path)
     character(*), intent(in) :: path
     integer :: k
     integer(c_int) :: status
     do k = 2, len(path)
-      if (path(k:k) == '/') status = c_mkdir(path(1:k - 1)//c_null_char, int(o'777', c_int))
+      if (path(k:k) == '/') status = c_mkdir(path(1:k - 1)//c_null_char, int(o'777'))
     end do
-    status = c_mkdir(path//c_null_char, int(o'777', c_int))
+    status = c_mkdir(path//c_null_char, int(o'777'))
   end subroutine make_folder
 
   !> Opens and locks a file for this process alone; the lock ends with the process. Handle: > 0 locked, 0 held by
   !> another process, -1 the file cannot be written.
-  function lock_file(path) result(handle)
+  integer function lock_file(path) result(handle)
     character(*), intent(in) :: path
-    integer :: handle
     integer(c_int) :: status
     handle = create_file(path)
     if (handle < 0) return
-    status = c_flock(int(handle, c_int), int(lock_exclusive_now, c_int))
+    status = c_flock(handle, lock_exclusive_now)
     if (status /= 0) then
-      status = c_close(int(handle, c_int))
+      status = c_close(handle)
       handle = 0
     else
-      locked = transfer(path//c_null_char, [c_char_'a'])
+      locked = path//c_null_char
     end if
   end function lock_file
 
@@ -163,7 +146,7 @@ contains
     integer(c_int) :: status
     if (handle <= 0) return
     status = c_unlink(path//c_null_char)
-    status = c_close(int(handle, c_int))
+    status = c_close(handle)
     deallocate (locked)
   end subroutine close_lock
 
@@ -174,9 +157,8 @@ contains
   end subroutine drop_lock
 
   !> Renames a file over another in one step.
-  function replace_file(from, to) result(ok)
+  logical function replace_file(from, to) result(ok)
     character(*), intent(in) :: from, to
-    logical :: ok
     ok = c_rename(from//c_null_char, to//c_null_char) == 0
   end function replace_file
 
@@ -189,30 +171,23 @@ contains
 
   !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails or where a pipe stands
   !> there. The run-time library's own files do not report a full disk reliably: what it could not write is lost in silence.
-  function create_file(path) result(handle)
+  integer function create_file(path) result(handle)
     character(*), intent(in) :: path
-    integer :: handle
     integer(c_int) :: status
-    if (c_access(path//c_null_char, int(exists, c_int)) == 0) then
+    if (c_access(path//c_null_char, exists) == 0) then
       handle = extend_file(path)
       if (handle < 0) return
-      status = c_close(int(handle, c_int))
+      status = c_close(handle)
     end if
-    handle = int(c_creat(path//c_null_char, int(o'666', c_int)))
+    handle = c_creat(path//c_null_char, int(o'666'))
   end function create_file
 
   !> Opens an empty file that no folder lists and that goes when it is closed; negative where that fails.
-  function nameless_file() result(handle)
-    integer :: handle
-    character(kind=c_char) :: name(64)
-    character(*), parameter :: pattern = '/tmp/biela.XXXXXX'
-    integer :: k
+  integer function nameless_file() result(handle)
+    character(18, c_char) :: name
     integer(c_int) :: status
-    name = c_null_char
-    do k = 1, len(pattern)
-      name(k) = pattern(k:k)
-    end do
-    handle = int(c_mkstemp(name))
+    name = '/tmp/biela.XXXXXX'//c_null_char
+    handle = c_mkstemp(name)
     if (handle >= 0) status = c_unlink(name)
   end function nameless_file
 
@@ -222,48 +197,45 @@ contains
     character(:), allocatable :: text
     integer(c_long) :: bytes, start
     integer(c_int) :: status
-    bytes = c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int))
-    start = c_lseek(int(handle, c_int), 0_c_long, 0_c_int)
+    bytes = c_lseek(handle, 0_c_long, from_end)
+    start = c_lseek(handle, 0_c_long, 0)
     allocate (character(max(0_c_long, bytes)) :: text)
-    if (bytes > 0) bytes = c_read(int(handle, c_int), text, int(bytes, c_size_t))
-    status = c_close(int(handle, c_int))
+    if (bytes > 0) bytes = c_read(handle, text, int(bytes, c_size_t))
+    status = c_close(handle)
   end function read_back
 
   !> Opens a file that exists to write behind its end; negative where that fails.
-  function extend_file(path) result(handle)
+  integer function extend_file(path) result(handle)
     character(*), intent(in) :: path
-    integer :: handle
     integer(c_int) :: status
-    handle = int(c_open(path//c_null_char, int(ior(write_only, at_once), c_int)))
+    handle = c_open(path//c_null_char, ior(write_only, at_once))
     if (handle < 0) return
-    if (c_lseek(int(handle, c_int), 0_c_long, int(from_end, c_int)) >= 0) return
-    status = c_close(int(handle, c_int))
+    if (c_lseek(handle, 0_c_long, from_end) >= 0) return
+    status = c_close(handle)
     handle = -1
   end function extend_file
 
   !> Bytes of a file; -1 where it cannot be read, or is a pipe or a folder.
-  function file_size(path) result(bytes)
+  integer(ip) function file_size(path) result(bytes)
     character(*), intent(in) :: path
-    integer(ip) :: bytes
     integer(c_int) :: fd, status
     bytes = -1
-    if (c_access(path//'/.'//c_null_char, int(exists, c_int)) == 0) return
-    fd = c_open(path//c_null_char, int(ior(read_only, at_once), c_int))
+    if (c_access(path//'/.'//c_null_char, exists) == 0) return
+    fd = c_open(path//c_null_char, ior(read_only, at_once))
     if (fd < 0) return
-    bytes = c_lseek(fd, 0_c_long, int(from_end, c_int))
+    bytes = c_lseek(fd, 0_c_long, from_end)
     status = c_close(fd)
   end function file_size
 
   !> Writes bytes; ok only where all of them are written.
-  function write_bytes(handle, bytes) result(ok)
+  logical function write_bytes(handle, bytes) result(ok)
     integer, intent(in) :: handle
     character(*), intent(in) :: bytes
-    logical :: ok
     integer(c_long) :: done, here
     integer(c_int) :: code
     done = 0
     do while (done < len(bytes))
-      here = c_write(int(handle, c_int), bytes(done + 1:), int(len(bytes) - done, c_size_t))
+      here = c_write(handle, bytes(done + 1:), int(len(bytes) - done, c_size_t))
       code = 0
       if (here < 0) code = c_errno()
       if (code == was_interrupted) cycle
@@ -281,33 +253,29 @@ contains
   end subroutine tell
 
   !> Closes a file; ok only where nothing written to it was lost.
-  function close_file(handle) result(ok)
+  logical function close_file(handle) result(ok)
     integer, intent(in) :: handle
-    logical :: ok
-    ok = c_close(int(handle, c_int)) == 0
+    ok = c_close(handle) == 0
   end function close_file
 
   !> Cuts a file to a length in bytes.
-  function truncate_file(path, length) result(ok)
+  logical function truncate_file(path, length) result(ok)
     character(*), intent(in) :: path
-    integer(c_long), intent(in) :: length
-    logical :: ok
+    integer(ip), intent(in) :: length
     ok = c_truncate(path//c_null_char, length) == 0
   end function truncate_file
 
   !> Whether a file descriptor is a terminal (1: standard output, 2: standard error).
-  function is_terminal(fd) result(yes)
+  logical function is_terminal(fd) result(yes)
     integer, intent(in) :: fd
-    logical :: yes
-    yes = c_isatty(int(fd, c_int)) == 1
+    yes = c_isatty(fd) == 1
   end function is_terminal
 
   !> Waits until what was written to a file (or the names in a folder) is on the disk.
-  function sync_file(path) result(ok)
+  logical function sync_file(path) result(ok)
     character(*), intent(in) :: path
-    logical :: ok
     integer(c_int) :: fd, status
-    fd = c_open(path//c_null_char, int(read_only, c_int))
+    fd = c_open(path//c_null_char, read_only)
     ok = fd >= 0
     if (.not. ok) return
     ok = c_fsync(fd) == 0

@@ -2,7 +2,7 @@
 !> leaves no lock behind.
 module process
   use errors, only: status_failed, status_signal
-  use posix, only: c_open, drop_lock, standard_error, standard_output, tell
+  use posix, only: c_close, c_open, drop_lock, standard_error, standard_output, tell
   use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_loc, c_intptr_t, c_null_funptr
   implicit none (type, external)
   private
@@ -18,12 +18,26 @@ module process
   integer(c_int), volatile :: children(most_children) = 0  !! which a signal is handed on to; 0: none
 
   interface
+    !> dup(2): a second handle; -1 where the first is none.
+    integer(c_int) function c_dup(fd) bind(c, name='dup')
+      import :: c_int
+      integer(c_int), value :: fd
+    end function c_dup
+    !> dup2(2): makes a handle mean another file.
+    integer(c_int) function c_dup2(from, to) bind(c, name='dup2')
+      import :: c_int
+      integer(c_int), value :: from, to
+    end function c_dup2
+    !> kill(2): sends a signal.
+    integer(c_int) function c_kill(child, number) bind(c, name='kill')
+      import :: c_int
+      integer(c_int), value :: child, number
+    end function c_kill
     !> signal(2): sets a handler.
-    function c_signal(number, handler) bind(c, name='signal') result(old)
+    type(c_funptr) function c_signal(number, handler) bind(c, name='signal')
       import :: c_int, c_funptr
       integer(c_int), value :: number
       type(c_funptr), value :: handler
-      type(c_funptr) :: old
     end function c_signal
     !> _exit(2): ends the process at once.
     subroutine c_exit(status) bind(c, name='_exit')
@@ -31,55 +45,27 @@ module process
       integer(c_int), value :: status
     end subroutine c_exit
     !> fork(2): 0 in the new process, there its number; negative where none can be made.
-    function c_fork() bind(c, name='fork') result(child)
+    integer(c_int) function c_fork() bind(c, name='fork')
       import :: c_int
-      integer(c_int) :: child
     end function c_fork
     !> waitpid(2): waits until a child has ended.
-    function c_waitpid(child, status, options) bind(c, name='waitpid') result(ended)
+    integer(c_int) function c_waitpid(child, status, options) bind(c, name='waitpid')
       import :: c_int
       integer(c_int), value :: child, options
       integer(c_int), intent(out) :: status
-      integer(c_int) :: ended
     end function c_waitpid
-    !> kill(2): sends a signal.
-    function c_kill(child, number) bind(c, name='kill') result(status)
-      import :: c_int
-      integer(c_int), value :: child, number
-      integer(c_int) :: status
-    end function c_kill
-    !> dup2(2): makes a handle mean another file.
-    function c_dup2(from, to) bind(c, name='dup2') result(fd)
-      import :: c_int
-      integer(c_int), value :: from, to
-      integer(c_int) :: fd
-    end function c_dup2
-    !> dup(2): a second handle; -1 where the first is none.
-    function c_dup(fd) bind(c, name='dup') result(other)
-      import :: c_int
-      integer(c_int), value :: fd
-      integer(c_int) :: other
-    end function c_dup
-    !> close(2).
-    function c_close(fd) bind(c, name='close') result(status)
-      import :: c_int
-      integer(c_int), value :: fd
-      integer(c_int) :: status
-    end function c_close
     !> sigaltstack(2): where handlers run that ask for it.
-    function c_sigaltstack(stack, old) bind(c, name='sigaltstack') result(status)
+    integer(c_int) function c_sigaltstack(stack, old) bind(c, name='sigaltstack')
       import :: c_int, c_intptr_t
       integer(c_intptr_t), intent(in) :: stack(3)
       integer(c_intptr_t), intent(out), optional :: old(3)
-      integer(c_int) :: status
     end function c_sigaltstack
     !> sigaction(2): sets a handler with its flags.
-    function c_sigaction(number, action, old) bind(c, name='sigaction') result(status)
+    integer(c_int) function c_sigaction(number, action, old) bind(c, name='sigaction')
       import :: c_int, c_intptr_t
       integer(c_int), value :: number
       integer(c_intptr_t), intent(in) :: action(19)
       integer(c_intptr_t), intent(out), optional :: old(19)
-      integer(c_int) :: status
     end function c_sigaction
   end interface
 
@@ -90,10 +76,10 @@ contains
     type(c_funptr) :: old
     call fill_standard_handles()
     call watch_memory()
-    old = c_signal(int(signal_interrupt, c_int), c_funloc(note_signal))
-    old = c_signal(int(signal_terminate, c_int), c_funloc(note_signal))
+    old = c_signal(signal_interrupt, c_funloc(note_signal))
+    old = c_signal(signal_terminate, c_funloc(note_signal))
     ! a write beyond a limit on file sizes then fails like one on a full disk, instead of ending the program (SIG_IGN is 1)
-    old = c_signal(int(signal_file_size, c_int), transfer(1_c_intptr_t, c_null_funptr))
+    old = c_signal(signal_file_size, transfer(1_c_intptr_t, c_null_funptr))
   end subroutine begin_process
 
   !> A standard stream that is closed would give its number to the next file opened, a result file perhaps. Instead nothing
@@ -106,7 +92,7 @@ contains
         other = c_close(other)
         cycle
       end if
-      other = c_open('/dev/null'//c_null_char, int(merge(write_only, read_only, fd == standard_error), c_int))
+      other = c_open('/dev/null'//c_null_char, merge(write_only, read_only, fd == standard_error))
     end do
   end subroutine fill_standard_handles
 
@@ -121,7 +107,7 @@ contains
     action(18) = on_own_stack                              ! behind the handler and 128 bytes of a signal mask
     stack = [transfer(c_loc(own_stack), stack(1)), 0_c_intptr_t, int(size(own_stack), c_intptr_t)]
     status = c_sigaltstack(stack)
-    if (status == 0) status = c_sigaction(int(signal_memory, c_int), action)
+    if (status == 0) status = c_sigaction(signal_memory, action)
   end subroutine watch_memory
 
   !> The handler of memory faults.
@@ -144,7 +130,7 @@ contains
     do k = 1, most_children
       if (children(k) > 0) status = c_kill(children(k), number)
     end do
-    if (.not. held) call c_exit(int(status_signal + number, c_int))
+    if (.not. held) call c_exit(status_signal + number)
   end subroutine note_signal
 
   !> A second process that goes on from here, its output and messages in a file; 0 in that process, its number in this one,
@@ -153,18 +139,18 @@ contains
     integer, intent(in) :: handle                          !! of the open file
     integer(c_int) :: status
     integer :: k
-    child = int(c_fork())
+    child = c_fork()
     if (child == 0) then
       children = 0
       held = .false.
-      status = c_dup2(int(handle, c_int), int(standard_output, c_int))
-      status = c_dup2(int(handle, c_int), int(standard_error, c_int))
+      status = c_dup2(handle, standard_output)
+      status = c_dup2(handle, standard_error)
     else if (child > 0) then
       do k = 1, most_children
         if (children(k) == 0) exit
       end do
-      children(k) = int(child, c_int)
-      if (received > 0) status = c_kill(int(child, c_int), received)   ! caught before the child stood in the list
+      children(k) = child
+      if (received > 0) status = c_kill(child, received)   ! caught before the child stood in the list
     end if
   end function start_child
 
@@ -172,24 +158,23 @@ contains
   subroutine wait_for_child(child, status)
     integer, intent(out) :: child, status
     integer(c_int) :: ended, word
-    ended = c_waitpid(-1_c_int, word, 0_c_int)
-    child = max(0, int(ended))
+    ended = c_waitpid(-1, word, 0)
+    child = max(0, ended)
     if (child == 0) return
     where (children == ended) children = 0
-    status = iand(int(word)/256, 255)
-    if (iand(int(word), 127) /= 0) status = status_signal + iand(int(word), 127)
+    status = iand(word/256, 255)
+    if (iand(word, 127) /= 0) status = status_signal + iand(word, 127)
   end subroutine wait_for_child
 
   !> Ends this process at once with an exit status.
   subroutine leave(status)
     integer, intent(in) :: status
-    call c_exit(int(status, c_int))
+    call c_exit(status)
   end subroutine leave
 
   !> Number of the signal caught, 0: none.
-  function caught_signal() result(number)
-    integer :: number
-    number = int(received)
+  integer function caught_signal() result(number)
+    number = received
   end function caught_signal
 
   !> Removes the lock, writes one line to standard error and ends the process.
@@ -198,7 +183,7 @@ contains
     integer, intent(in) :: status                          !! exit status
     call drop_lock()
     call tell('biela: '//words)
-    call c_exit(int(status, c_int))
+    call c_exit(status)
   end subroutine end_now
 
   !> In place of the run-time library's procedure of this name, which compiled code calls where memory cannot be had; its

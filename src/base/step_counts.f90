@@ -11,10 +11,9 @@ contains
 
   !> Number of equal steps between two times, none longer than the step that is asked for. A ratio that is whole but for
   !> rounding, of written numbers or of the times, counts as whole.
-  pure function step_count(from, to, step) result(n)
+  pure integer(ip) function step_count(from, to, step) result(n)
     real(wp), intent(in) :: from, to          !! [s]
     real(wp), intent(in) :: step              !! as written in the deck [s]
-    integer(ip) :: n
     real(wp) :: ratio, slack
     ratio = min((to - from)/step, most_counted)
     slack = 1.0e-9_wp + 2*spacing(to)/(to - from)

@@ -3,8 +3,7 @@ module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, exact_text, fixed_text, joined, edit_distance, nearest_word, allowed_distance
-  public :: read_file, word_hash, printable, quoted
+  public :: lower, to_text, es_text, exact_text, fixed_text, joined, nearest_word, read_file, word_hash, printable, quoted
 
   integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
 
@@ -34,24 +33,13 @@ contains
     t = long_text(int(n, ip))
   end function integer_text
 
-  !> An integer of 64 bits without blanks. Not by a format: numbers of this kind are in most formats and messages.
+  !> An integer of 64 bits without blanks.
   pure function long_text(n) result(t)
     integer(ip), intent(in) :: n   !! any integer
     character(:), allocatable :: t
-    character(19) :: digits
-    integer(ip) :: rest
-    integer :: first
-    rest = n
-    if (n > 0) rest = -n             ! negative: the least number has no counterpart
-    first = len(digits) + 1
-    do
-      first = first - 1
-      digits(first:first) = achar(iachar('0') - int(mod(rest, 10_ip)))
-      rest = rest/10
-      if (rest == 0) exit
-    end do
-    t = digits(first:)
-    if (n < 0) t = '-'//t
+    character(20) :: buffer
+    write (buffer, '(i0)') n
+    t = trim(buffer)
   end function long_text
 
   !> A real as d.ddE+ee after a blank or minus sign, as d.dE+eee where the exponent needs it: always decimals + 7 characters.
@@ -94,25 +82,25 @@ contains
     t = trim(adjustl(buffer))
   end function fixed_text
 
-  !> A real to 6 figures, without blanks and without useless zeros: 0.35, -2, 1.5e-07.
+  !> A real to 6 figures, without blanks and without useless zeros: 0.35, -2, 1.5e-7.
   pure function real_text(x) result(t)
     real(wp), intent(in) :: x   !! any finite number [-]
     character(:), allocatable :: t
     character(24) :: buffer
-    integer :: mark
-    if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
+    integer :: mark, power
+    if (abs(x) <= 0.0_wp) then
+      t = '0'
+    else if (.not. abs(x) <= huge(x)) then
+      t = 'no finite number'
+    else if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
       write (buffer, '(f20.'//to_text(5 - floor(log10(abs(x))))//')') x
       t = without_zeros(trim(adjustl(buffer)))
-    else if (abs(x) <= 0.0_wp) then
-      t = '0'
     else
       write (buffer, '(es14.5e3)') x
-      buffer = adjustl(buffer)
       mark = scan(buffer, 'E')
-      t = without_zeros(buffer(1:mark - 1))//'e'//exponent_text(trim(buffer(mark + 1:)))
+      read (buffer(mark + 1:), *) power
+      t = without_zeros(trim(adjustl(buffer(:mark - 1))))//'e'//to_text(power)
     end if
-    if (t(1:1) == '.') t = '0'//t
-    if (index(t, '-.') == 1) t = '-0'//t(2:)
   end function real_text
 
   !> A decimal fraction without its trailing zeros and a trailing point.
@@ -125,35 +113,26 @@ contains
     t = s(1:last)
   end function without_zeros
 
-  !> An exponent such as `-007` without useless zeros and plus sign: `-7`.
-  pure function exponent_text(s) result(t)
-    character(*), intent(in) :: s   !! sign and three digits
-    character(:), allocatable :: t
-    integer :: first
-    first = verify(s(2:), '0') + 1
-    if (first < 2) first = len(s)
-    t = s(first:)
-    if (s(1:1) == '-') t = '-'//t
-  end function exponent_text
-
-  !> Words of a list, blanks at their ends removed, with a separator between them.
+  !> Words of a list, blanks at their ends removed, with a separator between them; in linear time, since there may be a million.
   pure function joined(words, separator) result(t)
     character(*), intent(in) :: words(:)    !! the words
     character(*), intent(in) :: separator   !! what stands between two of them
     character(:), allocatable :: t
-    integer :: k
-    t = ''
+    integer :: k, n, last
+    allocate (character(sum(len_trim(words)) + len(separator)*max(0, size(words) - 1)) :: t)
+    n = 0
     do k = 1, size(words)
-      if (k > 1) t = t//separator
-      t = t//trim(words(k))
+      last = n + len_trim(words(k))
+      t(n + 1:last) = words(k)
+      n = last + len(separator)
+      if (k < size(words)) t(last + 1:n) = separator
     end do
   end function joined
 
   !> How many letters must be changed, added, dropped or swapped with their neighbour to turn `a` into `b`
   !> (optimal string alignment distance).
-  pure function edit_distance(a, b) result(distance)
+  pure integer function edit_distance(a, b) result(distance)
     character(*), intent(in) :: a, b   !! words of the same case, without blanks at their ends
-    integer :: distance
     integer :: row(0:len(b), 0:2)      ! the rows i, i-1 and i-2 of the table
     integer :: i, j
     row(:, 0) = [(j, j=0, len(b))]
@@ -173,18 +152,16 @@ contains
   end function edit_distance
 
   !> Up to how many edits two words count as one misspelt: a third of the letters, at least one.
-  elemental function allowed_distance(letters) result(distance)
+  elemental integer function allowed_distance(letters) result(distance)
     integer, intent(in) :: letters   !! letters of the misspelt word
-    integer :: distance
     distance = max(1, (letters + 1)/3)
     if (letters < 3) distance = letters - 1
   end function allowed_distance
 
   !> Position in a list of the word nearest to a misspelt one, 0 if none is near enough to be meant.
-  pure function nearest_word(word, words) result(best)
+  pure integer function nearest_word(word, words) result(best)
     character(*), intent(in) :: word       !! misspelt word, any case
     character(*), intent(in) :: words(:)   !! known words, lower case
-    integer :: best
     integer :: k, distance, least, letters
     letters = len_trim(word)
     best = 0
@@ -199,9 +176,8 @@ contains
   end function nearest_word
 
   !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
-  pure function word_hash(word) result(hash)
+  pure integer function word_hash(word) result(hash)
     character(*), intent(in) :: word   !! lower case word
-    integer :: hash
     integer, parameter :: long = selected_int_kind(18)
     integer(long) :: h
     integer :: i

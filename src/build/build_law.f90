@@ -11,9 +11,8 @@ module build_law
 contains
 
   !> The terms of all laws that the record states, which act together.
-  pure function law_of(r) result(law)
+  pure type(viscoelastic_terms) function law_of(r) result(law)
     type(law_record), intent(in) :: r
-    type(viscoelastic_terms) :: law
     type(ghm_model) :: ghm
     type(maxwell_model) :: maxwell
     ghm = ghm_model(r%ghm_alpha, r%ghm_zeta, r%ghm_omega)

@@ -21,10 +21,9 @@ module build_markers
 contains
 
   !> A marker of the model from that of the deck.
-  function make_marker(s, r) result(p)
+  type(marker_model) function make_marker(s, r) result(p)
     type(scene), intent(in) :: s
     type(marker_record), intent(in) :: r
-    type(marker_model) :: p
     p%body = r%body
     p%node = r%node
     p%x = r%point

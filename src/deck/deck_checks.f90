@@ -53,10 +53,9 @@ contains
   end subroutine sort_faults
 
   !> Number of a file of the deck.
-  pure function file_number(source, path) result(number)
+  pure integer function file_number(source, path) result(number)
     type(deck_source), intent(in) :: source
     character(*), intent(in) :: path
-    integer :: number
     do number = source%parts%source_count, 2, -1
       if (source%parts%sources(number)%path == path) return
     end do

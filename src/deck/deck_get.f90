@@ -269,13 +269,12 @@ contains
   end function counted
 
   !> Whether a number lies in a range.
-  pure function in_range(x, above, least, most, below) result(yes)
+  pure logical function in_range(x, above, least, most, below) result(yes)
     real(wp), intent(in) :: x                  !! [as the variable]
     real(wp), intent(in), optional :: above    !! the value must be greater [unit of the value]
     real(wp), intent(in), optional :: least    !! the value must be at least this [unit of the value]
     real(wp), intent(in), optional :: most     !! the value must be at most this [unit of the value]
     real(wp), intent(in), optional :: below    !! the value must be smaller [unit of the value]
-    logical :: yes
     yes = .true.
     if (present(above)) yes = x > above
     if (present(least)) yes = yes .and. x >= least

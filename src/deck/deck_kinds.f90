@@ -29,9 +29,8 @@ module deck_kinds
 contains
 
   !> Number of the group with this name, 0 if there is none.
-  pure function group_number(word) result(kind)
+  pure integer function group_number(word) result(kind)
     character(*), intent(in) :: word   !! the word after `&`, any case
-    integer :: kind
     character(18) :: name
     kind = 0
     if (len(word) > len(name)) return

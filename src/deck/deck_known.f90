@@ -60,20 +60,18 @@ contains
   end subroutine note_missing
 
   !> Position of a variable, 0 if it is not declared.
-  pure function position_of(self, name) result(k)
+  pure integer function position_of(self, name) result(k)
     class(variable_list), intent(in) :: self
     character(*), intent(in) :: name   !! variable
-    integer :: k
     do k = self%count, 1, -1
       if (self%items(k)%name == name) return
     end do
   end function position_of
 
   !> Position of the variable that a misspelt word means, 0 if none is near; those that are given are not meant.
-  pure function nearest_variable(self, word) result(k)
+  pure integer function nearest_variable(self, word) result(k)
     class(variable_list), intent(in) :: self
     character(*), intent(in) :: word   !! misspelt word
-    integer :: k
     character(longest) :: names(self%count)
     names = self%items(1:self%count)%name
     where (self%items(1:self%count)%given) names = ''

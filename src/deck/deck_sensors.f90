@@ -80,9 +80,8 @@ contains
 
   !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and
   !> `axial=.false.` take away.
-  pure function elastic_coordinates(b) result(n)
+  pure integer function elastic_coordinates(b) result(n)
     type(body_record), intent(in) :: b
-    integer :: n
     logical :: kept(3, b%nodes)
     n = b%modes
     if (n > 0) return

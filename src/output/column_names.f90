@@ -1,25 +1,14 @@
-!> Names of columns, `name[unit]`, in the header lines of result files (README.md, "Reading and drawing results").
+!> Columns of result files (README.md, "Reading and drawing results"): names `name[unit]` with a suffix, names and values of the
+!> motion of body frames and nodes.
 module column_names
+  use kinds, only: wp
   use mechanism, only: mechanism_model
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: joined, suffixed, motion_names
+  public :: suffixed, motion_names, motion_row
 
 contains
-
-  !> All names, a blank before each.
-  pure function joined(names) result(text)
-    character(*), intent(in) :: names(:)
-    character(:), allocatable :: text
-    integer :: k, n
-    allocate (character(sum(len_trim(names) + 1)) :: text)
-    n = 0
-    do k = 1, size(names)
-      text(n + 1:n + 1 + len_trim(names(k))) = ' '//trim(names(k))
-      n = n + 1 + len_trim(names(k))
-    end do
-  end function joined
 
   !> A name with a suffix before its unit.
   pure function suffixed(name, suffix) result(text)
@@ -52,4 +41,28 @@ contains
       end do
     end do
   end function motion_names
+
+  !> Frames (x, y, angle) and node positions (x, y) of every body [m, rad].
+  pure function motion_row(m, q) result(row)
+    type(mechanism_model), intent(in) :: m
+    real(wp), intent(in), contiguous :: q(:)  !! (nq) [m, rad]
+    real(wp) :: row(sum(3 + 2*m%s%bodies%nn)), u(3), x(2), c, s
+    integer :: b, k, i, j
+    j = 0
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      row(j + 1:j + 3) = q(i + 1:i + 3)
+      j = j + 3
+      c = cos(q(i + 3))
+      s = sin(q(i + 3))
+      associate (body => m%s%bodies(b))
+        do k = 1, body%nn
+          u = body%displacement(k, q(i + 4:i + 3 + body%nf))
+          x = body%x(:, k) + u(1:2)
+          row(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
+          j = j + 2
+        end do
+      end associate
+    end do
+  end function motion_row
 end module column_names

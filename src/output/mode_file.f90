@@ -1,12 +1,12 @@
 !> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
 module mode_file
-  use column_names, only: joined, suffixed, motion_names
+  use column_names, only: suffixed, motion_names, motion_row
   use decimal, only: number_width, write_number
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use results, only: motion_row
+  use text, only: joined
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -36,7 +36,7 @@ contains
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
     call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
     call file%line('# positions: '//positions(m, q))
-    call file%line('# columns: '//figures//shape_names(m))
+    call file%line('# columns: '//figures//' '//shape_names(m))
     do k = 1, modes%count
       call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, ev, q, modes%x(:, k))])
     end do
@@ -88,7 +88,7 @@ contains
       names(2*k - 1) = suffixed(motion(k), '.re')
       names(2*k) = suffixed(motion(k), '.im')
     end do
-    text = joined(names)
+    text = joined(names, ' ')
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.

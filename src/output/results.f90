@@ -1,20 +1,24 @@
 !> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (README.md).
 module results
-  use column_names, only: joined, motion_names
+  use column_names, only: motion_names, motion_row
   use kinds, only: wp
   use archive, only: value_archive
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
+  use text, only: joined
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: result_set, file_header, motion_row
+  public :: result_set
+
+  integer, parameter :: history = 1, energies = 2, motion = 3
+  character(*), parameter :: names(3) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt']
 
   !> Open result files and what their rows need.
   type :: result_set
-    type(result_file) :: history, energy, motion
+    type(result_file), private :: files(3)
+    integer, private :: count = 2             !! files that are written: without motion where the deck does not ask for it
     real(wp), allocatable :: values(:)        !! columns of the sensors [unit of each column]
-    real(wp), allocatable :: nodes(:)         !! a row of motion [m, rad]
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
   contains
     procedure :: open => open_results
@@ -29,16 +33,6 @@ module results
 
 contains
 
-  !> First lines of a result file.
-  subroutine file_header(file, what, deck_name, title, columns)
-    type(result_file), intent(inout) :: file
-    character(*), intent(in) :: what          !! what the file holds
-    character(*), intent(in) :: deck_name, title
-    character(*), intent(in) :: columns       !! names with units, separated by blanks
-    call file%head(what, deck_name, title)
-    call file%line('# columns: '//columns)
-  end subroutine file_header
-
   !> Opens the files in a folder that exists and writes their headers.
   subroutine open_results(self, folder, deck_name, m, list, with_motion)
     class(result_set), intent(inout) :: self
@@ -46,54 +40,50 @@ contains
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
-    call allocate_rows(self, m, list, with_motion)
-    call self%history%open(folder//'/history.txt')
-    call file_header(self%history, 'sensors against time', deck_name, m%s%title, &
-                     't[s]'//joined(list%names(:list%columns)))
-    call self%energy%open(folder//'/energy.txt')
-    call file_header(self%energy, 'energies, their residual and constraint violations against time', deck_name, &
-                     m%s%title, 't[s] kinetic[J] potential[J] dissipated[J] work[J] residual[J] '// &
-                     'position_violation[m] velocity_violation[m/s]')
-    if (.not. with_motion) return
-    call self%motion%open(folder//'/motion.txt')
-    call file_header(self%motion, 'body frames and node positions against time', deck_name, m%s%title, &
-                     't[s]'//joined(motion_names(m)))
+    allocate (self%values(list%columns))
+    self%count = merge(3, 2, with_motion)
+    call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
+    call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
+               'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]')
+    if (with_motion) call begin(motion, 'body frames and node positions against time', &
+                                joined([character(64) :: 't[s]', motion_names(m)], ' '))
+  contains
+    !> Opens a file and writes its first lines.
+    subroutine begin(k, what, columns)
+      integer, intent(in) :: k                !! which file
+      character(*), intent(in) :: what        !! what it holds
+      character(*), intent(in) :: columns     !! names with units, separated by blanks
+      call self%files(k)%open(folder//trim(names(k)))
+      call self%files(k)%head(what, deck_name, m%s%title)
+      call self%files(k)%line('# columns: '//columns)
+    end subroutine begin
   end subroutine open_results
 
   !> Opens the files of an interrupted run where its checkpoint left them: exchange has restored how far they are.
-  subroutine resume_results(self, folder, m, list, with_motion)
+  subroutine resume_results(self, folder, list, with_motion)
     class(result_set), intent(inout) :: self
     character(*), intent(in) :: folder
-    type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
-    call allocate_rows(self, m, list, with_motion)
-    self%incomplete = .not. self%history%covers(folder//'/history.txt')
-    if (.not. self%incomplete) self%incomplete = .not. self%energy%covers(folder//'/energy.txt')
-    if (with_motion .and. .not. self%incomplete) self%incomplete = .not. self%motion%covers(folder//'/motion.txt')
-    if (self%incomplete) return               ! before anything is cut
-    call self%history%resume(folder//'/history.txt')
-    call self%energy%resume(folder//'/energy.txt')
-    if (with_motion) call self%motion%resume(folder//'/motion.txt')
-  end subroutine resume_results
-
-  !> Room for rows.
-  subroutine allocate_rows(self, m, list, with_motion)
-    type(result_set), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(sensor_list), intent(in) :: list
-    logical, intent(in) :: with_motion
+    integer :: k
     allocate (self%values(list%columns))
-    if (with_motion) allocate (self%nodes(1 + sum(3 + 2*m%s%bodies%nn)))
-  end subroutine allocate_rows
+    self%count = merge(3, 2, with_motion)
+    do k = 1, self%count                      ! all of them before any is cut
+      self%incomplete = self%incomplete .or. .not. self%files(k)%covers(folder//trim(names(k)))
+    end do
+    if (self%incomplete) return
+    do k = 1, self%count
+      call self%files(k)%resume(folder//trim(names(k)))
+    end do
+  end subroutine resume_results
 
   !> Writes a row of sensors, which `values` holds, and one of energies.
   subroutine write_row(self, t, energy)
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: energy(:)         !! columns of energy.txt after the time [J], [m], [m/s]
-    call self%history%row(self%values, t)
-    call self%energy%row(energy, t)
+    call self%files(history)%row(self%values, t)
+    call self%files(energies)%row(energy, t)
   end subroutine write_row
 
   !> Writes one row of motion.
@@ -102,64 +92,40 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in), contiguous :: q(:)  !! (nq) [m, rad]
-    self%nodes(1) = t
-    self%nodes(2:) = motion_row(m, q)
-    call self%motion%row(self%nodes)
+    call self%files(motion)%row(motion_row(m, q), t)
   end subroutine write_motion
-
-  !> Frames (x, y, angle) and node positions (x, y) of every body [m, rad].
-  pure function motion_row(m, q) result(row)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: q(:)  !! (nq) [m, rad]
-    real(wp) :: row(sum(3 + 2*m%s%bodies%nn)), u(3), x(2), c, s
-    integer :: b, k, i, j
-    j = 0
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      row(j + 1:j + 3) = q(i + 1:i + 3)
-      j = j + 3
-      c = cos(q(i + 3))
-      s = sin(q(i + 3))
-      associate (body => m%s%bodies(b))
-        do k = 1, body%nn
-          u = body%displacement(k, q(i + 4:i + 3 + body%nf))
-          x = body%x(:, k) + u(1:2)
-          row(j + 1:j + 2) = q(i + 1:i + 2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
-          j = j + 2
-        end do
-      end associate
-    end do
-  end function motion_row
 
   !> Puts everything written so far on the disk.
   subroutine sync_results(self)
     class(result_set), intent(inout) :: self
-    call self%history%sync()
-    call self%energy%sync()
-    if (allocated(self%nodes)) call self%motion%sync()
+    integer :: k
+    do k = 1, self%count
+      call self%files(k)%sync()
+    end do
   end subroutine sync_results
 
   !> Saves or restores how far the files are.
   subroutine exchange(self, a)
     class(result_set), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call self%history%exchange(a)
-    call self%energy%exchange(a)
-    call self%motion%exchange(a)
+    integer :: k
+    do k = 1, size(self%files)
+      call self%files(k)%exchange(a)
+    end do
   end subroutine exchange
 
   !> Closes the files.
   subroutine close_results(self)
     class(result_set), intent(inout) :: self
-    call self%history%close()
-    call self%energy%close()
-    if (allocated(self%nodes)) call self%motion%close()
+    integer :: k
+    do k = 1, self%count
+      call self%files(k)%close()
+    end do
   end subroutine close_results
 
   !> Whether something could not be written.
-  pure function failed(self) result(yes)
+  pure logical function failed(self)
     class(result_set), intent(in) :: self
-    logical :: yes
-    yes = self%history%failed .or. self%energy%failed .or. self%motion%failed
+    failed = any(self%files%failed)
   end function failed
 end module results

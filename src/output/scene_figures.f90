@@ -25,7 +25,7 @@ contains
     call text%member('gravity', vector(d%scene%gravity))
     call text%open('bodies', '[')
     do k = 1, size(d%bodies)
-      call add_body(d, m, q, k, text)
+      call add_body(k)
     end do
     call text%close()
     call text%open('joints', '[')
@@ -43,83 +43,98 @@ contains
       call pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp)
     end do
     call text%close()
-    call add_forces(d, m, q, text)
-    call add_sensors(d, m, q, text)
+    call text%open('forces', '[')
+    do k = 1, size(d%forces)
+      associate (r => d%forces(k))             ! as they are at factor 1
+        call text%member('', item(r%name, r%type)//', "at": '//marker(r%marker)//', "force": '//vector([r%fx, r%fy])// &
+                         ', "axes": '//json_text(trim(r%axes))//', "moment": '//to_text(r%moment)//', "centre": '// &
+                         vector(r%centre)//'}')
+      end associate
+    end do
+    call text%close()
+    call text%open('sensors', '[')
+    do k = 1, size(d%sensors)
+      call text%member('', item(d%sensors(k)%name, d%sensors(k)%quantity)//', "at": '//marker(measured(k))//'}')
+    end do
+    call text%close()
     call text%close()
   contains
+    !> A body: frame, nodes, elements; of a rigid body its mass centre.
+    subroutine add_body(k)
+      integer, intent(in) :: k                 !! body
+      type(text_buffer) :: nodes, elements
+      integer :: j
+      associate (b => m%s%bodies(k), r => d%bodies(k))
+        do j = 1, b%nn
+          if (j > 1) call nodes%add(', ')
+          call nodes%add(position(marker_record(body=k, node=j)))
+        end do
+        do j = 1, b%ne
+          if (j > 1) call elements%add(', ')
+          call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
+        end do
+        call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
+                         to_text(b%mass)//', "centre": '//position(marker_record(body=k, point=b%i1/b%mass))// &
+                         ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
+      end associate
+    end subroutine add_body
+
     !> What acts between two markers, with its direction in global axes.
     subroutine pair(name, kind, a, b, direction)
       character(*), intent(in) :: name, kind
       type(marker_record), intent(in) :: a, b
-      real(wp), intent(in) :: direction          !! from the section of b [rad]
-      call text%member('', item(name, kind)//', "a": '//marker(d, m, q, a)//', "b": '//marker(d, m, q, b)// &
-                       ', "direction": '//to_text(direction + angle(m, q, b))//'}')
-    end subroutine pair
-  end subroutine add_scene
-
-  !> A body: frame, nodes, elements; of a rigid body its mass centre.
-  subroutine add_body(d, m, q, k, text)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    integer, intent(in) :: k                   !! body
-    type(summary_record), intent(inout) :: text
-    type(text_buffer) :: nodes, elements
-    integer :: j
-    associate (b => m%s%bodies(k), r => d%bodies(k))
-      do j = 1, b%nn
-        if (j > 1) call nodes%add(', ')
-        call nodes%add(vector(position(m, q, marker_record(body=k, node=j))))
-      end do
-      do j = 1, b%ne
-        if (j > 1) call elements%add(', ')
-        call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
-      end do
-      call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
-        to_text(b%mass)//', "centre": '//vector(position(m, q, marker_record(body=k, point=b%i1/b%mass)))// &
-        ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
-    end associate
-  end subroutine add_body
-
-  !> Forces and torques, as they are at factor 1.
-  subroutine add_forces(d, m, q, text)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(summary_record), intent(inout) :: text
-    integer :: k
-    call text%open('forces', '[')
-    do k = 1, size(d%forces)
-      associate (r => d%forces(k))
-        call text%member('', item(r%name, r%type)//', "at": '//marker(d, m, q, r%marker)//', "force": '// &
-                         vector([r%fx, r%fy])//', "axes": '//json_text(trim(r%axes))//', "moment": '//to_text(r%moment)// &
-                         ', "centre": '//vector(r%centre)//'}')
+      real(wp), intent(in) :: direction        !! from the section of b [rad]
+      associate (at_b => pose(b))
+        call text%member('', item(name, kind)//', "a": '//marker(a)//', "b": '//marker(b)//', "direction": '// &
+                         to_text(direction + at_b(3))//'}')
       end associate
-    end do
-    call text%close()
-  end subroutine add_forces
+    end subroutine pair
 
-  !> Sensors, each at what it measures; those of joints, drives and springs at their marker a.
-  subroutine add_sensors(d, m, q, text)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(summary_record), intent(inout) :: text
-    type(marker_record) :: at
-    integer :: k
-    call text%open('sensors', '[')
-    do k = 1, size(d%sensors)
+    !> Where a sensor measures; those of joints, drives and springs at their marker a.
+    type(marker_record) function measured(k) result(at)
+      integer, intent(in) :: k                 !! sensor
       associate (r => d%sensors(k))
         at = r%marker
         if (r%joint > 0) at = d%joints(r%joint)%a
         if (r%drive > 0) at = d%drives(r%drive)%a
         if (r%spring > 0) at = d%springs(r%spring)%a
         if (r%element > 0) at%node = m%s%bodies(at%body)%en(1, r%element)
-        call text%member('', item(r%name, r%quantity)//', "at": '//marker(d, m, q, at)//'}')
       end associate
-    end do
-    call text%close()
-  end subroutine add_sensors
+    end function measured
+
+    !> A marker: its body (null: the ground), its node (0: a point), where it is.
+    function marker(r) result(json)
+      type(marker_record), intent(in) :: r
+      character(:), allocatable :: json
+      json = 'null'
+      if (r%body > 0) json = json_text(trim(d%bodies(r%body)%name))
+      json = '{"body": '//json//', "node": '//to_text(r%node)//', "at": '//position(r)//'}'
+    end function marker
+
+    !> Position of a marker.
+    function position(r) result(json)
+      type(marker_record), intent(in) :: r
+      character(:), allocatable :: json
+      associate (x => pose(r))
+        json = vector(x(1:2))
+      end associate
+    end function position
+
+    !> Position of a marker, and the angle of its section, of the frame where it has none.
+    function pose(r) result(x)
+      type(marker_record), intent(in) :: r
+      real(wp) :: x(3)                         !! [m], [rad]
+      real(wp) :: c, s
+      x = [r%point, 0.0_wp]
+      if (r%body == 0) return
+      associate (b => m%s%bodies(r%body), frame => q(m%s%qo(r%body) + 1:m%s%qo(r%body) + 3))
+        if (r%node > 0) x = [b%x(:, r%node), 0.0_wp] + b%displacement(r%node, q(m%s%qo(r%body) + 4:m%s%qo(r%body) + 3 + b%nf))
+        c = cos(frame(3))
+        s = sin(frame(3))
+        x = frame + [c*x(1) - s*x(2), s*x(1) + c*x(2), x(3)]
+      end associate
+    end function pose
+  end subroutine add_scene
 
   !> The beginning of an item: its name and its kind.
   function item(name, kind) result(text)
@@ -128,64 +143,14 @@ contains
     text = '{"name": '//json_text(trim(name))//', "kind": '//json_text(trim(kind))
   end function item
 
-  !> A marker: its body (null: the ground), its node (0: a point), where it is.
-  function marker(d, m, q, r) result(text)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(marker_record), intent(in) :: r
-    character(:), allocatable :: text
-    text = 'null'
-    if (r%body > 0) text = json_text(trim(d%bodies(r%body)%name))
-    text = '{"body": '//text//', "node": '//to_text(r%node)//', "at": '//vector(position(m, q, r))//'}'
-  end function marker
-
-  !> Where a marker is.
-  function position(m, q, r) result(x)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(marker_record), intent(in) :: r
-    real(wp) :: x(2)                           !! [m]
-    real(wp) :: u(3), c, s
-    x = r%point
-    if (r%body == 0) return
-    associate (b => m%s%bodies(r%body), frame => q(m%s%qo(r%body) + 1:m%s%qo(r%body) + 3))
-      if (r%node > 0) then
-        u = b%displacement(r%node, q(m%s%qo(r%body) + 4:m%s%qo(r%body) + 3 + b%nf))
-        x = b%x(:, r%node) + u(1:2)
-      end if
-      c = cos(frame(3))
-      s = sin(frame(3))
-      x = frame(1:2) + [c*x(1) - s*x(2), s*x(1) + c*x(2)]
-    end associate
-  end function position
-
-  !> Angle of the section of a marker, of the frame where it has none.
-  function angle(m, q, r) result(a)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)               !! (nq) [m], [rad]
-    type(marker_record), intent(in) :: r
-    real(wp) :: a                              !! [rad]
-    real(wp) :: u(3)
-    a = 0.0_wp
-    if (r%body == 0) return
-    a = q(m%s%qo(r%body) + 3)
-    associate (b => m%s%bodies(r%body))
-      if (r%node == 0) return
-      u = b%displacement(r%node, q(m%s%qo(r%body) + 4:m%s%qo(r%body) + 3 + b%nf))
-      a = a + u(3)
-    end associate
-  end function angle
-
   !> Numbers as a JSON list, to the 6 figures that a picture needs.
   function vector(x) result(text)
     real(wp), intent(in) :: x(:)               !! [m], [rad] or any other unit
     character(:), allocatable :: text
     integer :: k
-    text = '['
-    do k = 1, size(x)
-      if (k > 1) text = text//', '
-      text = text//to_text(x(k))
+    text = '['//to_text(x(1))
+    do k = 2, size(x)
+      text = text//', '//to_text(x(k))
     end do
     text = text//']'
   end function vector

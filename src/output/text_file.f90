@@ -5,7 +5,6 @@ module text_file
   use kinds, only: wp, ip
   use archive, only: value_archive
   use posix, only: create_file, extend_file, write_bytes, close_file, file_size, sync_file, truncate_file
-  use, intrinsic :: iso_c_binding, only: c_long
   implicit none (type, external)
   private
   public :: result_file
@@ -48,10 +47,9 @@ contains
   end subroutine open_file
 
   !> Whether a file holds at least the bytes that its checkpoint counts on.
-  function covers(self, path) result(yes)
+  logical function covers(self, path) result(yes)
     class(result_file), intent(in) :: self
     character(*), intent(in) :: path
-    logical :: yes
     yes = file_size(path) >= self%written
   end function covers
 
@@ -62,7 +60,7 @@ contains
     self%path = path
     self%used = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
-    self%failed = .not. truncate_file(path, int(self%written, c_long))
+    self%failed = .not. truncate_file(path, self%written)
     if (self%failed) return
     self%handle = extend_file(path)
     self%failed = self%handle < 0
@@ -150,7 +148,7 @@ contains
     if (self%handle < 0) return
     call self%flush()
     if (.not. close_file(self%handle)) self%failed = .true.
-    if (self%failed) cut = truncate_file(self%path, int(self%written, c_long))
+    if (self%failed) cut = truncate_file(self%path, self%written)
     self%handle = -1
   end subroutine close_result
 

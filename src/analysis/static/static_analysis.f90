@@ -2,7 +2,7 @@
 !> are refused before anything is written.
 module static_analysis
   use kinds, only: wp
-  use column_names, only: joined, motion_names
+  use column_names, only: motion_names, motion_row
   use dynamic_stiffness, only: stiffness_system
   use equilibrium, only: find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
@@ -13,12 +13,11 @@ module static_analysis
   use force_element, only: element_action, stage_static
   use interruption, only: stop_if_signalled
   use natural_modes, only: natural_subspace, rounding_level
-  use results, only: motion_row
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: joined, to_text
   use text_file, only: result_file
   use validity, only: validity_watch
   implicit none (type, external)
@@ -192,14 +191,11 @@ contains
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
     type(result_file), intent(inout) :: file
-    character(64), allocatable :: motion(:)
-    integer :: k
     call file%head('static equilibrium, one row a load step', run%d%name, run%sys%m%s%title)
     call file%line('# load: fraction of loads and weight; residual: largest over the largest force; then the sensors, then '// &
                    'body frames and nodes')
-    motion = motion_names(run%sys%m)
-    call file%line('# columns: load[-] residual[-] newton_steps[-]'//joined(run%list%names(:run%list%columns))// &
-                   joined([('state.'//motion(k), k=1, size(motion))]))
+    call file%line('# columns: '//joined([character(80) :: 'load[-]', 'residual[-]', 'newton_steps[-]', &
+                                          run%list%names(:run%list%columns), 'state.'//motion_names(run%sys%m)], ' '))
   end subroutine write_header
 
   !> One row.

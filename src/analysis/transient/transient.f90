@@ -142,7 +142,7 @@ contains
       return
     end if
     march%restarts = march%restarts + 1
-    call march%files%resume(run%folder, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
+    call march%files%resume(run%folder, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
       call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter than its checkpoint says; '// &
                       'run without --restart to start at t = 0')

@@ -33,9 +33,8 @@ module deck_cursor
 contains
 
   !> Where the open group stands.
-  function group_origin(self) result(at)
+  type(origin) function group_origin(self) result(at)
     class(group_cursor), intent(in) :: self
-    type(origin) :: at
     at%file = self%parts%sources(self%parts%groups(self%current)%file)%path
     at%line = self%line
   end function group_origin
@@ -63,11 +62,10 @@ contains
   end function location_of
 
   !> Number of the first assignment of a variable, or of the next one; 0: there is none.
-  pure function assignment_of(self, name, after) result(assignment)
+  pure integer function assignment_of(self, name, after) result(assignment)
     class(group_cursor), intent(in) :: self
     character(*), intent(in) :: name
     integer, intent(in), optional :: after   !! an earlier assignment
-    integer :: assignment
     integer :: first, hash
     hash = word_hash(name)
     first = 1
@@ -118,27 +116,24 @@ contains
   end function word
 
   !> The k-th value token of an assignment.
-  pure function token(self, assignment, k) result(v)
+  pure type(value_token) function token(self, assignment, k) result(v)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: assignment    !! number of the assignment in the group
     integer, intent(in) :: k        !! which value, repeat counts not expanded
-    type(value_token) :: v
     v = self%parts%values(self%parts%assignments(self%head + assignment)%first_value + k - 1)
   end function token
 
   !> Number of value tokens of an assignment, repeat counts not expanded.
-  pure function tokens(self, assignment) result(n)
+  pure integer function tokens(self, assignment) result(n)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: assignment    !! number of the assignment in the group
-    integer :: n
     n = self%parts%assignments(self%head + assignment)%values
   end function tokens
 
   !> Number of values of an assignment, repeat counts expanded.
-  pure function values(self, assignment) result(n)
+  pure integer function values(self, assignment) result(n)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: assignment    !! number of the assignment in the group
-    integer :: n
     associate (a => self%parts%assignments(self%head + assignment))
       n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
     end associate

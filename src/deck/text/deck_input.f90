@@ -189,10 +189,9 @@ contains
   end subroutine look_up
 
   !> Whether a variable that applies to these kinds applies to the group; all do while the kind is not known.
-  pure function applies(self, kinds) result(yes)
+  pure logical function applies(self, kinds) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: kinds   !! blanks between them
-    logical :: yes
     yes = .not. self%choice_known
     if (.not. yes .and. self%choice /= '') yes = index(' '//kinds//' ', ' '//trim(self%choice)//' ') > 0
   end function applies
@@ -266,26 +265,23 @@ contains
   end subroutine choose
 
   !> Whether the selecting variable is known to have one of these values.
-  pure function is_choice(self, kinds) result(yes)
+  pure logical function is_choice(self, kinds) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: kinds   !! blanks between them
-    logical :: yes
     yes = self%choice_known .and. applies(self, kinds)
   end function is_choice
 
   !> Whether the group gives a variable, well or not.
-  pure function is_given(self, name) result(yes)
+  pure logical function is_given(self, name) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
-    logical :: yes
     yes = self%assignment_of(name) > 0
   end function is_given
 
   !> Whether the group gives a variable, it applies, and its value was read and is good.
-  pure function is_set(self, name) result(yes)
+  pure logical function is_set(self, name) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
-    logical :: yes
     integer :: k
     k = self%assignment_of(name)
     yes = k > 0
@@ -293,17 +289,15 @@ contains
   end function is_set
 
   !> Whether the value of a variable that applies is known: given well, or not given, so that the default counts.
-  pure function is_known(self, name) result(yes)
+  pure logical function is_known(self, name) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
-    logical :: yes
     yes = self%is_set(name) .or. .not. self%is_given(name)
   end function is_known
 
   !> Whether the group has shown no fault yet.
-  pure function is_clean(self) result(yes)
+  pure logical function is_clean(self) result(yes)
     class(deck_source), intent(in) :: self
-    logical :: yes
     yes = self%faults%count == self%faults_before
   end function is_clean
 

@@ -213,11 +213,10 @@ contains
 
   !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
   !> value is due.
-  pure function begins_assignment(s, deck, word) result(yes)
+  pure logical function begins_assignment(s, deck, word) result(yes)
     class(scanner), intent(in) :: s
     class(group_cursor), intent(in) :: deck
     character(*), intent(in) :: word
-    logical :: yes
     yes = .false.
     if (.not. is_letter(word(1:1))) return
     if (.not. s%open) then

@@ -1,7 +1,7 @@
 !> Names of one kind of thing and where they stand, found by hashing; also whether some could not be read, so that
 !> one fault does not raise others.
 module deck_names
-  use text, only: lower, word_hash, edit_distance, allowed_distance
+  use text, only: lower, nearest_word, word_hash
   use deck_records, only: name_length
   implicit none (type, external)
   private
@@ -59,10 +59,9 @@ contains
   end subroutine add
 
   !> What a name stands for; `not_there` or `doubtful` if it cannot be used.
-  function find(self, name) result(number)
+  integer function find(self, name) result(number)
     class(name_table), intent(in) :: self
     character(*), intent(in) :: name   !! any case
-    integer :: number
     integer :: slot
     number = merge(not_there, doubtful, self%complete)
     if (self%count == 0 .or. len_trim(name) > name_length) return
@@ -71,9 +70,8 @@ contains
   end function find
 
   !> Whether there is no name of this kind, not even one that could not be read.
-  pure function is_empty(self) result(yes)
+  pure logical function is_empty(self) result(yes)
     class(name_table), intent(in) :: self
-    logical :: yes
     yes = self%count == 0 .and. self%complete
   end function is_empty
 
@@ -82,26 +80,18 @@ contains
     class(name_table), intent(inout) :: self
     character(*), intent(in) :: name                  !! misspelt name
     character(:), allocatable, intent(out) :: best    !! known name in lower case
-    integer :: k, distance, least, letters
+    integer :: k
     best = ''
-    letters = len_trim(name)
-    least = allowed_distance(letters) + 1
-    if (self%comparisons > most_comparisons .or. letters > 2*name_length) return
+    if (self%count == 0 .or. self%comparisons > most_comparisons .or. len_trim(name) > 2*name_length) return
     self%comparisons = self%comparisons + self%count
-    do k = 1, self%count
-      if (abs(len_trim(self%names(k)%text) - letters) >= least) cycle
-      distance = edit_distance(lower(trim(name)), trim(self%names(k)%text))
-      if (distance >= least) cycle
-      least = distance
-      best = trim(self%names(k)%text)
-    end do
+    k = nearest_word(name, self%names(:self%count)%text)
+    if (k > 0) best = trim(self%names(k)%text)
   end subroutine nearest
 
   !> Slot of the hash table that holds a name or would take it.
-  pure function slot_of(self, name) result(slot)
+  pure integer function slot_of(self, name) result(slot)
     class(name_table), intent(in) :: self
     character(*), intent(in) :: name   !! lower case
-    integer :: slot
     slot = modulo(word_hash(name), size(self%slots)) + 1
     do
       if (self%slots(slot) == 0) return

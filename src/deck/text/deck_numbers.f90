@@ -82,9 +82,8 @@ contains
   end subroutine add_exponent
 
   !> Whether a word means a number that is not finite: nan, nan(...), inf, infinity, with a sign or without.
-  pure function is_endless(word) result(yes)
+  pure logical function is_endless(word) result(yes)
     character(*), intent(in) :: word    !! word of the deck
-    logical :: yes
     character(:), allocatable :: core
     core = lower(word)
     if (scan(core(1:min(1, len(core))), '+-') == 1) core = core(2:)

@@ -57,9 +57,8 @@ contains
   end function beside
 
   !> Whether the last part of a folder's path can be dropped for `..`.
-  pure function can_go_up(path) result(yes)
+  pure logical function can_go_up(path) result(yes)
     character(*), intent(in) :: path   !! empty or with a closing slash
-    logical :: yes
     integer :: before
     yes = len(path) > 1
     if (.not. yes) return

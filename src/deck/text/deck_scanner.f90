@@ -31,16 +31,14 @@ module deck_scanner
 contains
 
   !> Whether all characters have been read.
-  pure function at_end(self) result(yes)
+  pure logical function at_end(self) result(yes)
     class(scanner), intent(in) :: self
-    logical :: yes
     yes = self%position > len(self%text)
   end function at_end
 
   !> The next character.
-  pure function next(self) result(c)
+  pure character(1) function next(self) result(c)
     class(scanner), intent(in) :: self
-    character(1) :: c
     c = self%text(self%position:self%position)
   end function next
 
@@ -84,9 +82,8 @@ contains
   end function word_ahead
 
   !> Whether the next character that is not blank or comment is an equals sign; if so the scanner moves behind it.
-  function skip_equals(self) result(yes)
+  logical function skip_equals(self) result(yes)
     class(scanner), intent(inout) :: self
-    logical :: yes
     integer :: position, line
     position = self%position
     line = self%line
@@ -102,9 +99,8 @@ contains
   end function skip_equals
 
   !> Whether a character is an ASCII letter.
-  pure function is_letter(c) result(yes)
+  pure logical function is_letter(c) result(yes)
     character(1), intent(in) :: c
-    logical :: yes
     yes = lge(lower(c), 'a') .and. lle(lower(c), 'z')
   end function is_letter
 end module deck_scanner

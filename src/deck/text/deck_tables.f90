@@ -62,9 +62,8 @@ contains
   end function count_lines
 
   !> Whether a line holds nothing but blanks or a comment.
-  pure function is_comment(line) result(yes)
+  pure logical function is_comment(line) result(yes)
     character(*), intent(in) :: line
-    logical :: yes
     integer :: first
     first = verify(line, ' '//tab)
     yes = first == 0
@@ -73,9 +72,8 @@ contains
 
   !> What separates the columns of a line: a semicolon or a tab if it has one, else a comma, else blanks; also blanks where
   !> every comma stands between two digits and blanks stand between words, as in `0,5  1,25`.
-  pure function separator_of(line) result(separator)
+  pure character(1) function separator_of(line) result(separator)
     character(*), intent(in) :: line
-    character(1) :: separator
     character(:), allocatable :: core
     integer :: i
     core = trim(adjustl(line))
