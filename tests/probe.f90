@@ -182,8 +182,12 @@ contains
     character(*), intent(in) :: name
     type(triplet_matrix), intent(in) :: a
     integer, intent(in) :: rows
-    real(wp), allocatable :: d(:, :)
-    d = a%dense(rows, run%sys%m%s%nq)
+    real(wp) :: d(rows, run%sys%m%s%nq)
+    integer :: k
+    d = 0.0_wp
+    do k = 1, a%count
+      d(a%rows(k), a%cols(k)) = d(a%rows(k), a%cols(k)) + a%values(k)
+    end do
     call show(name, reshape(d, [size(d)]))
   end subroutine matrix
 

@@ -12,12 +12,8 @@ module decimal
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
   integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
   integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
-  character(2), parameter :: pairs(0:99) = [character(2) :: &
-    '00', '01', '02', '03', '04', '05', '06', '07', '08', '09', '10', '11', '12', '13', '14', '15', '16', '17', '18', '19', &
-    '20', '21', '22', '23', '24', '25', '26', '27', '28', '29', '30', '31', '32', '33', '34', '35', '36', '37', '38', '39', &
-    '40', '41', '42', '43', '44', '45', '46', '47', '48', '49', '50', '51', '52', '53', '54', '55', '56', '57', '58', '59', &
-    '60', '61', '62', '63', '64', '65', '66', '67', '68', '69', '70', '71', '72', '73', '74', '75', '76', '77', '78', '79', &
-    '80', '81', '82', '83', '84', '85', '86', '87', '88', '89', '90', '91', '92', '93', '94', '95', '96', '97', '98', '99']
+  integer :: i, j                                            ! of the two digits in each of these
+  character(2), parameter :: pairs(0:99) = [((achar(iachar('0') + i)//achar(iachar('0') + j), j=0, 9), i=0, 9)]
 
   !> Powers of ten: 10^p = (high 2^63 + low) 2^shift, good to 105 bits, with 2^62 <= high < 2^63; and as doubles.
   !> Filled at the first use, constant from then on.

@@ -77,7 +77,7 @@ module posix
     !> mkstemp(3): makes and opens a file whose name ends with letters of its own choice, in place of XXXXXX.
     integer(c_int) function c_mkstemp(name) bind(c, name='mkstemp')
       import :: c_char, c_int
-      character(kind=c_char), intent(inout) :: name(*)
+      character(kind=c_char), intent(inout) :: name(18)
     end function c_mkstemp
     !> read(2): bytes from an open file; how many there were.
     integer(c_long) function c_read(fd, bytes, count) bind(c, name='read')

@@ -165,31 +165,18 @@ contains
     call json%add('"')
     k = 1
     do while (k <= len(plain))
-      n = unchanged(plain(k:))
-      if (n > 0) then
-        call json%add(plain(k:k + n - 1))
-      else
+      n = letter_length(plain(k:))
+      if (n == 0 .or. iachar(plain(k:k)) < 32 .or. plain(k:k) == '"' .or. plain(k:k) == '\') then
         call json%add(escaped(iachar(plain(k:k))))
         n = 1
+      else
+        call json%add(plain(k:k + n - 1))
       end if
       k = k + n
     end do
     call json%add('"')
     text = json%all()
   end function json_text
-
-  !> How many bytes at the beginning of a text JSON takes as they are.
-  pure integer function unchanged(plain) result(n)
-    character(*), intent(in) :: plain
-    integer :: bytes
-    n = 0
-    do while (n < len(plain))
-      bytes = letter_length(plain(n + 1:))
-      if (bytes == 0 .or. iachar(plain(n + 1:n + 1)) < 32) exit
-      if (plain(n + 1:n + 1) == '"' .or. plain(n + 1:n + 1) == '\') exit
-      n = n + bytes
-    end do
-  end function unchanged
 
   !> \n, \", \\, or \u00XX.
   pure function escaped(code) result(text)

@@ -12,7 +12,6 @@ module triplets
   contains
     procedure :: add => add_entry
     procedure :: add_block
-    procedure :: dense => to_dense
     procedure :: times => matrix_times
     procedure :: quadratic_form
   end type triplet_matrix
@@ -49,18 +48,6 @@ contains
       end do
     end do
   end subroutine add_block
-
-  !> The matrix as a dense array (small systems and tests).
-  pure function to_dense(self, m, n) result(a)
-    class(triplet_matrix), intent(in) :: self
-    integer, intent(in) :: m, n               !! shape
-    real(wp), allocatable :: a(:, :)
-    integer :: k
-    allocate (a(m, n), source=0.0_wp)
-    do k = 1, self%count
-      a(self%rows(k), self%cols(k)) = a(self%rows(k), self%cols(k)) + self%values(k)
-    end do
-  end function to_dense
 
   !> y = y + s A x.
   pure subroutine matrix_times(self, s, x, y)

@@ -80,15 +80,10 @@ contains
   function shape_names(m) result(text)
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
-    character(64), allocatable :: motion(:), names(:)
+    character(64), allocatable :: motion(:)
     integer :: k
     motion = motion_names(m)
-    allocate (names(2*size(motion)))
-    do k = 1, size(motion)
-      names(2*k - 1) = suffixed(motion(k), '.re')
-      names(2*k) = suffixed(motion(k), '.im')
-    end do
-    text = joined(names, ' ')
+    text = joined([character(64) :: (suffixed(motion(k), '.re'), suffixed(motion(k), '.im'), k=1, size(motion))], ' ')
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.
@@ -98,14 +93,7 @@ contains
     real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
     complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
     real(wp), allocatable :: row(:)
-    complex(wp), allocatable :: d(:)
-    integer :: k
-    d = displacements(m, ev, q, x)
-    allocate (row(2*size(d)))
-    do k = 1, size(d)
-      row(2*k - 1) = d(k)%re
-      row(2*k) = d(k)%im
-    end do
+    row = transfer(displacements(m, ev, q, x), [0.0_wp])
   end function shape_row
 
   !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.

@@ -23,7 +23,11 @@ contains
     real(wp) :: row(2)
     character(1) :: separator
     integer :: first, last, line, n
-    allocate (found(2, count_lines(content)))
+    n = 0
+    do last = 1, len(content)
+      if (content(last:last) == lf) n = n + 1
+    end do
+    allocate (found(2, n))
     problem = ''
     n = 0
     line = 0
@@ -50,16 +54,6 @@ contains
     if (n == 0) problem = 'has no row with numbers in columns '//to_text(columns(1))//' and '//to_text(columns(2))// &
       ', expected rows of numbers'
   end subroutine read_columns
-
-  !> Number of lines.
-  pure function count_lines(content) result(n)
-    character(*), intent(in) :: content
-    integer :: n, i
-    n = 0
-    do i = 1, len(content)
-      if (content(i:i) == lf) n = n + 1
-    end do
-  end function count_lines
 
   !> Whether a line holds nothing but blanks or a comment.
   pure logical function is_comment(line) result(yes)
