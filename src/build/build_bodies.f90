@@ -11,7 +11,7 @@ module build_bodies
   use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
                         body_length, sort_segments
-  use loaded_coordinates, only: coordinates_under_load
+  use acting_markers, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
   use number_range, only: judge_values, refuse
   use text, only: to_text

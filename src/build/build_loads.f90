@@ -70,19 +70,19 @@ contains
     class(force_model), allocatable, intent(out) :: item
     class(load_model), allocatable :: l
     select case (r%type)
-    case ('force')
-      call make_force(r, l)
     case ('torque')
-      allocate (torque_model :: l)
+      l = torque_model(moment=r%moment)
+    case ('torque_about')
+      l = central_torque_model(moment=r%moment, centre=r%centre)
     case default
-      allocate (central_torque_model :: l)
-    end select
-    select type (l)
-    type is (torque_model)
-      l%moment = r%moment
-    type is (central_torque_model)
-      l%moment = r%moment
-      l%centre = r%centre
+      select case (r%axes)
+      case ('body')
+        l = body_force_model(f=[r%fx, r%fy], in_frame=.true.)
+      case ('section')
+        l = section_force_model(f=[r%fx, r%fy])
+      case default
+        l = point_force_model(f=[r%fx, r%fy])
+      end select
     end select
     l%name = r%name
     if (r%history > 0) call make_history(d, r%history, l%factor)
@@ -91,27 +91,4 @@ contains
     if (r%stage == 'transient') l%stage = stage_transient
     call move_alloc(l, item)
   end subroutine make_load
-
-  !> A force in the axes that the deck names.
-  subroutine make_force(r, l)
-    type(force_record), intent(in) :: r
-    class(load_model), allocatable, intent(out) :: l
-    select case (r%axes)
-    case ('body')
-      allocate (body_force_model :: l)
-    case ('section')
-      allocate (section_force_model :: l)
-    case default
-      allocate (point_force_model :: l)
-    end select
-    select type (l)
-    type is (body_force_model)
-      l%f = [r%fx, r%fy]
-      l%in_frame = .true.
-    type is (section_force_model)
-      l%f = [r%fx, r%fy]
-    type is (point_force_model)
-      l%f = [r%fx, r%fy]
-    end select
-  end subroutine make_force
 end module build_loads

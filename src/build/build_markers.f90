@@ -1,6 +1,7 @@
 !> Markers of the model from markers of the deck, each kept once; the size of a scene.
 module build_markers
   use kinds, only: wp
+  use acting_markers, only: acting_marker, list_acting
   use body_setup, only: body_length
   use counting_sort, only: sort_by_number
   use deck_records, only: deck, marker_record
@@ -64,7 +65,7 @@ contains
     type(marker_record), allocatable :: list(:)
     integer, allocatable :: first(:), sorted(:)
     integer :: b, k, n
-    call list_points(d, list)
+    list = point_markers(d)
     call sort_by_number(list%body, size(s%bodies), first, sorted)
     size_s = 0.0_wp
     do b = 0, size(s%bodies)
@@ -87,43 +88,17 @@ contains
   end function scene_size
 
   !> All markers that are points, nodes left out (bodies know their nodes).
-  subroutine list_points(d, list)
+  function point_markers(d) result(list)
     type(deck), intent(in) :: d
-    type(marker_record), allocatable, intent(out) :: list(:)
-    integer :: k, n
-    allocate (list(2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces) + size(d%sensors)))
-    n = 0
-    do k = 1, size(d%joints)
-      call put(d%joints(k)%a)
-      call put(d%joints(k)%b)
-    end do
-    do k = 1, size(d%drives)
-      if (d%drives(k)%type == 'rotation') cycle
-      call put(d%drives(k)%a)
-      call put(d%drives(k)%b)
-    end do
-    do k = 1, size(d%springs)
-      if (d%springs(k)%type == 'torsional') cycle
-      call put(d%springs(k)%a)
-      call put(d%springs(k)%b)
-    end do
-    do k = 1, size(d%forces)
-      if (d%forces(k)%type /= 'torque') call put(d%forces(k)%marker)
-    end do
-    do k = 1, size(d%sensors)
-      if (any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration'])) &
-        call put(d%sensors(k)%marker)
-    end do
-    list = list(1:n)
-  contains
-    !> Adds a marker that is a point.
-    subroutine put(marker)
-      type(marker_record), intent(in) :: marker
-      if (marker%node > 0) return
-      n = n + 1
-      list(n) = marker
-    end subroutine put
-  end subroutine list_points
+    type(marker_record), allocatable :: list(:)
+    type(acting_marker), allocatable :: acting(:)
+    logical :: measured(size(d%sensors))      ! those of points
+    integer :: k
+    acting = list_acting(d)
+    measured = [(any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration']), k=1, size(measured))]
+    list = [pack(acting%marker, acting%force .and. acting%marker%node == 0), &
+            pack(d%sensors%marker, measured .and. d%sensors%marker%node == 0)]
+  end function point_markers
 
   !> Markers on bodies where springs and loads act, sorted by body.
   subroutine list_loaded(s)

@@ -1,5 +1,6 @@
-!> Numbers, logicals and free text from the open group. One call declares a variable: its name, where it goes, whether
-!> it is required, its range, and the kinds it applies to.
+!> Numbers, logicals and free text from the open group. One call declares a variable: its name, where it goes, whether it is
+!> required (`need`), its range, and the values of the group's selecting variable (`kind`, `type`, ...) to which it applies
+!> (`kinds`, blanks between them; all where that is left out). The arguments of this name are the same in all modules of readers.
 module deck_get
   use kinds, only: wp
   use text, only: to_text, quoted
@@ -20,14 +21,11 @@ contains
   !> A real number.
   subroutine get_real(deck, name, x, need, above, least, most, below, kinds, hint)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     real(wp), intent(inout) :: x                  !! receives the value [as the variable]
-    logical, intent(in), optional :: need         !! whether it is required
-    real(wp), intent(in), optional :: above       !! the value must be greater [unit of the value]
-    real(wp), intent(in), optional :: least       !! the value must be at least this [unit of the value]
-    real(wp), intent(in), optional :: most        !! the value must be at most this [unit of the value]
-    real(wp), intent(in), optional :: below       !! the value must be smaller [unit of the value]
-    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    logical, intent(in), optional :: need
+    real(wp), intent(in), optional :: above, least, most, below   !! range: > above, >= least, <= most, < below [as the variable]
+    character(*), intent(in), optional :: kinds
     character(*), intent(in), optional :: hint    !! what to do instead of the value 0, out of range
     character(:), allocatable :: range
     real(wp) :: value
@@ -35,8 +33,7 @@ contains
     logical :: good
     range = ''
     if (present(need)) range = range_text(name, above, least, most, below)
-    call deck%look_up(name, need, kinds, range, assignment)
-    call single_value(deck, name, assignment, good, '; decimals take a point')
+    call single_value(deck, name, need, kinds, range, assignment, good, '; decimals take a point')
     if (good) call real_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
     if (in_range(value, above, least, most, below)) then
@@ -52,10 +49,10 @@ contains
   !> Two real numbers, a vector.
   subroutine get_pair(deck, name, x, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     real(wp), intent(inout) :: x(2)               !! receives the values [as the variable]
-    logical, intent(in), optional :: need         !! whether it is required
-    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
     real(wp) :: values(2)
     integer :: assignment, k, n
     logical :: good
@@ -78,19 +75,17 @@ contains
   !> A whole number.
   subroutine get_integer(deck, name, n, need, least, most, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     integer, intent(inout) :: n                   !! receives the value
-    logical, intent(in), optional :: need         !! whether it is required
-    integer, intent(in), optional :: least        !! the value must not be smaller
-    integer, intent(in), optional :: most         !! the value must not be greater
-    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    logical, intent(in), optional :: need
+    integer, intent(in), optional :: least, most   !! range: >= least, <= most
+    character(*), intent(in), optional :: kinds
     character(:), allocatable :: range
     integer :: assignment, value
     logical :: good
     range = ''
     if (present(need)) range = whole_range(name, least, most)
-    call deck%look_up(name, need, kinds, range, assignment)
-    call single_value(deck, name, assignment, good)
+    call single_value(deck, name, need, kinds, range, assignment, good)
     if (good) call integer_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
     if (present(least)) good = value >= least
@@ -104,17 +99,15 @@ contains
   end subroutine get_integer
 
   !> A logical value.
-  subroutine get_logical(deck, name, x, need, kinds)
+  subroutine get_logical(deck, name, x, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     logical, intent(inout) :: x                   !! receives the value
-    logical, intent(in), optional :: need         !! whether it is required
-    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    character(*), intent(in), optional :: kinds
     character(:), allocatable :: problem
     integer :: assignment
     logical :: good
-    call deck%look_up(name, need, kinds, '.true. or .false.', assignment)
-    call single_value(deck, name, assignment, good)
+    call single_value(deck, name, .false., kinds, '.true. or .false.', assignment, good)
     if (good) call check_bare(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
     if (.not. good) return
     call read_logical(deck%word(deck%token(assignment, 1)), x, problem)
@@ -125,18 +118,17 @@ contains
   !> Free text of any length without control characters.
   subroutine get_text(deck, name, t, need, kinds, expected)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                    !! variable
+    character(*), intent(in) :: name
     character(:), allocatable, intent(inout) :: t       !! receives the value
-    logical, intent(in), optional :: need               !! whether it is required
-    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
     character(*), intent(in), optional :: expected      !! what is expected where it is missing
     character(:), allocatable :: value, wanted
     integer :: assignment, i
     logical :: good
     wanted = name//'=''...'''
     if (present(expected)) wanted = expected
-    call deck%look_up(name, need, kinds, wanted, assignment)
-    call single_value(deck, name, assignment, good)
+    call single_value(deck, name, need, kinds, wanted, assignment, good)
     if (good) call text_of(deck, name, deck%token(assignment, 1), name//'=', good)
     if (.not. good) return
     value = deck%word(deck%token(assignment, 1))
@@ -150,15 +142,19 @@ contains
     call deck%mark_good(assignment)
   end subroutine get_text
 
-  !> Checks that there is an assignment and that it has one value.
-  subroutine single_value(deck, name, assignment, good, hint)
+  !> Declares a variable, and checks that it is given with one value.
+  subroutine single_value(deck, name, need, kinds, wanted, assignment, good, hint)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
-    integer, intent(in) :: assignment             !! number of the assignment in the group, 0: nothing to read
+    character(*), intent(in) :: name
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
+    character(*), intent(in) :: wanted            !! what is expected where it is missing
+    integer, intent(out) :: assignment            !! number of its assignment in the group, 0: nothing to read
     logical, intent(out) :: good
     character(*), intent(in), optional :: hint    !! added where two whole numbers stand, as in 1,5
     character(:), allocatable :: expected
     integer :: k
+    call deck%look_up(name, need, kinds, wanted, assignment)
     good = .false.
     if (assignment == 0) return
     good = deck%values(assignment) == 1
@@ -175,45 +171,36 @@ contains
     call deck%complain(name, name//' has '//counted(deck%values(assignment))//', '//expected)
   end subroutine single_value
 
-  !> Checks that a value is a word without quotes.
+  !> Checks that a value is a word without quotes, such as a number.
   subroutine check_bare(deck, name, token, expected, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! variable
+    character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
     character(*), intent(in) :: expected       !! what was expected
     logical, intent(out) :: good
     good = token%form == bare_value
-    select case (token%form)
-    case (string_value)
-      call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected//' without quotes')
-    case (null_value)
-      call deck%complain(name, name//' has an empty value, expected '//expected)
-    case default
-    end select
+    if (token%form == string_value) call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected// &
+      ' without quotes')
+    if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected '//expected)
   end subroutine check_bare
 
   !> Checks that a value is text in quotes.
   subroutine text_of(deck, name, token, lead, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! variable
+    character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
     character(*), intent(in) :: lead           !! what stands before the text that is expected: `name=` where it is the only one
     logical, intent(out) :: good
     good = token%form == string_value
-    select case (token%form)
-    case (bare_value)
-      call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//lead// &
-        quoted(deck%written(token)))
-    case (null_value)
-      call deck%complain(name, name//' has an empty value, expected text in quotes')
-    case default
-    end select
+    if (token%form == bare_value) call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//lead// &
+      quoted(deck%written(token)))
+    if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected text in quotes')
   end subroutine text_of
 
   !> A real number from one value.
   subroutine real_of(deck, name, token, x, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! variable
+    character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
     real(wp), intent(out) :: x                 !! 0 if it is not good [as the variable]
     logical, intent(out) :: good
@@ -228,7 +215,7 @@ contains
   !> A whole number from one value.
   subroutine integer_of(deck, name, token, n, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! variable
+    character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
     integer, intent(out) :: n                  !! 0 if it is not good
     logical, intent(out) :: good
@@ -243,7 +230,7 @@ contains
   !> Reports what is wrong with a value, if anything is.
   subroutine check_word(deck, name, token, problem, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! variable
+    character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
     character(*), intent(in) :: problem        !! what is wrong, what was expected; empty: nothing
     logical, intent(out) :: good
@@ -254,7 +241,7 @@ contains
   !> Reports a value out of its range.
   subroutine out_of_range(deck, name, assignment, range)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name    !! variable
+    character(*), intent(in) :: name
     integer, intent(in) :: assignment        !! number of the assignment in the group
     character(*), intent(in) :: range   !! what was expected
     call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' is out of range, expected '//range)
@@ -271,10 +258,7 @@ contains
   !> Whether a number lies in a range.
   pure logical function in_range(x, above, least, most, below) result(yes)
     real(wp), intent(in) :: x                  !! [as the variable]
-    real(wp), intent(in), optional :: above    !! the value must be greater [unit of the value]
-    real(wp), intent(in), optional :: least    !! the value must be at least this [unit of the value]
-    real(wp), intent(in), optional :: most     !! the value must be at most this [unit of the value]
-    real(wp), intent(in), optional :: below    !! the value must be smaller [unit of the value]
+    real(wp), intent(in), optional :: above, least, most, below   !! range: > above, >= least, <= most, < below [as the variable]
     yes = .true.
     if (present(above)) yes = x > above
     if (present(least)) yes = yes .and. x >= least
@@ -284,11 +268,8 @@ contains
 
   !> A range in words: `density > 0`, `0 < tolerance < 1`, `spectral_radius from 0 to 0.99`; no other combinations.
   pure function range_text(name, above, least, most, below) result(t)
-    character(*), intent(in) :: name           !! variable
-    real(wp), intent(in), optional :: above    !! the value must be greater [unit of the value]
-    real(wp), intent(in), optional :: least    !! the value must be at least this [unit of the value]
-    real(wp), intent(in), optional :: most     !! the value must be at most this [unit of the value]
-    real(wp), intent(in), optional :: below    !! the value must be smaller [unit of the value]
+    character(*), intent(in) :: name
+    real(wp), intent(in), optional :: above, least, most, below   !! range: > above, >= least, <= most, < below [as the variable]
     character(:), allocatable :: t
     t = name
     if (present(above)) t = t//' > '//to_text(above)
@@ -300,9 +281,8 @@ contains
 
   !> A range of whole numbers in words.
   pure function whole_range(name, least, most) result(t)
-    character(*), intent(in) :: name           !! variable
-    integer, intent(in), optional :: least     !! the value must not be smaller
-    integer, intent(in), optional :: most      !! the value must not be greater
+    character(*), intent(in) :: name
+    integer, intent(in), optional :: least, most   !! range: >= least, <= most
     character(:), allocatable :: t
     t = name
     if (present(least)) t = name//' >= '//to_text(least)

@@ -1,16 +1,16 @@
-!> Readers of &lump, &joint, &drive and &spring: what sits on or between bodies.
+!> Readers of &lump, &joint, &drive, &spring and &force: what sits on bodies, between them or acts on them.
 module deck_joints
   use kinds, only: wp
   use deck_input, only: deck_source, required
-  use deck_get, only: get
-  use deck_words, only: get_name, get_choice, get_reference
+  use deck_get, only: get, get_pair
+  use deck_words, only: get_name, get_choice, get_reference, get_word
   use deck_kinds, only: in_history
   use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
   use deck_properties, only: read_law
-  use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record
+  use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record
   implicit none (type, external)
   private
-  public :: read_lump, read_joint, read_drive, read_spring
+  public :: read_lump, read_joint, read_drive, read_spring, read_force
 
 contains
 
@@ -79,4 +79,24 @@ contains
     call read_law(deck, s%law)
     call forbid_rigid_pair(deck, d, s%a, s%b)
   end subroutine read_spring
+
+  !> &force
+  subroutine read_force(deck, d, f)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies and histories are read
+    type(force_record), intent(inout) :: f
+    f%at = deck%at()
+    call get_name(deck, f%name)
+    f%type = 'force'
+    call get_choice(deck, 'type', f%type, [character(12) :: 'force', 'torque', 'torque_about'])
+    call read_marker(deck, d, '', f%marker, required, point_kinds='force torque_about', frame_kinds='torque')
+    call forbid_ground(deck, 'body', f%marker%body, 'does not move, no load acts on it')
+    call get(deck, 'fx', f%fx, kinds='force')
+    call get(deck, 'fy', f%fy, kinds='force')
+    call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')
+    call get(deck, 'moment', f%moment, required, kinds='torque torque_about')
+    call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')
+    call get_reference(deck, 'history', in_history, f%history)
+    call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])
+  end subroutine read_force
 end module deck_joints

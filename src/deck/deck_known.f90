@@ -1,10 +1,9 @@
 !> The variables that a group knows, collected while they are asked for, and the required ones that it does not give.
 module deck_known
   use text, only: nearest_word, joined
+  use deck_syntax, only: longest
   implicit none (type, external)
   private
-
-  integer, parameter, public :: longest = 32   !! letters of the longest variable's name
 
   !> One variable.
   type, public :: variable

@@ -19,11 +19,11 @@ contains
   !> Real numbers, all in one range.
   subroutine get_reals(deck, name, x, need, above, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                    !! variable
+    character(*), intent(in) :: name
     real(wp), allocatable, intent(out) :: x(:)          !! the values [as the variable]
-    logical, intent(in), optional :: need               !! whether it is required
+    logical, intent(in), optional :: need
     real(wp), intent(in), optional :: above             !! every value must be greater [unit of the values]
-    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    character(*), intent(in), optional :: kinds
     real(wp), allocatable :: values(:)
     real(wp) :: value
     type(value_token) :: token
@@ -53,10 +53,10 @@ contains
   !> Whole numbers.
   subroutine get_integers(deck, name, x, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                    !! variable
+    character(*), intent(in) :: name
     integer, allocatable, intent(out) :: x(:)           !! the values
-    logical, intent(in), optional :: need               !! whether it is required
-    character(*), intent(in), optional :: kinds         !! kinds it applies to
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
     integer, allocatable :: values(:)
     type(value_token) :: token
     integer :: assignment, k, n, value

@@ -47,51 +47,42 @@ contains
   subroutine read_law(deck, law)
     class(deck_source), intent(inout) :: deck
     type(law_record), intent(inout) :: law
-    call read_ghm(deck, law%ghm_alpha, law%ghm_zeta, law%ghm_omega)
-    call read_prony(deck, law%prony_alpha, law%prony_tau)
+    call get_list(deck, 'ghm_alpha', law%ghm_alpha, above=0.0_wp)
+    call get_list(deck, 'ghm_zeta', law%ghm_zeta, above=0.0_wp)
+    call get_list(deck, 'ghm_omega', law%ghm_omega, above=0.0_wp)
+    call check_terms(deck, [character(9) :: 'ghm_alpha', 'ghm_zeta', 'ghm_omega'], &
+                     [size(law%ghm_alpha), size(law%ghm_zeta), size(law%ghm_omega)])
+    call get_list(deck, 'prony_alpha', law%prony_alpha, above=0.0_wp)
+    call get_list(deck, 'prony_tau', law%prony_tau, above=0.0_wp)
+    call check_terms(deck, [character(11) :: 'prony_alpha', 'prony_tau'], [size(law%prony_alpha), size(law%prony_tau)])
   end subroutine read_law
 
-  !> GHM terms: three lists of equal length, size 0 where there are none.
-  subroutine read_ghm(deck, alpha, zeta, omega)
-    class(deck_source), intent(inout) :: deck
-    real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
-    real(wp), allocatable, intent(out) :: zeta(:)    !! [-]
-    real(wp), allocatable, intent(out) :: omega(:)   !! [rad/s]
-    character(9), parameter :: names(3) = [character(9) :: 'ghm_alpha', 'ghm_zeta', 'ghm_omega']
-    call get_list(deck, 'ghm_alpha', alpha, above=0.0_wp)
-    call get_list(deck, 'ghm_zeta', zeta, above=0.0_wp)
-    call get_list(deck, 'ghm_omega', omega, above=0.0_wp)
-    call check_complete(deck, names)
-    if (.not. (deck%is_set('ghm_alpha') .and. deck%is_set('ghm_zeta') .and. deck%is_set('ghm_omega'))) return
-    if (size(zeta) /= size(alpha) .or. size(omega) /= size(alpha)) call deck%complain('ghm_alpha', &
-      'ghm_alpha, ghm_zeta and ghm_omega have '//to_text(size(alpha))//', '//to_text(size(zeta))//' and '// &
-      to_text(size(omega))//' values, expected equal numbers')
-  end subroutine read_ghm
-
-  !> Maxwell terms: two lists of equal length, size 0 where there are none.
-  subroutine read_prony(deck, alpha, tau)
-    class(deck_source), intent(inout) :: deck
-    real(wp), allocatable, intent(out) :: alpha(:)   !! [-]
-    real(wp), allocatable, intent(out) :: tau(:)     !! [s]
-    call get_list(deck, 'prony_alpha', alpha, above=0.0_wp)
-    call get_list(deck, 'prony_tau', tau, above=0.0_wp)
-    call check_complete(deck, [character(11) :: 'prony_alpha', 'prony_tau'])
-    if (.not. (deck%is_set('prony_alpha') .and. deck%is_set('prony_tau'))) return
-    if (size(tau) /= size(alpha)) call deck%complain('prony_alpha', 'prony_alpha and prony_tau have '// &
-      to_text(size(alpha))//' and '//to_text(size(tau))//' values, expected equal numbers')
-  end subroutine read_prony
-
-  !> Variables that belong together are given all or none.
-  subroutine check_complete(deck, names)
+  !> The lists of a kind of terms are given all or none, in equal lengths.
+  subroutine check_terms(deck, names, lengths)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: names(:)   !! the variables
-    logical :: given(size(names))
+    integer, intent(in) :: lengths(:)      !! numbers of their values
+    logical :: given(size(names)), good(size(names))
+    character(12) :: numbers(size(names))
     integer :: k
-    given = [(deck%is_given(trim(names(k))), k=1, size(names))]
+    do k = 1, size(names)
+      given(k) = deck%is_given(trim(names(k)))
+      good(k) = deck%is_set(trim(names(k)))
+      numbers(k) = to_text(lengths(k))
+    end do
     do k = 1, size(names)
       if (any(given) .and. .not. given(k)) call deck%note_missing(trim(names(k)), joined(names, ', ')//' of equal length')
     end do
-  end subroutine check_complete
+    if (all(good) .and. any(lengths /= lengths(1))) call deck%complain(trim(names(1)), listed(names)//' have '// &
+      listed(numbers)//' values, expected equal numbers')
+  end subroutine check_terms
+
+  !> Words of a list in a sentence: a, b and c.
+  pure function listed(words) result(text)
+    character(*), intent(in) :: words(:)
+    character(:), allocatable :: text
+    text = joined(words(:size(words) - 1), ', ')//' and '//trim(words(size(words)))
+  end function listed
 
   !> &section: area and second moment, or a shape with its sizes.
   subroutine read_section(deck, s)

@@ -6,7 +6,7 @@ module deck_reader
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
     in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response
   use deck_input, only: deck_source
-  use deck_files, only: read_source, group_list
+  use deck_files, only: read_source
   use deck_names, only: doubtful
   use deck_paths, only: deck_name
   use deck_words, only: valid_name
@@ -14,9 +14,8 @@ module deck_reader
   use deck_checks, only: check_inertia, sort_faults
   use deck_properties, only: read_scene, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
-  use deck_loads, only: read_force
   use deck_bodies, only: read_body
-  use deck_joints, only: read_lump, read_joint, read_drive, read_spring
+  use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force
   use deck_sensors, only: read_sensor
   use deck_analyses, only: read_static, read_modal, read_response, read_transient
   implicit none (type, external)
@@ -31,7 +30,7 @@ contains
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
     type(deck_source) :: source
-    type(group_list) :: list
+    integer, allocatable :: list(:)                ! groups in reading order
     character(:), allocatable :: problem
     integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
     integer :: numbers(group_kinds)                ! how many of each kind
@@ -39,6 +38,7 @@ contains
     d%path = path
     d%name = deck_name(path)
     d%text = ''
+    allocate (list(0))
     call read_source(source, path, 0, list, problem)
     if (len(problem) > 0) then
       call faults%add(path, 0, '', 'cannot be read: '//problem//', expected a deck file')
@@ -61,16 +61,16 @@ contains
   !> Finds the kind of every group, counts them and registers the names.
   subroutine classify(source, list, kinds, numbers)
     type(deck_source), intent(inout) :: source
-    type(group_list), intent(in) :: list
+    integer, intent(in) :: list(:)                         !! groups in reading order
     integer, allocatable, intent(out) :: kinds(:)          !! (groups) kind, 0: not to be read
     integer, intent(out) :: numbers(group_kinds)           !! how many of each kind
     integer :: first(group_kinds)                          ! first group of each kind
     integer :: k
     numbers = 0
     first = 0
-    allocate (kinds(list%count))
-    do k = 1, list%count
-      associate (g => list%numbers(k))
+    allocate (kinds(size(list)))
+    do k = 1, size(list)
+      associate (g => list(k))
         call source%open(g)
         kinds(k) = group_number(source%group_word(g))
         if (kinds(k) == 0) then
@@ -152,17 +152,17 @@ contains
   !> Reads all groups, kind by kind, so that what a group names is read before it.
   subroutine read_groups(source, list, kinds, d)
     type(deck_source), intent(inout) :: source
-    type(group_list), intent(in) :: list
+    integer, intent(in) :: list(:)                         !! groups in reading order
     integer, intent(in) :: kinds(:)               !! (groups) kind, 0: not to be read
     type(deck), intent(inout) :: d
     integer :: kind, number, k
     do kind = 1, group_kinds
       number = 0
-      do k = 1, list%count
+      do k = 1, size(list)
         if (kinds(k) /= kind) cycle
         number = number + 1
-        if (.not. source%parts%groups(list%numbers(k))%readable) cycle
-        call source%open(list%numbers(k))
+        if (.not. source%parts%groups(list(k))%readable) cycle
+        call source%open(list(k))
         call read_group(source, kind, number, d)
         call source%close()
       end do

@@ -80,10 +80,15 @@ contains
   function shape_names(m) result(text)
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
-    character(64), allocatable :: motion(:)
+    character(64), allocatable :: motion(:), names(:)
     integer :: k
     motion = motion_names(m)
-    text = joined([character(64) :: (suffixed(motion(k), '.re'), suffixed(motion(k), '.im'), k=1, size(motion))], ' ')
+    allocate (names(2*size(motion)))
+    do k = 1, size(motion)
+      names(2*k - 1) = suffixed(motion(k), '.re')
+      names(2*k) = suffixed(motion(k), '.im')
+    end do
+    text = joined(names, ' ')
   end function shape_names
 
   !> Real and imaginary parts of a shape's displacements.

@@ -1,6 +1,6 @@
 !> A deck as text, with one of its groups open: the names and values of the group as they are written, and its faults.
 module deck_cursor
-  use text, only: lower, to_text, word_hash, printable, quoted
+  use text, only: lower, to_text, printable, quoted
   use errors, only: fault_list
   use deck_records, only: origin
   use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject
@@ -66,15 +66,11 @@ contains
     class(group_cursor), intent(in) :: self
     character(*), intent(in) :: name
     integer, intent(in), optional :: after   !! an earlier assignment
-    integer :: first, hash
-    hash = word_hash(name)
+    integer :: first
     first = 1
     if (present(after)) first = after + 1
     do assignment = first, self%count
-      associate (a => self%parts%assignments(self%head + assignment))
-        if (a%hash /= hash) cycle
-        if (lower(self%raw(a%first, a%last)) == name) return
-      end associate
+      if (self%parts%assignments(self%head + assignment)%name == name) return
     end do
     assignment = 0
   end function assignment_of

@@ -8,15 +8,7 @@ module deck_files
   use deck_paths, only: beside, from_input
   implicit none (type, external)
   private
-  public :: read_source, group_list
-
-  !> Numbers of groups in the order in which they count.
-  type :: group_list
-    integer, allocatable :: numbers(:)
-    integer :: count = 0
-  contains
-    procedure :: append
-  end type group_list
+  public :: read_source
 
 contains
 
@@ -25,10 +17,10 @@ contains
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: path                       !! file, relative to the current folder
     integer, intent(in) :: parent                          !! number of the file that includes it, 0: none
-    type(group_list), intent(inout) :: list                !! receives the groups other than &include
+    integer, allocatable, intent(inout) :: list(:)         !! receives the groups other than &include, in reading order
     character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
     character(:), allocatable :: content
-    integer :: file, first, last, k
+    integer :: file, next, last, j, k
     if (path == from_input .and. parent == 0) then
       call read_file('/dev/stdin', content, problem)
     else
@@ -37,16 +29,16 @@ contains
     if (len(problem) > 0) return
     call deck%parts%add_source(path, content, parent)
     file = deck%parts%source_count
-    first = deck%parts%group_count + 1
+    next = deck%parts%group_count + 1
     call split_groups(deck, file)
     last = deck%parts%group_count
-    do k = first, last
-      if (group_number(deck%group_word(k)) == in_include) then
-        call follow(deck, k, file, list)
-      else
-        call list%append(k)
-      end if
+    do k = next, last
+      if (group_number(deck%group_word(k)) /= in_include) cycle
+      list = [list, (j, j=next, k - 1)]
+      next = k + 1
+      call follow(deck, k, file, list)
     end do
+    list = [list, (j, j=next, last)]
   end subroutine read_source
 
   !> Reads the file that an &include names.
@@ -54,7 +46,7 @@ contains
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: number                 !! the group
     integer, intent(in) :: file                   !! number of its file
-    type(group_list), intent(inout) :: list
+    integer, allocatable, intent(inout) :: list(:)
     character(:), allocatable :: name, path, problem
     allocate (character(0) :: name)
     if (deck%parts%groups(number)%readable) then
@@ -101,14 +93,4 @@ contains
         ' is included before, expected every file once'
     end do
   end subroutine check_repeated
-
-  !> Appends a group.
-  subroutine append(self, number)
-    class(group_list), intent(inout) :: self
-    integer, intent(in) :: number   !! the group
-    if (.not. allocated(self%numbers)) allocate (self%numbers(256))
-    if (self%count == size(self%numbers)) self%numbers = [self%numbers, self%numbers]
-    self%count = self%count + 1
-    self%numbers(self%count) = number
-  end subroutine append
 end module deck_files

@@ -6,27 +6,18 @@ module deck_input
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
   use deck_cursor, only: group_cursor
-  use deck_known, only: variable_list, longest
-  use deck_syntax, only: bad_value
+  use deck_known, only: variable_list
+  use deck_syntax, only: longest, bad_value, unknown, elsewhere, taken, usable
   implicit none (type, external)
   private
 
   logical, parameter, public :: required = .true.   !! for the argument `need` of the readers
-
-  integer, parameter :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   ! what became of an assignment
-
-  !> What became of one assignment of the group.
-  type :: mark
-    integer :: state = unknown
-    character(:), allocatable :: applies   ! kinds it would apply to
-  end type mark
 
   !> A deck with its tables of names; of the open group: which variables were asked for and what became of them.
   type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
     integer, private :: faults_before = 0      ! faults when it was opened
-    type(mark), allocatable, private :: marks(:)
     type(variable_list), private :: known               ! variables asked for
     character(longest), private :: selector = ''        ! the variable that decides what applies
     character(longest), private :: choice = ''          ! its value
@@ -53,21 +44,12 @@ contains
   subroutine open_group(self, number)
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: number   !! which group of the deck
-    integer :: k
-    if (.not. allocated(self%marks)) allocate (self%marks(64))
     associate (g => self%parts%groups(number))
       self%current = number
       self%line = g%line
       self%head = g%first_assignment - 1
       self%count = g%assignments
     end associate
-    if (self%count > size(self%marks)) then
-      deallocate (self%marks)
-      allocate (self%marks(2*self%count))
-    end if
-    do k = 1, self%count
-      self%marks(k)%state = unknown
-    end do
     self%known%count = 0
     self%selector = ''
     self%choice = ''
@@ -80,8 +62,10 @@ contains
     class(deck_source), intent(inout) :: self
     integer :: k
     do k = 1, self%count
-      if (self%marks(k)%state == unknown) call report_unknown(self, k)
-      if (self%marks(k)%state == elsewhere) call report_elsewhere(self, k)
+      associate (state => self%parts%assignments(self%head + k)%state)
+        if (state == unknown) call report_unknown(self, k)
+        if (state == elsewhere) call report_elsewhere(self, k)
+      end associate
     end do
     if (.not. self%parts%groups(self%current)%whole) return
     do k = 1, self%known%count
@@ -126,10 +110,10 @@ contains
     character(:), allocatable :: name, which, message
     integer :: line
     associate (a => self%parts%assignments(self%head + k))
-      name = lower(self%raw(a%first, a%last))
+      name = trim(a%name)
       line = a%line
+      which = kinds_text(trim(self%selector), a%applies)
     end associate
-    which = kinds_text(trim(self%selector), self%marks(k)%applies)
     if (self%choice == '') then
       message = name//' applies to '//which//' only, expected '//trim(self%selector)//' to be given'
     else
@@ -144,16 +128,14 @@ contains
     character(*), intent(in) :: selector   !! `kind`, `type`, ...
     character(*), intent(in) :: kinds      !! values, blanks between them
     character(:), allocatable :: t
-    character(:), allocatable :: rest
-    integer :: blank
+    integer :: first, last
     t = ''
-    rest = trim(adjustl(kinds))//' '
-    do while (len_trim(rest) > 0)
-      blank = index(rest, ' ')
-      if (len(t) > 0 .and. len_trim(rest(blank:)) > 0) t = t//', '
-      if (len(t) > 0 .and. len_trim(rest(blank:)) == 0) t = t//' and '
-      t = t//quoted(rest(1:blank - 1))
-      rest = rest(blank + 1:)
+    first = 1
+    do while (first <= len(kinds))
+      last = first + index(kinds(first:)//' ', ' ') - 2
+      if (len(t) > 0) t = t//trim(merge(',   ', ' and', last < len(kinds)))//' '
+      t = t//quoted(kinds(first:last))
+      first = last + 2
     end do
     t = selector//'='//t
   end function kinds_text
@@ -176,14 +158,14 @@ contains
       if (.not. (present(need) .and. here)) return
       if (need .and. (self%choice_known .or. .not. present(kinds))) call self%note_missing(name, expected, kinds)
     else if (.not. here) then
-      if (self%marks(assignment)%state == unknown) self%marks(assignment)%applies = ''
-      if (self%marks(assignment)%state <= elsewhere) then
-        self%marks(assignment)%applies = self%marks(assignment)%applies//' '//kinds
-        self%marks(assignment)%state = elsewhere
-      end if
+      associate (a => self%parts%assignments(self%head + assignment))
+        if (a%state == unknown) a%applies = kinds
+        if (a%state == elsewhere) a%applies = a%applies//' '//kinds
+        if (a%state == unknown) a%state = elsewhere
+      end associate
       assignment = 0
     else
-      self%marks(assignment)%state = taken
+      self%parts%assignments(self%head + assignment)%state = taken
       call check_form(self, name, assignment)
     end if
   end subroutine look_up
@@ -207,10 +189,12 @@ contains
     do while (k > 0)
       k = self%assignment_of(name, k)
       if (k == 0) exit
-      if (self%marks(k)%state /= unknown) cycle
-      self%marks(k)%state = taken
-      call self%add_fault(self%parts%assignments(self%head + k)%line, name//' is set twice, first in line '// &
-        to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
+      associate (a => self%parts%assignments(self%head + k))
+        if (a%state /= unknown) cycle
+        a%state = taken
+        call self%add_fault(a%line, name//' is set twice, first in line '// &
+          to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
+      end associate
     end do
   end subroutine find_assignment
 
@@ -236,14 +220,14 @@ contains
   subroutine mark_good(self, assignment)
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: assignment   !! number of the assignment in the group
-    self%marks(assignment)%state = usable
+    self%parts%assignments(self%head + assignment)%state = usable
   end subroutine mark_good
 
   !> Takes back that the value of a variable is good.
   subroutine mark_faulty(self, name)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name   !! the variable, which the group gives
-    self%marks(self%assignment_of(name))%state = taken
+    self%parts%assignments(self%head + self%assignment_of(name))%state = taken
   end subroutine mark_faulty
 
   !> Sets the variable that decides which others apply.
@@ -285,7 +269,7 @@ contains
     integer :: k
     k = self%assignment_of(name)
     yes = k > 0
-    if (yes) yes = self%marks(k)%state == usable
+    if (yes) yes = self%parts%assignments(self%head + k)%state == usable
   end function is_set
 
   !> Whether the value of a variable that applies is known: given well, or not given, so that the default counts.

@@ -2,7 +2,7 @@
 !> (comments, quotes, repeat counts, any mixture of blanks, commas and new lines), but a string ends on its line and
 !> nothing but comments stands between groups.
 module deck_lexer
-  use text, only: lower, to_text, word_hash, printable
+  use text, only: lower, to_text, printable
   use deck_cursor, only: group_cursor
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer
@@ -156,7 +156,7 @@ contains
     if (is_letter(word(1:1))) equals = s%skip_equals()
     if (equals .or. begins_assignment(s, deck, word)) then
       new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
-      new%hash = word_hash(lower(word))
+      new%name = lower(word)
       call deck%parts%add_assignment(new)
       s%open = .true.
       s%expecting = .true.

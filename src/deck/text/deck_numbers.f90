@@ -41,6 +41,7 @@ contains
     logical, intent(out) :: zero
     integer, intent(out) :: decade     !! 0 for 1..9.99, -1 for 0.1..0.999
     integer :: start, mantissa_end, point, first
+    integer(ip) :: exponent
     decade = 0
     zero = .false.
     start = 1
@@ -59,27 +60,28 @@ contains
       decade = merge(point - first - 1, point - first, first < point)
     end associate
     number = .true.
-    if (mantissa_end < len(word)) call add_exponent(word(mantissa_end + 2:), decade, number)
+    exponent = 0
+    if (mantissa_end < len(word)) call read_digits(word(mantissa_end + 2:), exponent, number)
+    decade = decade + int(min(max(exponent, -100000_ip), 100000_ip))
   end subroutine analyse
 
-  !> Adds a decimal exponent to a decade; an absurdly large one counts as 100000.
-  pure subroutine add_exponent(word, decade, number)
-    character(*), intent(in) :: word       !! what follows the letter e
-    integer, intent(inout) :: decade
-    logical, intent(out) :: number         !! whether it is an exponent
-    integer :: start, i, exponent
+  !> A sign and digits as a whole number, at most one more than an integer can be.
+  pure subroutine read_digits(word, n, whole)
+    character(*), intent(in) :: word
+    integer(ip), intent(out) :: n
+    logical, intent(out) :: whole          !! whether it is one
+    integer :: start, i
     start = 1
     if (scan(word(1:min(1, len(word))), '+-') == 1) start = 2
-    number = len(word) >= start
-    if (number) number = verify(word(start:), digits) == 0
-    if (.not. number) return
-    exponent = 0
+    whole = len(word) >= start
+    if (whole) whole = verify(word(start:), digits) == 0
+    n = 0
+    if (.not. whole) return
     do i = start, len(word)
-      exponent = min(10*exponent + index(digits, word(i:i)) - 1, 100000)
+      n = min(10_ip*n + index(digits, word(i:i)) - 1, int(huge(1), ip) + 1_ip)
     end do
-    if (word(1:1) == '-') exponent = -exponent
-    decade = decade + exponent
-  end subroutine add_exponent
+    if (word(1:1) == '-') n = -n
+  end subroutine read_digits
 
   !> Whether a word means a number that is not finite: nan, nan(...), inf, infinity, with a sign or without.
   pure logical function is_endless(word) result(yes)
@@ -95,29 +97,19 @@ contains
     character(*), intent(in) :: word                     !! without blanks
     integer, intent(inout) :: n                          !! unchanged if there is a problem
     character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
-    integer :: start, i, decade
+    integer :: decade
     integer(ip) :: value
-    logical :: number, zero
+    logical :: whole, number, zero
     problem = ''
-    start = 1
-    if (scan(word(1:min(1, len(word))), '+-') == 1) start = 2
-    if (len(word) < start) then
-      problem = 'is not a number, expected a whole number'
-    else if (verify(word(start:), digits) > 0) then
+    call read_digits(word, value, whole)
+    if (whole .and. abs(value) <= huge(n)) then
+      n = int(value)
+    else if (whole) then
+      problem = 'is out of range, expected a whole number up to 2147483647'
+    else
       call analyse(word, number, zero, decade)
       problem = 'is not a number, expected a whole number'
       if (number) problem = 'is a real number, expected a whole number'
-    else
-      value = 0_ip
-      do i = start, len(word)
-        value = min(10_ip*value + index(digits, word(i:i)) - 1, int(huge(n), ip) + 1_ip)
-      end do
-      if (value > huge(n)) then
-        problem = 'is out of range, expected a whole number up to 2147483647'
-      else
-        n = int(value)
-        if (word(1:1) == '-') n = -n
-      end if
     end if
   end subroutine read_integer
 

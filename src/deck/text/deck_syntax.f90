@@ -1,18 +1,21 @@
 !> The parts of a deck as written, before anyone asks what they mean: values, assignments and groups, each with its
 !> place in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
 module deck_syntax
-  use text, only: lower, word_hash, printable
+  use text, only: lower, printable
   use deck_kinds, only: name_characters
   implicit none (type, external)
   private
   public :: group_subject
 
+  integer, parameter, public :: longest = 32        !! letters of the longest variable's name
   integer, parameter, public :: shown = 40          !! characters of a faulty text shown in a message
 
   integer, parameter, public :: bare_value = 1      !! a number, a logical, or a word without quotes
   integer, parameter, public :: string_value = 2    !! text in quotes
   integer, parameter, public :: null_value = 3      !! nothing between two commas
   integer, parameter, public :: bad_value = 4       !! unusable, its fault already reported
+
+  integer, parameter, public :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   !! what became of an assignment
 
   !> One value of an assignment.
   type, public :: value_token
@@ -27,11 +30,13 @@ module deck_syntax
   type, public :: setting
     integer :: first = 0           !! first character of the name in the file's text
     integer :: last = 0            !! last character of the name
-    integer :: hash = 0            !! word_hash of the name in lower case
+    character(longest) :: name = ''   !! in lower case; of a longer one, which no variable has, the beginning
     integer :: line = 0
     integer :: first_value = 1     !! position of its first value
     integer :: values = 0          !! number of values, repeat counts not expanded
     logical :: equals = .true.     !! .false.: the equals sign is missing
+    integer :: state = unknown     !! what became of it
+    character(:), allocatable :: applies   !! elsewhere: kinds it would apply to
   end type setting
 
   !> `&name assignments /`
@@ -123,13 +128,12 @@ contains
     type(syntax), intent(in) :: list
     integer, intent(in) :: number   !! which group
     character(:), allocatable :: subject
-    integer :: k, hash
+    integer :: k
     associate (g => list%groups(number))
       associate (body => list%sources(g%file)%text)
         subject = printable(lower(body(g%first:g%last)), shown)
-        hash = word_hash('name')
         do k = g%first_assignment, g%first_assignment + g%assignments - 1
-          if (list%assignments(k)%hash /= hash) cycle
+          if (list%assignments(k)%name /= 'name') cycle
           if (list%assignments(k)%values < 1) exit
           associate (v => list%values(list%assignments(k)%first_value))
             if (v%form /= string_value .or. v%last < v%first) exit

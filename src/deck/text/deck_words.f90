@@ -23,12 +23,12 @@ contains
   !> One word of a list; it keeps its default where the group does not give it.
   subroutine get_word(deck, name, word, words, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     ! allow(C072): the words of records differ in length
     character(*), intent(inout) :: word           !! receives the word in lower case
     character(*), intent(in) :: words(:)          !! the words that may be
-    logical, intent(in), optional :: need         !! whether it is required
-    character(*), intent(in), optional :: kinds   !! kinds it applies to
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
     character(:), allocatable :: value, wanted
     wanted = ''
     if (present(need)) wanted = word_list(words)
@@ -44,11 +44,11 @@ contains
   !> The word that decides which variables of the group apply.
   subroutine get_choice(deck, name, word, words, need)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name         !! variable
+    character(*), intent(in) :: name
     ! allow(C072): the words of records differ in length
     character(*), intent(inout) :: word      !! receives the word; blank: none
     character(*), intent(in) :: words(:)     !! the words that may be
-    logical, intent(in), optional :: need    !! whether it is required
+    logical, intent(in), optional :: need
     logical :: known
     call get_word(deck, name, word, words, need)
     known = deck%is_known(name)
@@ -59,10 +59,10 @@ contains
   !> A list of letters, each one of a list of known ones.
   subroutine get_letters(deck, name, found, words, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                      !! variable
+    character(*), intent(in) :: name
     character(1), allocatable, intent(out) :: found(:)    !! the letters in lower case, size 0 if faulty
     character(*), intent(in) :: words(:)                  !! the words that may be
-    character(*), intent(in), optional :: kinds           !! kinds it applies to
+    character(*), intent(in), optional :: kinds
     character(name_length), allocatable :: values(:)
     integer :: k
     call text_list(deck, name, values, '', .false., kinds)
@@ -111,11 +111,11 @@ contains
   !> A reference to a named thing.
   subroutine get_reference(deck, name, kind, number, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! variable
+    character(*), intent(in) :: name
     integer, intent(in) :: kind                   !! what it names, one of deck_kinds
     integer, intent(inout) :: number              !! receives the number of the named thing; 0: the ground
-    logical, intent(in), optional :: need         !! whether it is required
-    character(*), intent(in), optional :: kinds   !! kinds of the group that it applies to
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
     character(:), allocatable :: value
     integer :: found
     logical :: good
@@ -128,11 +128,11 @@ contains
   !> A list of references to named things.
   subroutine get_references(deck, name, kind, numbers, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                 !! variable
+    character(*), intent(in) :: name
     integer, intent(in) :: kind                      !! what it names, one of deck_kinds
     integer, allocatable, intent(out) :: numbers(:)  !! numbers of the named things, size 0 if faulty
-    logical, intent(in) :: need                      !! whether it is required
-    character(*), intent(in), optional :: kinds      !! kinds of the group that it applies to
+    logical, intent(in) :: need
+    character(*), intent(in), optional :: kinds
     character(name_length), allocatable :: values(:)
     integer :: k
     logical :: good, all_good
@@ -153,11 +153,11 @@ contains
   !> A list of names or words in quotes.
   subroutine text_list(deck, name, values, expected, need, kinds)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name                                  !! variable
+    character(*), intent(in) :: name
     character(name_length), allocatable, intent(out) :: values(:)     !! the texts, size 0 if faulty
     character(*), intent(in) :: expected                              !! what is expected if it is missing
-    logical, intent(in) :: need                                       !! whether it is required
-    character(*), intent(in), optional :: kinds                       !! kinds it applies to
+    logical, intent(in) :: need
+    character(*), intent(in), optional :: kinds
     character(name_length), allocatable :: list(:)
     type(value_token) :: token
     character(:), allocatable :: problem
@@ -187,7 +187,7 @@ contains
   !> A reference to a force or a drive.
   subroutine get_input(deck, name, force, drive)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name       !! variable
+    character(*), intent(in) :: name
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     character(:), allocatable :: value, best
@@ -212,7 +212,7 @@ contains
   !> Finds what a reference names; one that names nothing is faulty, and reported where it cannot name what could not be read.
   subroutine resolve(deck, name, value, kind, number, good)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name      !! variable
+    character(*), intent(in) :: name
     character(*), intent(in) :: value     !! the name it gives
     integer, intent(in) :: kind           !! what it names
     integer, intent(out) :: number        !! number of the thing, 0: the ground
@@ -233,7 +233,7 @@ contains
   !> Reports a reference that names nothing, with the nearest name where there is one.
   subroutine names_nothing(deck, name, value, what, groups, best)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name      !! variable
+    character(*), intent(in) :: name
     character(*), intent(in) :: value     !! the name it gives
     character(*), intent(in) :: what      !! what it should name
     character(*), intent(in) :: groups    !! words of the groups that define such things
@@ -247,7 +247,7 @@ contains
   !> Reports a word that is not in its list; its variable is then faulty.
   subroutine wrong_word(deck, name, value, words)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name        !! variable
+    character(*), intent(in) :: name
     character(*), intent(in) :: value       !! its word
     character(*), intent(in) :: words(:)    !! the words that may be
     character(:), allocatable :: expected

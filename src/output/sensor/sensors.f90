@@ -65,33 +65,20 @@ contains
     class(sensor_model), allocatable, intent(out) :: item
     select case (r%quantity)
     case ('position', 'velocity', 'acceleration')
-      allocate (point_sensor_model :: item)
+      item = point_sensor_model(order=findloc([character(12) :: 'position', 'velocity', 'acceleration'], r%quantity, 1) - 1)
     case ('angle', 'angular_velocity', 'angular_acceleration')
-      allocate (angle_sensor_model :: item)
+      item = angle_sensor_model(order=findloc([character(20) :: 'angle', 'angular_velocity', 'angular_acceleration'], &
+                                              r%quantity, 1) - 1)
     case ('deflection')
-      allocate (deflection_sensor_model :: item)
+      item = deflection_sensor_model()
     case ('coordinate')
-      allocate (coordinate_sensor_model :: item)
+      item = coordinate_sensor_model(index=r%index)
     case ('reaction')
-      allocate (reaction_sensor_model :: item)
+      item = reaction_sensor_model(constraint=merge(r%joint, m%s%joints + r%drive, r%joint > 0))
     case ('internal')
-      allocate (section_sensor_model :: item)
+      item = section_sensor_model(element=r%element)
     case default
-      allocate (spring_sensor_model :: item)
-    end select
-    select type (item)
-    type is (point_sensor_model)
-      item%order = findloc([character(12) :: 'position', 'velocity', 'acceleration'], r%quantity, 1) - 1
-    type is (angle_sensor_model)
-      item%order = findloc([character(20) :: 'angle', 'angular_velocity', 'angular_acceleration'], r%quantity, 1) - 1
-    type is (coordinate_sensor_model)
-      item%index = r%index
-    type is (reaction_sensor_model)
-      item%constraint = merge(r%joint, m%s%joints + r%drive, r%joint > 0)
-    type is (section_sensor_model)
-      item%element = r%element
-    type is (spring_sensor_model)
-      item%element = r%spring
+      item = spring_sensor_model(element=r%spring)
     end select
   end subroutine make_sensor
 
