@@ -69,7 +69,7 @@ contains
     allocate (self%values(list%columns))
     self%count = merge(3, 2, with_motion)
     do k = 1, self%count                      ! all of them before any is cut
-      self%incomplete = self%incomplete .or. .not. self%files(k)%covers(folder//trim(names(k)))
+      if (.not. self%files(k)%covers(folder//trim(names(k)))) self%incomplete = .true.
     end do
     if (self%incomplete) return
     do k = 1, self%count
