@@ -45,7 +45,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("viscosity", "inertia", "z", "zd", "delta0", "delta"),
         *("h", "gain", "start", "real_gain", "rate", "free"),
     },
-    ("results", "result_set", "results", "self"): {"incomplete", "nodes", "values"},
+    ("results", "result_set", "results", "self"): {"count", "incomplete", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "factor"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "path", "used"},
