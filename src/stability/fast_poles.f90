@@ -15,6 +15,7 @@ module fast_poles
   integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
   integer, parameter :: most_unknowns = 200        !! of first order, about
   integer, parameter :: least = 5                  !! motions that make a space
+  real(wp), parameter :: slow = 0.25_wp            !! squared frequency of motions that are left out, over the highest [-]
   real(wp), parameter :: no_part = 1.0e-6_wp       !! stiffness of a segment in a motion that is none, over the whole [-]
   real(wp), parameter :: slowest = 1.0e-5_wp       !! frequency that is told from that of a rigid motion, over the highest [-]
 
@@ -115,7 +116,7 @@ contains
       call append(min(most_damped, fast%steps))
       call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     end if
-    call append(min(widest - p, fast%steps))
+    call append(min(widest - p, count(fast%e(1:fast%steps) >= slow*fast%e(fast%steps))))
     x = x(:, 1:p)
   contains
     !> Appends the fastest motions of the last iteration, less what is there already.
