@@ -9,7 +9,7 @@ program tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use generalized_alpha, only: chung_hulbert
-  use alpha_newton, only: solve_trial, take_trial
+  use alpha_newton, only: solve_trial, take_trial, give_offsets
   use alpha_start, only: start_method
   use alpha_state, only: alpha_solver, set_up_alpha
   use scene_run, only: run_state, prepare_run
@@ -36,7 +36,7 @@ program tangent
     error stop 2, quiet=.true.
   end if
   if (fail%happened()) error stop 2, quiet=.true.
-  call run%sys%start_implicit()
+  call run%sys%start_implicit(.false.)
   call set_up_alpha(solver, run%sys, chung_hulbert(rho))
   call start_method(solver, run%sys, 0.0_wp, h, run%y)
   if (word(4) == 'march') then
@@ -87,7 +87,7 @@ contains
     nz = run%sys%m%s%nz
     speed = 30.0_wp
     solver%x(n + 1:) = solver%x(n + 1:) + 1.0e-3_wp*random(nz)
-    call run%sys%predict_internal(solver%x(n + 1:), solver%v(n + 1:), solver%vd(n + 1:))
+    call give_offsets(solver, run%sys, solver%x(n + 1:), solver%v(n + 1:), solver%vd(n + 1:))
     solver%x1(1:n) = solver%x(1:n) + 0.01_wp*random(n)
     solver%v1(1:n) = solver%v(1:n) + speed*random(n)
     solver%vd1(1:n) = solver%vd(1:n) + 10*speed**2*random(n)
@@ -99,7 +99,7 @@ contains
     real(wp) :: r(run%sys%m%s%nq + run%sys%m%s%rows)
     integer :: b, i
     associate (m => run%sys%m, ev => run%sys%ev, n => solver%nq)
-      call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true.)
+      call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true., solver%gaps(:, 0))
       do b = 1, size(run%sys%t%eq)
         i = m%s%qo(b)
         associate (t => run%sys%t%eq(b))
@@ -127,10 +127,10 @@ contains
     lambda = solver%lambda1
     allocate (size_of(n + nr), source=0.0_wp)
     r0 = residual()
-    call run%sys%renew(h, q, v, vd, lambda, .true., .false., ok)
+    call run%sys%renew(q, v, vd, lambda, .true., .false., ok)
     if (.not. ok) error stop 3, quiet=.true.
     allocate (dq(n), dl(nr))
-    call run%sys%correction(dq, dl)
+    call run%sys%correction(solver%gaps(:, 0), dq, dl)
     sum = r0
     do j = 1, n + nr
       e = 1.0e-5_wp

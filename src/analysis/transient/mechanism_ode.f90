@@ -1,27 +1,25 @@
 !> The mechanism as integrators see it: first-order equations for explicit methods, second-order ones for implicit methods. State:
 !> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
-  use kinds, only: wp, ip
-  use border_rows, only: hold_weak_rows, least_shift, light_shift, strong_shift, stage_shift
-  use dynamics, only: evaluate, set_frames, marker_kinematics
+  use kinds, only: wp
+  use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
+  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use newton_correction, only: take_residual, correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
-  use newton_equations, only: prepare, predict_terms, hold_terms, residual, take_body_residuals => take_residual, renew
-  use newton_results, only: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, &
-                            position_groups, scene_reach
-  use newton_start, only: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
+  use newton_equations, only: prepare, give_terms, let_terms_follow, residual, take_body_residuals => take_residual, renew
+  use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
+  use newton_start, only: smooth_accelerations, row_gaps, along_rows, closing_rates
   use newton_system, only: newton_matrix, set_up_newton
   use ode_system, only: largest_value, is_bounded
+  use position_measures, only: position_measure
   use projection, only: project
-  use second_order_system, only: sensible, out_of_shape, out_of_turns
+  use second_order_system, only: second_order_ode, sensible, out_of_shape, out_of_turns
   use singular, only: evaluate_branch
-  use stage_equations, only: set_up_stages, stage_residual, factor_stages, stage_tangents, condense_stages, close_rows, &
-                             stage_kinematics
-  use complex_condensed_system, only: complex_matrix => condensed_matrix
-  use stage_system, only: stage_ode
+  use stage_equations, only: stage_residual, factor_stages, stage_tangents, condense_stages
+  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
   implicit none (type, external)
   private
 
@@ -32,7 +30,7 @@ module mechanism_ode
   real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
 
   !> The system.
-  type, extends(stage_ode), public :: mechanism_system
+  type, extends(second_order_ode), public :: mechanism_system
     type(mechanism_model) :: m                !! constant once assembled
     type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
@@ -43,54 +41,43 @@ module mechanism_ode
   contains
     procedure :: start_implicit
     procedure :: prepare => mechanism_prepare
-    procedure :: predict_internal => mechanism_predict
+    procedure :: give_internal
     procedure :: residual => mechanism_residual
     procedure :: renew => mechanism_renew
     procedure :: correction => mechanism_correction
-    procedure :: internal_increments => mechanism_increments
-    procedure :: powers => mechanism_powers
-    procedure :: mass_product => mechanism_mass
-    procedure :: accelerations => mechanism_accelerations
-    procedure :: report => mechanism_report
-    procedure :: smooth => mechanism_smooth
-    procedure :: gaps => mechanism_gaps
-    procedure :: slopes => mechanism_slopes
-    procedure :: along_rows => mechanism_along
-    procedure :: resolve => mechanism_resolve
-    procedure :: measures => mechanism_measures
-    procedure :: weakest_row => mechanism_weakest
-    procedure :: reach => mechanism_reach
-    procedure :: health => mechanism_health
-    procedure :: factors => mechanism_factors
-    procedure :: rates => mechanism_rates     !! the same with other options
-    procedure :: start_stages
     procedure :: stage_residual => mechanism_stage
-    procedure :: renew_stages => mechanism_renew_stages
-    procedure :: take_parts => mechanism_take_parts
-    procedure :: stage_correction => mechanism_stage_correction
-    procedure :: complex_correction => mechanism_complex_correction
-    procedure :: deformations => mechanism_deformations
-    procedure :: internal_laws => mechanism_laws
-    procedure :: close => mechanism_close
-    procedure :: stage_powers => mechanism_stage_powers
-    procedure :: derivative => mechanism_derivative
-    procedure :: project => mechanism_accept
+    procedure :: take_parts
+    procedure :: renew_stages
+    procedure :: complex_correction
+    procedure :: deformations
+    procedure :: powers
+    procedure :: mass_product => mechanism_mass
+    procedure :: accelerations
+    procedure :: report
+    procedure :: smooth
+    procedure :: gaps
+    procedure :: along_rows => mechanism_along
+    procedure :: resolve
+    procedure :: health
+    procedure :: rates                        !! of the state with other options
+    procedure :: derivative
+    procedure :: project => mechanism_project
   end type mechanism_system
 
 contains
 
   !> Rates of the whole state (theory.md, sections 3 to 6).
-  subroutine mechanism_derivative(self, t, y, left_limit, dy)
+  subroutine derivative(self, t, y, left_limit, dy)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: left_limit
     real(wp), intent(out), contiguous :: dy(:)   !! (ny) [the same per second]
     call self%rates(at_side(self%options, left_limit), t, y, dy)
-  end subroutine mechanism_derivative
+  end subroutine derivative
 
   !> The same with other options.
-  subroutine mechanism_rates(self, options, t, y, dy)
+  subroutine rates(self, options, t, y, dy)
     class(mechanism_system), intent(inout) :: self
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
@@ -108,10 +95,10 @@ contains
       dy(2*nq + nz + nzd + 1) = ev%dissipated_power
       dy(2*nq + nz + nzd + 2) = ev%input_power
     end associate
-  end subroutine mechanism_rates
+  end subroutine rates
 
   !> Projects an accepted state, from the side of the last evaluation; refuses states that are not finite.
-  subroutine mechanism_accept(self, t, y, ok)
+  subroutine mechanism_project(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
@@ -123,20 +110,65 @@ contains
                    y(2*nq + nz + 1:2*nq + nz + nzd), ok)
       if (ok) ok = is_bounded(y(1:2*nq))
     end associate
-  end subroutine mechanism_accept
+  end subroutine mechanism_project
 
   !> Makes ready for an implicit method.
-  subroutine start_implicit(self)
+  subroutine start_implicit(self, stages)
     class(mechanism_system), intent(inout) :: self
+    logical, intent(in) :: stages             !! the method has several
+    integer :: k
     self%nq = self%m%s%nq
     self%nz = self%m%s%nz
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
+    self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
-    if (allocated(self%closed)) deallocate (self%closed, self%closed_rates)
-    allocate (self%t, self%closed(self%nq), self%closed_rates(self%nq))
+    if (allocated(self%stages)) deallocate (self%stages)
+    allocate (self%t)
+    self%closed = spread(0.0_wp, 1, self%nq)
+    self%closed_rates = self%closed
     call set_up_newton(self%t, self%m)
+    if (stages) then
+      allocate (self%stages)
+      call set_up_complex(self%stages, self%m, self%t%t%rows%row_lists)
+      call let_terms_follow(self%t)
+    end if
+    self%viscosity = spread(0.0_wp, 1, self%nz)
+    self%inertia = self%viscosity
+    do k = 1, size(self%t%terms)
+      associate (t => self%t%terms(k))
+        self%viscosity(t%first:t%last) = t%viscosity
+        self%inertia(t%first:t%last) = t%inertia
+      end associate
+    end do
+    self%measure = measure_of(self%m)
   end subroutine start_implicit
+
+  !> Groups in which positions are measured, four a body: origin, angle, elastic translations, elastic rotations.
+  pure type(position_measure) function measure_of(m) result(x)
+    type(mechanism_model), intent(in) :: m
+    integer :: b, i
+    associate (s => m%s)
+      allocate (x%group(s%nq), x%scale(4*size(s%bodies)), x%grows(4*size(s%bodies)))
+      allocate (x%weight(s%nq), source=1.0_wp)
+      allocate (x%unit(s%nq), source=0.0_wp)
+      do b = 1, size(s%bodies)
+        associate (body => s%bodies(b))
+          i = s%qo(b)
+          x%group(i + 1:i + 2) = 4*b - 3
+          x%group(i + 3) = 4*b - 2
+          x%group(i + 4:i + 3 + body%nf) = 4*b - 1
+          if (body%flexible) then
+            where (body%basis%rotation) x%group(i + 4:i + 3 + body%nf) = 4*b
+            x%weight(i + 4:i + 3 + body%nf) = body%basis%reach
+          end if
+          x%scale(4*b - 3:4*b) = [s%size, 1.0_wp, 1.0e-6_wp*s%size, 1.0e-6_wp]
+          x%grows(4*b - 3:4*b) = [.false., .false., .true., .true.]   ! frames' groups keep the scene's size, one radian
+        end associate
+      end do
+      x%whole = x%weight/merge(1.0_wp, s%size, mod(x%group, 2) == 0)
+    end associate
+  end function measure_of
 
   !> Takes the constants of a step and factors the elastic blocks.
   subroutine mechanism_prepare(self, c1, c2, ok)
@@ -149,74 +181,72 @@ contains
     ok = .not. bad
   end subroutine mechanism_prepare
 
-  !> Takes what the dissipative coordinates' past predicts.
-  subroutine mechanism_predict(self, z, zd, zdd)
+  !> Takes the dissipative coordinates of residuals to come, at zero deformation.
+  subroutine give_internal(self, z)
     class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) [m, rad] and per second
-    call predict_terms(self%t, self%m, z, zd, zdd)
-  end subroutine mechanism_predict
+    real(wp), intent(in), contiguous :: z(:)  !! (nz) [m, rad]
+    call give_terms(self%t, self%m, z)
+  end subroutine give_internal
 
   !> Residuals at a trial state.
-  subroutine mechanism_residual(self, t, q, v, a, lambda, left_limit)
+  subroutine mechanism_residual(self, t, q, v, a, lambda, left_limit, gap)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: left_limit
+    real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m]
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
     call take_body_residuals(self%t)
+    gap = self%ev%rows%phi
   end subroutine mechanism_residual
 
   !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
   !> stronger shift within a step (exact or not), the weak ones at its start.
-  subroutine mechanism_renew(self, t, q, v, a, lambda, exact, hold, ok)
+  subroutine mechanism_renew(self, q, v, a, lambda, exact, hold, ok)
     class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: exact, hold
     logical, intent(out) :: ok
-    real(wp) :: shift                         ! of constraint rows [-]
     logical :: bad
     associate (in_step => self%ev%options%left_limit)
-      shift = merge(light_shift, least_shift, self%m%redundant)
-      if (hold .and. in_step) shift = strong_shift
-      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, shift, bad)
+      self%shift = merge(light_shift, least_shift, self%m%redundant)
+      if (hold .and. in_step) self%shift = strong_shift
+      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
       if (hold .and. .not. in_step) call hold_weak_rows(self%t%t%rows)
     end associate
+    self%weakest = self%t%t%rows%weakest
+    self%reach = scene_reach(self%m, self%ev, q)
     ok = .not. bad
   end subroutine mechanism_renew
 
-  !> Corrections by the matrix that stands.
-  subroutine mechanism_correction(self, dq, dlambda)
+  !> Corrections by the matrix that stands, of several stages the real one.
+  subroutine mechanism_correction(self, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
-    call correction(self%t%t, self%m, self%ev, self%ev%rows%phi, dq)
+    call correction(self%t%t, self%m, self%ev, gap, dq)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
 
-  !> What dissipative coordinates move by to the end of a step.
-  subroutine mechanism_increments(self, q, v, z, zd, zdd, dz)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad], rates
-    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
-    real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    call term_increments(self%t, self%m, self%ev, q, v, z, zd, zdd, dz)
-  end subroutine mechanism_increments
-
-  !> Powers at the end of a step.
-  subroutine mechanism_powers(self, t, q, v, lambda, z, zd, power)
+  !> Powers at the end of a step or stage.
+  subroutine powers(self, t, q, v, lambda, z, zd, power)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call set_frames(self%m, self%ev, q)
-    call marker_kinematics(self%m, self%ev, q, v)
-    call find_powers(self%t, self%m, self%ev, t, v, lambda, z, zd, power)
-  end subroutine mechanism_powers
+    associate (m => self%m, ev => self%ev)
+      ev%options = at_side(self%options, .true.)
+      call set_frames(m, ev, q)
+      call marker_kinematics(m, ev, q, v)
+      if (size(m%s%constraints) > m%s%joints) call constraint_values(m, ev, ev%options, t)   ! the rates of drives
+      call find_powers(self%t, m, ev, t, v, lambda, z, zd, power)
+    end associate
+  end subroutine powers
 
   !> Products with the mass.
   function mechanism_mass(self, q, x) result(product)
@@ -228,7 +258,7 @@ contains
   end function mechanism_mass
 
   !> Accelerations, multipliers and powers of the equations.
-  subroutine mechanism_accelerations(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
+  subroutine accelerations(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), z(:)          !! (nq), (nz) [m, rad] and per second
@@ -256,10 +286,10 @@ contains
     call relaxation_rates(self%t, self%m, self%ev, q, self%closed_rates, zd, a(self%nq + 1:))
     lambda = self%ev%lambda
     powers = [self%ev%dissipated_power, self%ev%input_power]
-  end subroutine mechanism_accelerations
+  end subroutine accelerations
 
   !> A state put onto the constraints, with its evaluation.
-  subroutine mechanism_report(self, t, y, ok)
+  subroutine report(self, t, y, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
@@ -274,44 +304,28 @@ contains
       end if
       ok = ok .and. .not. ev%broken
     end associate
-  end subroutine mechanism_report
+  end subroutine report
 
   !> Accelerations that a step resolves.
-  subroutine mechanism_smooth(self, t, q, v, lambda, a, ok)
+  subroutine smooth(self, t, q, v, lambda, a, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
-    real(wp), intent(inout), contiguous :: a(:)                 !! (nq + nz) [m/s2, rad/s2]
+    real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
     logical, intent(out) :: ok
     logical :: bad
-    integer :: k
-    call smooth_accelerations(self%t, self%m, self%ev, self%options, t, q, v, lambda, a(1:self%nq), bad)
+    call smooth_accelerations(self%t, self%m, self%ev, self%options, t, q, v, lambda, a, bad)
     ok = .not. bad
-    if (bad) return
-    do k = 1, size(self%t%terms)
-      associate (g => self%t%terms(k), i => self%nq + self%t%terms(k)%first, n => self%nq + self%t%terms(k)%last)
-        a(i:n) = g%filtered(self%t%t%c1)*a(i:n)
-      end associate
-    end do
-  end subroutine mechanism_smooth
+  end subroutine smooth
 
-  !> Derivatives of the constraints.
-  subroutine mechanism_gaps(self, t, q, v, a, rate, acceleration)
+  !> The constraints and their derivatives.
+  subroutine gaps(self, t, q, v, a, gap)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)      !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(out), contiguous :: rate(:)              !! (rows) [m/s]
-    real(wp), intent(out), contiguous :: acceleration(:)      !! (rows) [m/s2]
-    call row_gaps(self%m, self%ev, t, q, v, a, rate, acceleration)
-  end subroutine mechanism_gaps
-
-  !> Phi_q x.
-  subroutine mechanism_slopes(self, q, x, slope)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:), x(:)    !! (nq) [m, rad], [any]
-    real(wp), intent(out), contiguous :: slope(:)     !! (rows) [any]
-    call row_slopes(self%m, self%ev, q, x, slope)
-  end subroutine mechanism_slopes
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2) [m], [m/s], [m/s2]
+    call row_gaps(self%m, self%ev, t, q, v, a, gap)
+  end subroutine gaps
 
   !> Closes gaps in the directions that the constraints hold.
   subroutine mechanism_along(self, q, gap, dq)
@@ -323,40 +337,14 @@ contains
   end subroutine mechanism_along
 
   !> What the step resolves of two vectors.
-  subroutine mechanism_resolve(self, x, y)
+  subroutine resolve(self, x, y)
     class(mechanism_system), intent(inout) :: self
-    real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq + nz) [any]
+    real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
     call resolved_part(self%t, self%m, x, y)
-  end subroutine mechanism_resolve
-
-  !> How positions are measured.
-  subroutine mechanism_measures(self, group, weight, whole, scale, grows)
-    class(mechanism_system), intent(in) :: self
-    integer, allocatable, intent(out) :: group(:)
-    real(wp), allocatable, intent(out) :: weight(:)   !! [m or rad a unit]
-    real(wp), allocatable, intent(out) :: whole(:)    !! weight over the scene's size or one radian [-]
-    real(wp), allocatable, intent(out) :: scale(:)    !! [m, rad]
-    logical, allocatable, intent(out) :: grows(:)
-    call position_groups(self%m, group, weight, whole, scale, grows)
-  end subroutine mechanism_measures
-
-  !> The weakest row of the matrix that stands, and the shift that holds rows.
-  pure function mechanism_weakest(self) result(pivot)
-    class(mechanism_system), intent(in) :: self
-    real(wp) :: pivot(2)                      !! [-]
-    pivot = [self%t%t%rows%weakest, self%t%t%rows%shift_used]
-  end function mechanism_weakest
-
-  !> Distance from the origin and angle turned, with which rounding grows.
-  pure function mechanism_reach(self, q) result(x)
-    class(mechanism_system), intent(in) :: self
-    real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
-    real(wp) :: x                              !! [-]
-    x = scene_reach(self%m, self%ev, q)
-  end function mechanism_reach
+  end subroutine resolve
 
   !> Whether a body deflects beyond all shape, or has turned beyond the digits of its angle.
-  pure function mechanism_health(self, q, scale) result(what)
+  pure function health(self, q, scale) result(what)
     class(mechanism_system), intent(in) :: self
     real(wp), intent(in), contiguous :: q(:)       !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
@@ -367,7 +355,7 @@ contains
       if (scale(4*b - 1) > most_shape*self%m%s%size .or. scale(4*b) > most_shape) what = out_of_shape
       if (abs(q(self%m%s%qo(b) + 3)) > most_angle) what = out_of_turns
     end do
-  end function mechanism_health
+  end function health
 
   !> Whether rows were nearly dependent at the last evaluation.
   pure logical function nearly_dependent(ev) result(yes)
@@ -379,27 +367,6 @@ contains
     end do
   end function nearly_dependent
 
-  !> Counts of factorisations.
-  subroutine mechanism_factors(self, constant, whole, put)
-    class(mechanism_system), intent(inout) :: self
-    integer(ip), intent(inout) :: constant, whole
-    logical, intent(in) :: put
-    if (put) then
-      self%t%t%base_factors = constant
-      self%t%t%whole_factors = whole
-    end if
-    constant = self%t%t%base_factors
-    whole = self%t%t%whole_factors
-  end subroutine mechanism_factors
-
-  !> Makes ready for a method of several stages.
-  subroutine start_stages(self)
-    class(mechanism_system), intent(inout) :: self
-    if (allocated(self%stages)) deallocate (self%stages)
-    allocate (self%stages)
-    call set_up_stages(self%stages, self%t, self%m)
-  end subroutine start_stages
-
   !> Residuals of a stage.
   subroutine mechanism_stage(self, t, q, v, a, z, lambda, left, r, gap)
     class(mechanism_system), intent(inout) :: self
@@ -410,13 +377,13 @@ contains
     logical, intent(in) :: left
     real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
-    call hold_terms(self%t, self%m, z)
+    call give_terms(self%t, self%m, z)
     call residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, lambda)
     call stage_residual(self%t, self%m, self%ev, r, gap)
   end subroutine mechanism_stage
 
   !> Both matrices at the state of the last residual.
-  subroutine mechanism_renew_stages(self, c2, q, v, a, lambda, whole, hold, ok)
+  subroutine renew_stages(self, c2, q, v, a, lambda, whole, hold, ok)
     class(mechanism_system), intent(inout) :: self
     complex(wp), intent(in) :: c2(2)          !! [1/s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
@@ -433,76 +400,32 @@ contains
     call stage_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
     call condense_stages(self%stages, self%t, self%m, self%ev, v, a, lambda, whole, shift, bad)
     ok = .not. bad
-  end subroutine mechanism_renew_stages
+  end subroutine renew_stages
 
   !> Takes what corrections are asked for.
-  subroutine mechanism_take_parts(self, r, r_complex)
+  subroutine take_parts(self, r, r_complex)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: r(:)            !! (nq) [N, N m]
     complex(wp), intent(in), contiguous :: r_complex(:) !! (nq) [N, N m]
     call take_residual(self%t%t, self%m, self%ev, r)
     call take_complex(self%stages, self%m, self%ev, r_complex)
-  end subroutine mechanism_take_parts
-
-  !> Corrections by the real matrix.
-  subroutine mechanism_stage_correction(self, gap, dq, dlambda)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
-    real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
-    real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
-    call correction(self%t%t, self%m, self%ev, gap, dq)
-    dlambda = self%t%t%rows%y(1:self%rows)
-  end subroutine mechanism_stage_correction
+  end subroutine take_parts
 
   !> Corrections by the complex matrix.
-  subroutine mechanism_complex_correction(self, gap, dq, dlambda)
+  subroutine complex_correction(self, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
     complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
     complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
     call correct_complex(self%stages, self%m, self%ev, gap, dq)
     dlambda = self%stages%rows%y(1:self%rows)
-  end subroutine mechanism_complex_correction
+  end subroutine complex_correction
 
   !> Deformations that internal variables follow.
-  subroutine mechanism_deformations(self, q, v, delta)
+  subroutine deformations(self, q, v, delta)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
     call term_deformations(self%t, self%m, self%ev, q, v, delta)
-  end subroutine mechanism_deformations
-
-  !> Their laws.
-  subroutine mechanism_laws(self, viscosity, inertia)
-    class(mechanism_system), intent(in) :: self
-    real(wp), intent(out) :: viscosity(:)     !! (nz) [s]
-    real(wp), intent(out) :: inertia(:)       !! (nz) [s2]
-    integer :: k
-    do k = 1, size(self%t%terms)
-      associate (t => self%t%terms(k))
-        viscosity(t%first:t%last) = t%viscosity
-        inertia(t%first:t%last) = t%inertia
-      end associate
-    end do
-  end subroutine mechanism_laws
-
-  !> Closes the joints.
-  subroutine mechanism_close(self, t, q, v, a)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    call close_rows(self%t, self%m, self%ev, at_side(self%options, .true.), t, q, v, a)
-  end subroutine mechanism_close
-
-  !> Powers at a stage.
-  subroutine mechanism_stage_powers(self, t, q, v, lambda, z, zd, power)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
-    real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
-    real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
-    real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
-    call stage_kinematics(self%m, self%ev, at_side(self%options, .true.), t, q, v)
-    call find_powers(self%t, self%m, self%ev, t, v, lambda, z, zd, power)
-  end subroutine mechanism_stage_powers
+  end subroutine deformations
 end module mechanism_ode

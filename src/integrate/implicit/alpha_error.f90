@@ -18,7 +18,7 @@ contains
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! end of the step [s]
-    real(wp), intent(inout) :: e(:)           !! (n) error [unit of each unknown]
+    real(wp), intent(inout), contiguous :: e(:)   !! (n) error [unit of each unknown]
     real(wp) :: powers(2)
     associate (m => self%error, nq => self%nq)
       call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., m%next, &
@@ -33,7 +33,7 @@ contains
   subroutine own_error(self, system, e)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(inout) :: e(:)           !! (n) [unit of each unknown]
+    real(wp), intent(inout), contiguous :: e(:)   !! (n) [unit of each unknown]
     call differences(self, self%vd1, self%vd, self%error%before_own, e)
     call filter(self, system, e)
   end subroutine own_error
@@ -68,20 +68,13 @@ contains
 
   !> Takes out what the step does not resolve.
   subroutine filter(self, system, e)
-    type(alpha_solver), intent(inout) :: self
+    type(alpha_solver), intent(in) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(inout) :: e(:)           !! (n) [m, rad] and per second
-    associate (nq => self%nq, nz => self%nz, nzd => self%nzd, x => self%pairs(:, 1), y => self%pairs(:, 2))
-      x(1:nq) = e(1:nq)
-      x(nq + 1:) = e(2*nq + 1:2*nq + nz)
-      y(1:nq) = e(nq + 1:2*nq)
-      y(nq + 1:nq + nzd) = e(2*nq + nz + 1:2*nq + nz + nzd)
-      y(nq + nzd + 1:) = 0.0_wp
-      call system%resolve(x, y)
-      e(1:nq) = x(1:nq)
-      e(2*nq + 1:2*nq + nz) = x(nq + 1:)
-      e(nq + 1:2*nq) = y(1:nq)
-      e(2*nq + nz + 1:2*nq + nz + nzd) = y(nq + 1:nq + nzd)
+    real(wp), intent(inout), contiguous :: e(:)   !! (n) [m, rad] and per second
+    associate (nq => self%nq, nz => self%nz, nzd => self%nzd, z => 2*self%nq)
+      call system%resolve(e(1:nq), e(nq + 1:2*nq))
+      e(z + 1:z + nz) = self%resolved*e(z + 1:z + nz)
+      e(z + nz + 1:z + nz + nzd) = self%resolved(1:nzd)*e(z + nz + 1:z + nz + nzd)
     end associate
   end subroutine filter
 

@@ -6,7 +6,7 @@ module alpha_newton
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: solve_trial, take_trial, restore_factors
+  public :: solve_trial, take_trial, prepare_step, give_offsets
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -29,7 +29,7 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok
     logical :: slowly, exact
-    if (self%stale) call restore_factors(self, system)
+    if (self%stale) call prepare_step(self, system, ok)
     exact = self%newton%exact_left > 0
     call newton(self, system, t1, exact, .false., ok, slowly)
     if ((slowly .or. .not. ok) .and. .not. exact) then
@@ -41,21 +41,36 @@ contains
     end if
     if (.not. ok .and. system%rows > 0) call newton(self, system, t1, exact, .true., ok, slowly)   ! a singular position
     if (.not. ok) return
-    associate (z => self%nq + 1)
-      call system%internal_increments(self%x1(1:self%nq), self%v1(1:self%nq), self%x1(z:), self%v1(z:), self%vd1(z:), self%dx(z:))
+    associate (nq => self%nq, z => self%nq + 1)
+      call system%deformations(self%x1(1:nq), self%v1(1:nq), self%dx(z:))
+      self%dx(z:) = self%gain*(self%dx(z:) - self%x1(z:) - system%viscosity*self%v1(z:) - system%inertia*self%vd1(z:))
       call add_correction(self, z, size(self%x))
     end associate
   end subroutine solve_trial
 
-  !> The factors of the present step after a restart, which count as made before it.
-  subroutine restore_factors(self, system)
+  !> Makes what depends on the present step's size alone; so it is made again after a restart.
+  subroutine prepare_step(self, system, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    logical :: ok
+    logical, intent(out) :: ok
     self%stale = .false.
     call system%prepare(self%now%c1, self%now%c2, ok)
-    call system%factors(self%factors(1), self%factors(2), .true.)
-  end subroutine restore_factors
+    associate (inertia => system%inertia*self%now%c1)
+      self%gain = 1/(1 + system%viscosity*self%now%c2 + inertia)
+      self%resolved = merge(inertia*self%gain, 1 - self%gain, inertia > 0.0_wp)
+    end associate
+  end subroutine prepare_step
+
+  !> Tells the system what internal variables would be at the end of a step at zero deformation, from their predictions.
+  subroutine give_offsets(self, system, z, zd, zdd)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
+    associate (offset => self%dx(self%nq + 1:))
+      offset = z - self%gain*(z + system%viscosity*zd + system%inertia*zdd)
+      call system%give_internal(offset)
+    end associate
+  end subroutine give_offsets
 
   !> First guess: the accelerations of the step's start.
   pure subroutine predict(self)
@@ -82,7 +97,7 @@ contains
     logical, intent(in) :: hold               !! whether rows that depend on others are held back
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
-    real(wp) :: norm, before, rate, goal, whole, before_whole, reach, blur, pivot(2)
+    real(wp) :: norm, before, rate, goal, whole, before_whole, reach, blur
     integer :: k
     logical :: good
     ok = .false.
@@ -94,25 +109,25 @@ contains
     reach = 1.0_wp
     call predict(self)
     associate (nq => self%nq, x1 => self%x1, v1 => self%v1, vd1 => self%vd1)
-      call system%predict_internal(x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
+      call give_offsets(self, system, x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
       do k = 1, most_iterations
-        call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true.)
+        call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true., self%gaps(:, 0))
         if (k == 1 .or. slowly) then
-          call system%renew(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
+          call system%renew(x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
+          if (exact) self%factors(2) = self%factors(2) + system%blocks
           if (.not. good) return
+          if (k == 1) reach = system%reach
         end if
-        if (k == 1) reach = system%reach(x1(1:nq))
         blur = noise*reach
-        call system%correction(self%dx(1:nq), self%dlambda)
+        call system%correction(self%gaps(:, 0), self%dx(1:nq), self%dlambda)
         self%iterations = self%iterations + 1
         call measure_correction(self, norm, whole)
         call add_correction(self, 1, nq)
         self%lambda1 = self%lambda1 + self%dlambda
         if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
-        pivot = system%weakest_row()
         if (k == 1) then
           goal = max(rounding, min(loose, relative_goal*norm))
-          ok = foreseen(self, norm, whole, exact, pivot(1))
+          ok = foreseen(self, norm, whole, exact, system%weakest)
         else
           rate = norm/before
           slowly = slowly .or. (rate > slow .and. whole > blur)
@@ -124,7 +139,7 @@ contains
           end if
         end if
         ok = ok .or. norm <= rounding
-        if (k > 1 .and. .not. ok) ok = converged(k, rate, norm, goal, whole, blur, maxval(pivot))
+        if (k > 1 .and. .not. ok) ok = converged(k, rate, norm, goal, whole, blur, max(system%weakest, system%shift))
         if (ok) exit
         if (k > 2 .and. rate > 2.0_wp .and. norm > loose) return
         before = norm
@@ -235,7 +250,6 @@ contains
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     self%plain%kept = .false.
     call self%measure%widen(self%x)
-    call system%factors(self%factors(1), self%factors(2), .false.)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

@@ -2,7 +2,7 @@
 !> rates that the method carries are off phi' = 0 by its own O(h2).
 module alpha_start
   use kinds, only: wp
-  use alpha_newton, only: restore_factors
+  use alpha_newton, only: prepare_step, give_offsets
   use alpha_state, only: alpha_solver
   use generalized_alpha, only: step_coefficients
   use second_order_system, only: second_order_ode
@@ -36,7 +36,10 @@ contains
     self%plain%kept = .false.
     call set_step(self, system, h)
     self%a = self%vd
-    call system%smooth(t, self%x(1:self%nq), self%v(1:self%nq), self%lambda, self%vd, ok)
+    associate (nq => self%nq)
+      call system%smooth(t, self%x(1:nq), self%v(1:nq), self%lambda, self%vd(1:nq), ok)
+      if (ok) self%vd(nq + 1:) = self%resolved*self%vd(nq + 1:)
+    end associate
     if (ok) self%a = self%vd
     if (system%rows > 0 .and. ok) call add_offsets(self, system, t, h)
     call self%measure%widen(self%x)
@@ -52,9 +55,9 @@ contains
     associate (nq => self%nq)
       self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
       self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
-      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%dlambda, self%lambda1)
-      self%dlambda = self%lambda1/h
-      call system%along_rows(self%x(1:self%nq), self%dlambda, self%dx(1:nq))
+      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
+      self%gaps = self%gaps/h
+      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
       self%a(1:nq) = self%a(1:nq) + self%method%lag*h*self%dx(1:nq)
       self%v(1:nq) = self%v(1:nq) - self%method%offset*h**2*self%dx(1:nq)
     end associate
@@ -67,10 +70,12 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     logical :: ok
     if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
-    self%stale = .false.
-    if (abs(h - self%now%h) > 0.0_wp) self%newton%contraction = 1.0_wp
-    self%now = step_coefficients(self%method, h)
-    call system%prepare(self%now%c1, self%now%c2, ok)
+    if (abs(h - self%now%h) > 0.0_wp) then
+      self%newton%contraction = 1.0_wp
+      self%factors(1) = self%factors(1) + system%blocks
+      self%now = step_coefficients(self%method, h)
+    end if
+    call prepare_step(self, system, ok)
     if (.not. ok) self%newton%exact_left = huge(0)   ! cannot happen with positive definite mass; the exact matrix decides then
   end subroutine set_step
 
@@ -83,17 +88,16 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: h                 !! [s]
     logical :: ok
-    if (self%stale) call restore_factors(self, system)
+    if (self%stale) call prepare_step(self, system, ok)
     associate (plain => self%plain)
       if (.not. plain%kept) then
-        self%a = self%a - self%vd
         if (system%rows > 0) then
           call matrix_here(self, system, t, ok)
           if (ok) call remove_offsets(self, system, t)
         end if
         plain%v = self%v
         plain%vd = self%vd
-        plain%lag = self%a/self%now%h
+        plain%lag = (self%a - self%vd)/self%now%h
         plain%kept = .true.
       end if
       self%v = plain%v
@@ -114,26 +118,26 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     logical, intent(out) :: ok
     associate (nq => self%nq)
-      call system%predict_internal(self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
-      call system%residual(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false.)
-      call system%renew(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false., .true., ok)
+      call give_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
+      call system%residual(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false., self%gaps(:, 0))
+      call system%renew(self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false., .true., ok)
     end associate
   end subroutine matrix_here
 
-  !> v, v' and a - v' (in self%a) onto the derivatives of phi = 0.
+  !> v, v' and a onto the derivatives of phi = 0.
   subroutine remove_offsets(self, system, t)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     associate (nq => self%nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda1, self%dlambda)
-      call system%along_rows(self%x(1:self%nq), self%lambda1, self%dx(1:nq))
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
+      call system%along_rows(self%x(1:nq), self%gaps(:, 1), self%dx(1:nq))
       self%v(1:nq) = self%v(1:nq) + self%dx(1:nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda1, self%dlambda)
-      call system%along_rows(self%x(1:self%nq), self%dlambda, self%dx(1:nq))
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
+      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
       self%vd(1:nq) = self%vd(1:nq) + self%dx(1:nq)
-      call system%slopes(self%x(1:nq), self%a(1:nq), self%lambda1)
-      call system%along_rows(self%x(1:self%nq), self%lambda1, self%dx(1:nq))
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%a(1:nq), self%gaps)
+      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
       self%a(1:nq) = self%a(1:nq) + self%dx(1:nq)
     end associate
   end subroutine remove_offsets

@@ -51,6 +51,9 @@ module alpha_state
     real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! (nq + nz) the trial step [m, rad] and per second
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
+    real(wp), allocatable :: gaps(:, :)      !! (rows, 0:2) constraint rows and their derivatives [m], [m/s], [m/s2]
+    real(wp), allocatable :: gain(:)         !! (nz) internal variables by deformations in this step: 1/(1 + viscosity c2 + inertia c1) [-]
+    real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance [m, rad] and per second
     type(energy_sums) :: energy
     logical :: stale = .false.               !! restored: factors are to be made again
@@ -59,7 +62,7 @@ module alpha_state
     type(error_memory) :: error
     type(plain_state) :: plain
     integer(ip) :: iterations = 0
-    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks, noted for the checkpoint
+    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks
   end type alpha_solver
 
 contains
@@ -77,10 +80,11 @@ contains
     n = self%nq + self%nz
     allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), self%pairs(n, 4), &
               source=0.0_wp)
-    allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), source=0.0_wp)
+    allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:2), &
+              self%gain(self%nz), self%resolved(self%nz), source=0.0_wp)
     allocate (self%plain%v(n), self%plain%vd(n), self%plain%lag(n), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
-    call self%measure%set_up(system)
+    self%measure = system%measure
   end subroutine set_up_alpha
 
   !> Whether a step is the present one, but for the rounding of times.

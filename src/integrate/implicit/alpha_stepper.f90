@@ -8,7 +8,7 @@ module alpha_stepper
   use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, pack_accepted, pack_rates, exchange_alpha
   use generalized_alpha, only: chung_hulbert
   use implicit_march, only: implicit_stepper, exchange_march
-  use stage_system, only: stage_ode
+  use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -38,7 +38,8 @@ contains
   !> Work space.
   subroutine set_up(self, system)
     class(alpha_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
+    call system%start_implicit(.false.)
     self%order = 3
     self%patience = 12
     self%error = self%y
@@ -48,7 +49,7 @@ contains
   !> First step: the accelerations alone move nothing by more than a small part of its scale.
   subroutine limit_first_step(self, system)
     class(alpha_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp) :: a
     call start_method(self%solver, system, self%t, self%h, self%y)
     a = maxval(abs(self%solver%vd(1:self%solver%nq))*self%solver%measure%unit)
@@ -58,7 +59,7 @@ contains
   !> Tries a step; where its size is new the method's variables change first.
   subroutine try_step(self, system, h, ok)
     class(alpha_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     if (.not. self%started .or. (self%fresh .and. .not. same_step(self%solver, h))) then
@@ -80,7 +81,7 @@ contains
   !> a step is refused only where the method's own ones say the same.
   subroutine measure_step(self, system, h, error)
     class(alpha_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: error            !! [-]
     call error_vector(self%solver, system, self%tried, self%error)
@@ -96,7 +97,7 @@ contains
   !> Accepts the trial step.
   subroutine accept_step(self, system, h)
     class(alpha_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     if (self%settings%adaptive) then
       call remember_error(self%solver)

@@ -5,8 +5,7 @@ module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
-  use second_order_system, only: sensible, out_of_shape
-  use stage_system, only: stage_ode
+  use second_order_system, only: second_order_ode, sensible, out_of_shape
   use step_control, only: error_norm
   use step_counts, only: step_count
   use summary_text, only: summary_record
@@ -67,37 +66,37 @@ module implicit_march
   abstract interface
     !> Work space for a system.
     subroutine take_system(self, system)
-      import :: implicit_stepper, stage_ode
+      import :: implicit_stepper, second_order_ode
       class(implicit_stepper), intent(inout) :: self
-      class(stage_ode), intent(inout) :: system
+      class(second_order_ode), intent(inout) :: system
     end subroutine take_system
     !> Makes a first step, or the first one after a jump, as small as the accelerations there ask for: self%h.
     subroutine limit_step(self, system)
-      import :: implicit_stepper, stage_ode
+      import :: implicit_stepper, second_order_ode
       class(implicit_stepper), intent(inout) :: self
-      class(stage_ode), intent(inout) :: system
+      class(second_order_ode), intent(inout) :: system
     end subroutine limit_step
     !> Tries a step of size h from self%t to self%tried; ok is false where Newton's method fails.
     subroutine solve_step(self, system, h, ok)
-      import :: implicit_stepper, stage_ode, wp
+      import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self
-      class(stage_ode), intent(inout) :: system
+      class(second_order_ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! [s]
       logical, intent(out) :: ok
     end subroutine solve_step
     !> The estimated error of the step that was tried, over what is allowed.
     subroutine estimate_step(self, system, h, error)
-      import :: implicit_stepper, stage_ode, wp
+      import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self
-      class(stage_ode), intent(inout) :: system
+      class(second_order_ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! [s]
       real(wp), intent(out) :: error          !! 1: just allowed [-]
     end subroutine estimate_step
     !> The trial becomes the state; calls `end_step`.
     subroutine take_step(self, system, h)
-      import :: implicit_stepper, stage_ode, wp
+      import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self
-      class(stage_ode), intent(inout) :: system
+      class(second_order_ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! [s]
     end subroutine take_step
     !> The state at self%t, or the end of the step that was tried, in the system's layout.
@@ -130,8 +129,7 @@ contains
     allocate (self%dense(size(y), 4), source=0.0_wp)
     call self%norm%watch(y)
     select type (system)
-    class is (stage_ode)
-      call system%start_implicit()
+    class is (second_order_ode)
       call self%set_up(system)
       call system%derivative(t, y, .false., self%trial)
     end select
@@ -150,7 +148,7 @@ contains
     attempt = 0
     outcome = paused
     select type (system)
-    class is (stage_ode)
+    class is (second_order_ode)
       do while (self%t < to)
         if (attempt == most) return
         attempt = attempt + 1
@@ -170,7 +168,7 @@ contains
   !> the parts grow again as far as they fit.
   subroutine fixed_step(self, system, from, to)
     class(implicit_stepper), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     integer(ip) :: n
     real(wp) :: h
@@ -204,7 +202,7 @@ contains
   !> Tries one step of the size that the last error asks for; one that is cut short by a stop does not shorten the next.
   subroutine controlled_step(self, system, from, to)
     class(implicit_stepper), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     real(wp) :: h, error, next, end
     integer :: stop
@@ -268,7 +266,7 @@ contains
   !> method starts anew from the projected state.
   subroutine end_step(self, system, h, q, scale)
     class(implicit_stepper), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in), contiguous :: q(:)  !! (nq) positions [m, rad]
     real(wp), intent(in), contiguous :: scale(:)   !! (groups) what their groups have reached [m, rad]
@@ -299,7 +297,7 @@ contains
   !> The state at an output time, on the manifold and with its evaluation.
   subroutine output(self, system, to, y, outcome)
     class(implicit_stepper), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
     integer, intent(out) :: outcome

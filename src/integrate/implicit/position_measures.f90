@@ -3,7 +3,6 @@
 module position_measures
   use kinds, only: wp
   use archive, only: value_archive
-  use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
 
@@ -16,20 +15,11 @@ module position_measures
     real(wp), allocatable :: unit(:)         !! (nq) weight over scale [1/m, 1/rad]
     real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
   contains
-    procedure :: set_up
     procedure :: widen
     procedure :: exchange
   end type position_measure
 
 contains
-
-  !> Takes the groups of a system.
-  subroutine set_up(self, system)
-    class(position_measure), intent(out) :: self
-    class(second_order_ode), intent(in) :: system
-    call system%measures(self%group, self%weight, self%whole, self%scale, self%grows)
-    allocate (self%unit(system%nq), source=0.0_wp)
-  end subroutine set_up
 
   !> Running maxima of the groups.
   pure subroutine widen(self, q)

@@ -7,7 +7,7 @@
 module radau_error
   use kinds, only: wp
   use radau_stages, only: radau_stage_values
-  use stage_system, only: stage_ode
+  use second_order_system, only: second_order_ode
   use step_control, only: error_norm
   implicit none (type, external)
   private
@@ -18,7 +18,7 @@ contains
   !> The error over the tolerance, 1: just allowed.
   subroutine measure_error(self, system, norm, y, tolerance, careful, error)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: y(:)             !! (n) end of the step [unit of each unknown]
     real(wp), intent(in) :: tolerance        !! [-]
@@ -41,7 +41,7 @@ contains
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
         call system%take_parts(w%r(:, 1), w%r_part)
-        call system%stage_correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
+        call system%correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
         w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (w%v_start - w%v)
@@ -80,7 +80,7 @@ contains
   !> Errors of internal variables, from those of the positions.
   subroutine internal_part(self, system, c2)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: c2               !! [1/s]
     if (self%nz == 0) return
     associate (e => self%work%e, o => 2*self%nq, nz => self%nz, nzd => self%nzd, n => self%inner)
@@ -95,7 +95,7 @@ contains
   !> rates (s^3) and accelerations (s^2), and of forces (s^3) and rates of the positions (s^2).
   real(wp) function removed_energy(self, system) result(energy)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp) :: d(3)
     integer :: i, k, nq
     nq = self%nq

@@ -8,7 +8,7 @@ module radau_stages
   use kinds, only: wp, ip
   use archive, only: value_archive
   use radau_method, only: radau_tableau, lagrange_weights
-  use stage_system, only: stage_ode
+  use second_order_system, only: second_order_ode
   use step_control, only: error_norm
   implicit none (type, external)
   private
@@ -72,7 +72,7 @@ contains
   !> Work space for a system.
   subroutine set_up_stages(self, system, method)
     type(radau_stage_values), intent(out) :: self
-    class(stage_ode), intent(in) :: system
+    class(second_order_ode), intent(in) :: system
     type(radau_tableau), intent(in) :: method
     self%method = method
     self%nq = system%nq
@@ -83,7 +83,7 @@ contains
       allocate (self%q0(nq), self%v0(nq), self%a0(nq), self%q(nq, 3), self%v(nq, 3), self%a(nq, 3), self%u(nq, 3), &
                 self%lambda(rows, 3), self%past(nq, 0:3), self%past_lambda(rows, 3), source=0.0_wp)
       associate (n => self%inner)
-        allocate (n%viscosity(nz), n%inertia(nz), n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%delta(nz, 3), &
+        allocate (n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%delta(nz, 3), &
                   n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%rate(nz), n%free(nz), source=0.0_wp)
       end associate
       allocate (self%work)
@@ -96,13 +96,14 @@ contains
         allocate (w%q(nq), w%v(nq), w%a(nq), w%v_start(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
     end associate
-    call system%internal_laws(self%inner%viscosity, self%inner%inertia)
+    self%inner%viscosity = system%viscosity
+    self%inner%inertia = system%inertia
   end subroutine set_up_stages
 
   !> Starts at a state, where there is no last step: accelerations and multipliers of the equations.
   subroutine start_stages(self, system, t)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                !! [s]
     real(wp) :: powers(2), a(self%nq + self%nz)
     call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%past_lambda(:, 3), powers)
@@ -115,7 +116,7 @@ contains
   !> First guess of the stages: the polynomial of the last step goes on.
   subroutine predict_stages(self, system, t, h)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t, h             !! [s]
     real(wp) :: w(4), w3(3)
     integer :: i
@@ -141,7 +142,7 @@ contains
   !> Positions, rates, accelerations and internal variables of the stages from u.
   subroutine stage_states(self, system)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     integer :: i, k
     associate (h => self%h, a => self%method%a, w => self%method%w, u => self%u)
       do i = 1, 3
@@ -216,7 +217,7 @@ contains
   !> The stages of a step from t; ok is false where Newton's method fails, also with rows held back as in a singular position.
   subroutine solve_stages(self, system, norm, t, h, tolerance, ok)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: t, h             !! [s]
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
@@ -231,7 +232,7 @@ contains
   !> Newton iterations from the prediction.
   subroutine newton(self, system, norm, tolerance, hold, ok)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
     logical, intent(in) :: hold
@@ -281,7 +282,7 @@ contains
   !> Residuals of the three stages, the middle one last, where matrices are made; their parts by the eigenvectors.
   subroutine stage_residuals(self, system)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp) :: f(3)
     integer :: i, k
     call stage_states(self, system)
@@ -302,7 +303,7 @@ contains
   !> Matrices at the second stage.
   subroutine renew(self, system, hold, ok)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     logical, intent(in) :: hold
     logical, intent(out) :: ok
     call system%renew_stages(self%method%mu/self%h, self%q(:, 2), self%v(:, 2), self%a(:, 2), self%lambda(:, 2), &
@@ -313,7 +314,7 @@ contains
   !> One correction of the stages by the factors that stand.
   subroutine correct(self, system)
     type(radau_stage_values), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     complex(wp) :: x
     real(wp) :: f(3)
     integer :: i
@@ -321,7 +322,7 @@ contains
       f = real(m%from(1, :)/c2(1), wp)
       w%gap_real = f(1)*w%gap(:, 1) + f(2)*w%gap(:, 2) + f(3)*w%gap(:, 3)
       w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
-      call system%stage_correction(w%gap_real, w%dq(:, 1), w%dlambda)
+      call system%correction(w%gap_real, w%dq(:, 1), w%dlambda)
       call system%complex_correction(w%gap_part, w%dq_part, w%dlambda_part)
       do i = 3, 1, -1
         x = m%to(i, 2)*c2(2)

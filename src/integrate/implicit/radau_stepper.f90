@@ -9,7 +9,7 @@ module radau_stepper
   use radau_error, only: measure_error, removed_energy
   use radau_method, only: radau_iia, lagrange_weights
   use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
-  use stage_system, only: stage_ode
+  use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
   use time_stepper, only: trouble_size
   implicit none (type, external)
@@ -37,12 +37,12 @@ contains
   !> Work space.
   subroutine set_up(self, system)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     self%order = 4
     self%patience = 8
-    call system%start_stages()
+    call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    call self%measure%set_up(system)
+    self%measure = system%measure
     allocate (self%bend(system%nq, 2), source=0.0_wp)
   end subroutine set_up
 
@@ -50,7 +50,7 @@ contains
   !> fourth power is the tolerance.
   subroutine limit_first_step(self, system)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp) :: change
     call ready(self, system)
     associate (s => self%stages, e => self%trial)
@@ -65,7 +65,7 @@ contains
   !> The state at the start of a step.
   subroutine ready(self, system)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     if (self%started) return
     associate (s => self%stages)
       s%q0 = self%y(1:s%nq)
@@ -80,7 +80,7 @@ contains
   !> Tries a step.
   subroutine try_step(self, system, h, ok)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     call ready(self, system)
@@ -90,7 +90,7 @@ contains
   !> The estimated error.
   subroutine measure_step(self, system, h, error)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: error            !! [-]
     call pack_stage(self, 3, self%trial)
@@ -123,14 +123,14 @@ contains
   !> The stages become the state: quadratures, the end put onto the constraints.
   subroutine accept_step(self, system, h)
     class(radau_march), intent(inout) :: self
-    class(stage_ode), intent(inout) :: system
+    class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp) :: power(2, 3)                   ! [W]
     integer :: i, n
     n = size(self%y)
     associate (s => self%stages)
       do i = 1, 3
-        call system%stage_powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
+        call system%powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
                                  power(:, i))
       end do
       self%dense(:, 1) = self%y
@@ -150,7 +150,7 @@ contains
       s%a0 = s%a(:, 3)
       s%inner%z0 = s%inner%z(:, 3)
       s%inner%zd0 = s%inner%zd(:, 3)
-      call system%close(self%tried, s%q0, s%v0, s%a0)
+      call close_gaps(s, system, self%tried)
       self%bend(:, 2) = s%a0
       self%y = self%dense(:, 4)
       self%y(1:s%nq) = s%q0
@@ -165,6 +165,25 @@ contains
       call self%end_step(system, h, s%q0, self%measure%scale)
     end associate
   end subroutine accept_step
+
+  !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
+  !> stiff forces.
+  subroutine close_gaps(s, system, t)
+    type(radau_stage_values), intent(inout) :: s
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t                 !! [s]
+    integer :: k
+    if (s%rows == 0) return
+    associate (gap => s%work%gap, dx => s%work%dq(:, 1))
+      do k = 1, 3
+        call system%gaps(t, s%q0, s%v0, s%a0, gap)
+        call system%along_rows(s%q0, gap(:, k), dx)
+        if (k == 1) s%q0 = s%q0 + dx
+        if (k == 2) s%v0 = s%v0 + dx
+        if (k == 3) s%a0 = s%a0 + dx
+      end do
+    end associate
+  end subroutine close_gaps
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
   !> accelerations, all else is that of degree 3 of the stages: also coordinates that stay below what the tolerance sees, whose

@@ -1,54 +1,63 @@
 !> What implicit methods for second-order systems with constraints see, and no mechanics:
 !>
-!>   r(t, q, v, a, z, lambda) = 0      phi(t, q) = 0      z'' = f(z, z', deformations of q)
+!>   r(t, q, v, a, z, lambda) = 0      phi(t, q) = 0      inertia z'' + viscosity z' + z = deformation(q)
 !>
 !> The matrix of Newton's method stands for a step whose rates and accelerations are tied to positions, dv = c2 dq and
-!> da = c1 dq. Internal variables z enter r by what their past predicts for the end of a step. The state y is q, v, z, z' and two
-!> quadratures, dissipated energy and work.
+!> da = c1 dq; a method of several stages solves with a real and a complex one, T(c2**2, c2), for the eigenvalues of its
+!> coefficients. The method itself solves the equations of the internal variables z: it tells the system what they are at zero
+!> deformation. The state y is q, v, z, z' and two quadratures, dissipated energy and work.
 module second_order_system
   use kinds, only: wp
   use ode_system, only: ode
+  use position_measures, only: position_measure
   implicit none (type, external)
   private
 
   !> Why a state means nothing any more though all its numbers are finite.
   integer, parameter, public :: sensible = 0, out_of_shape = 1, out_of_turns = 2
 
-  !> The system.
+  !> The system. What `start_implicit` sets stays as it is; the last three belong to the last matrix of a single stage.
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables
     integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
     integer :: rows = 0                       !! constraint rows
+    integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
+    real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
+    real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
+    type(position_measure) :: measure         !! how positions are measured, before the first step
+    real(wp) :: weakest = 1.0_wp              !! least pivot of the matrix's rows, 1 where none depends on others [-]
+    real(wp) :: shift = 0.0_wp                !! what is added to hold them [-]
+    real(wp) :: reach = 1.0_wp                !! distance from the origin in scene sizes, or angle: rounding follows both [-]
   contains
     procedure(make_ready), deferred :: start_implicit
     procedure(take_step), deferred :: prepare
-    procedure(take_past), deferred :: predict_internal
+    procedure(take_offsets), deferred :: give_internal
     procedure(trial_residual), deferred :: residual
     procedure(trial_tangent), deferred :: renew
     procedure(solve_correction), deferred :: correction
-    procedure(end_internal), deferred :: internal_increments
+    procedure(stage_residuals), deferred :: stage_residual
+    procedure(residual_parts), deferred :: take_parts
+    procedure(stage_point), deferred :: renew_stages
+    procedure(complex_solution), deferred :: complex_correction
+    procedure(find_deformations), deferred :: deformations
     procedure(find_powers), deferred :: powers
     procedure(find_product), deferred :: mass_product
     procedure(evaluate_state), deferred :: accelerations
     procedure(report_state), deferred :: report
     procedure(smooth_start), deferred :: smooth
     procedure(find_gaps), deferred :: gaps
-    procedure(find_slopes), deferred :: slopes
     procedure(close_gaps), deferred :: along_rows
     procedure(filter_pair), deferred :: resolve
-    procedure(list_measures), deferred :: measures
-    procedure(judge_rows), deferred :: weakest_row
-    procedure(measure_reach), deferred :: reach
     procedure(judge_state), deferred :: health
-    procedure(count_factors), deferred :: factors
   end type second_order_ode
 
   abstract interface
-    !> Makes ready: sets nq, nz, nzd, rows.
-    subroutine make_ready(self)
+    !> Makes ready, for a method of several stages or for one of a single stage: sets the components.
+    subroutine make_ready(self, stages)
       import :: second_order_ode
       class(second_order_ode), intent(inout) :: self
+      logical, intent(in) :: stages
     end subroutine make_ready
     !> Takes the constants c1, c2 of a step and factors what depends on them alone; ok is false where that fails.
     subroutine take_step(self, c1, c2, ok)
@@ -58,48 +67,86 @@ module second_order_system
       real(wp), intent(in) :: c2              !! dv/dq [1/s]
       logical, intent(out) :: ok
     end subroutine take_step
-    !> Takes the internal variables that their values at the start of the step predict for its end.
-    subroutine take_past(self, z, zd, zdd)
+    !> Takes the internal variables of residuals to come: what their past makes of them at zero deformation.
+    subroutine take_offsets(self, z)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) [m, rad] and per second
-    end subroutine take_past
-    !> Residuals at a trial state, kept in the system; jumps at t are not yet felt where left.
-    subroutine trial_residual(self, t, q, v, a, lambda, left_limit)
+      real(wp), intent(in), contiguous :: z(:)   !! (nz) [m, rad]
+    end subroutine take_offsets
+    !> Residuals of motion at a trial state, kept in the system, and the rows' values; jumps at t are not yet felt where left.
+    subroutine trial_residual(self, t, q, v, a, lambda, left_limit, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
       real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
       logical, intent(in) :: left_limit
+      real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m]
     end subroutine trial_residual
     !> The matrix at the state of the last residual; exact: every term renewed, else only those that cost little. Rows that are
     !> nearly dependent are held back where hold asks for it.
-    subroutine trial_tangent(self, t, q, v, a, lambda, exact, hold, ok)
+    subroutine trial_tangent(self, q, v, a, lambda, exact, hold, ok)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
       real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
       logical, intent(in) :: exact, hold
       logical, intent(out) :: ok
     end subroutine trial_tangent
-    !> The corrections that the last residual asks for, by the matrix that stands.
-    subroutine solve_correction(self, dq, dlambda)
+    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, r the last residual, by the matrix that stands.
+    subroutine solve_correction(self, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
+      real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
       real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
     end subroutine solve_correction
-    !> What internal variables move by from their predictions to the end of a step, whose positions are final.
-    subroutine end_internal(self, q, v, z, zd, zdd, dz)
+    !> Residual of motion and rates of the rows; jumps at t are not yet felt where left.
+    subroutine stage_residuals(self, t, q, v, a, z, lambda, left, r, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad], rates
-      real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
-      real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    end subroutine end_internal
-    !> Power dissipated and put in at the end of a step.
+      real(wp), intent(in) :: t               !! [s]
+      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+      real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
+      real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+      logical, intent(in) :: left
+      real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
+      real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
+    end subroutine stage_residuals
+    !> Takes the residuals of a real and of a complex system, in the frames of the last stage's.
+    subroutine residual_parts(self, r, r_complex)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
+      complex(wp), intent(in), contiguous :: r_complex(:)   !! (nq) [N, N m]
+    end subroutine residual_parts
+    !> Both matrices at the state of the last residual, whose arguments are given again; the parts have been taken.
+    subroutine stage_point(self, c2, q, v, a, lambda, whole, hold, ok)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(inout) :: self
+      complex(wp), intent(in) :: c2(2)        !! a real and a complex constant [1/s]
+      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+      real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
+      logical, intent(in) :: whole            !! blocks are factored with what the state adds, else as the constants leave them
+      logical, intent(in) :: hold             !! rows that nearly depend on others are held back
+      logical, intent(out) :: ok
+    end subroutine stage_point
+    !> As `correction`, by the complex matrix.
+    subroutine complex_solution(self, gap, dq, dlambda)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(inout) :: self
+      complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
+      complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
+      complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
+    end subroutine complex_solution
+    !> The deformation that each internal variable follows.
+    subroutine find_deformations(self, q, v, delta)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(inout) :: self
+      real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+      real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
+    end subroutine find_deformations
+    !> Power dissipated and put in at the end of a step or stage.
     subroutine find_powers(self, t, q, v, lambda, z, zd, power)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -146,26 +193,17 @@ module second_order_system
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
-      real(wp), intent(inout), contiguous :: a(:)                 !! (nq + nz) [m/s2, rad/s2]
+      real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
       logical, intent(out) :: ok
     end subroutine smooth_start
-    !> First and second derivatives of all rows, at positions q, rates v and accelerations a.
-    subroutine find_gaps(self, t, q, v, a, rate, acceleration)
+    !> All rows and their first and second derivatives, at positions q, rates v and accelerations a.
+    subroutine find_gaps(self, t, q, v, a, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: q(:), v(:), a(:)      !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(out), contiguous :: rate(:)              !! (rows) [m/s]
-      real(wp), intent(out), contiguous :: acceleration(:)      !! (rows) [m/s2]
+      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+      real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2) [m], [m/s], [m/s2]
     end subroutine find_gaps
-    !> Phi_q x, the derivative of all rows along x, at the positions of the last call of `gaps`.
-    subroutine find_slopes(self, q, x, slope)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: q(:)          !! (nq) these positions [m, rad]
-      real(wp), intent(in), contiguous :: x(:)          !! (nq) [any]
-      real(wp), intent(out), contiguous :: slope(:)     !! (rows) [any]
-    end subroutine find_slopes
     !> dq with Phi_q dq = -gap, moved by reactions of the rows alone, by the matrix in use.
     subroutine close_gaps(self, q, gap, dq)
       import :: second_order_ode, wp
@@ -174,36 +212,12 @@ module second_order_system
       real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
     end subroutine close_gaps
-    !> Filters two vectors: parts of motion much faster than the step resolves are taken out.
+    !> Takes out of two vectors what vibrates much faster than the step resolves.
     subroutine filter_pair(self, x, y)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq + nz) [any]
+      real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
     end subroutine filter_pair
-    !> Groups in which positions are measured, metres or radians of a unit, the scene's size or one radian, and the smallest size
-    !> of a group; whether a group's size grows with its values.
-    subroutine list_measures(self, group, weight, whole, scale, grows)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(in) :: self
-      integer, allocatable, intent(out) :: group(:)     !! (nq)
-      real(wp), allocatable, intent(out) :: weight(:)   !! (nq) [m or rad a unit]
-      real(wp), allocatable, intent(out) :: whole(:)    !! (nq) weight over the scene's size or one radian [-]
-      real(wp), allocatable, intent(out) :: scale(:)    !! (groups) [m, rad]
-      logical, allocatable, intent(out) :: grows(:)     !! (groups)
-    end subroutine list_measures
-    !> The least pivot of the matrix's rows, 1 where none depends on others, and what is added to hold them [-].
-    pure function judge_rows(self) result(pivot)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(in) :: self
-      real(wp) :: pivot(2)                    !! [-]
-    end function judge_rows
-    !> How far from the origin the state of the last residual is, in scene sizes, or how far it has turned: rounding follows both.
-    pure function measure_reach(self, q) result(x)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(in) :: self
-      real(wp), intent(in), contiguous :: q(:)   !! (nq) [m, rad]
-      real(wp) :: x                           !! at least 1 [-]
-    end function measure_reach
     !> Whether a state, whose groups have reached these sizes, is still one of a mechanism.
     pure function judge_state(self, q, scale) result(what)
       import :: second_order_ode, wp
@@ -212,13 +226,5 @@ module second_order_system
       real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
       integer :: what                         !! sensible, out_of_shape, out_of_turns
     end function judge_state
-    !> Factorisations of constant and of whole elastic blocks so far; sets them after a restart.
-    subroutine count_factors(self, constant, whole, put)
-      use kinds, only: ip
-      import :: second_order_ode
-      class(second_order_ode), intent(inout) :: self
-      integer(ip), intent(inout) :: constant, whole
-      logical, intent(in) :: put
-    end subroutine count_factors
   end interface
 end module second_order_system

@@ -25,9 +25,6 @@ module condensed_terms
     real(wp) :: g = 1.0_wp                   !! dz/d(deformation) in the present step [-]
   contains
     procedure :: set
-    procedure :: offsets
-    procedure :: increments
-    procedure :: filtered
   end type condensed_term
 
 contains
@@ -84,41 +81,6 @@ contains
     real(wp), intent(in) :: c2               !! dz'/dz [1/s]
     self%g = 1.0_wp/(1.0_wp + self%viscosity*c2 + self%inertia*c1)
   end subroutine set
-
-  !> What a term's coordinates become at zero deformation, from their predictions.
-  pure subroutine offsets(self, n, z, zd, zdd, x)
-    class(condensed_term), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(in) :: z(n)             !! [m, rad]
-    real(wp), intent(in) :: zd(n)            !! [m/s, rad/s]
-    real(wp), intent(in) :: zdd(n)           !! [m/s2, rad/s2]
-    real(wp), intent(inout) :: x(n)          !! [m, rad]
-    integer :: i
-    do i = 1, n
-      x(i) = z(i) - self%g*(z(i) + self%viscosity*zd(i) + self%inertia*zdd(i))
-    end do
-  end subroutine offsets
-
-  !> The x of the head's comment, in place of the deformations.
-  pure subroutine increments(self, n, z, zd, zdd, x)
-    class(condensed_term), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(in) :: z(n)             !! predicted [m, rad]
-    real(wp), intent(in) :: zd(n)            !! [m/s, rad/s]
-    real(wp), intent(in) :: zdd(n)           !! [m/s2, rad/s2]
-    real(wp), intent(inout) :: x(n)          !! on entry deformations [m, rad]
-    integer :: i
-    do i = 1, n
-      x(i) = self%g*(x(i) - z(i) - self%viscosity*zd(i) - self%inertia*zdd(i))
-    end do
-  end subroutine increments
-
-  !> The part of motion that the step resolves: 1 for motion slow against the term's own, 0 where it is much faster [-].
-  elemental real(wp) function filtered(self, c1)
-    class(condensed_term), intent(in) :: self
-    real(wp), intent(in) :: c1               !! [1/s2]
-    filtered = merge(self%inertia*c1*self%g, 1.0_wp - self%g, self%inertia > 0.0_wp)
-  end function filtered
 
   !> x^T D y with the stiffness D at E_R that the term multiplies, over its coordinates alone [J for x, y in m, rad].
   pure real(wp) function term_product(t, s, x, y) result(total)

@@ -40,7 +40,6 @@ module border_rows
     type(row_equations) :: system
     real(number), allocatable :: d(:)        !! (n) rows of the correction without rows [m]
     real(number), allocatable :: y(:)        !! (n) solution, by row [N]
-    real(wp) :: shift_used = least_shift     !! of the last factorisation [-]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -69,7 +68,6 @@ contains
     real(wp) :: largest
     n = r%n
     r%bad = .false.
-    r%shift_used = shift
     if (n == 0) return
     do i = 1, r%nc
       p = r%position(i)

@@ -6,7 +6,7 @@
 !> condensed to 3 x 3 matrices, and a border of constraint rows and of the displacements on which force elements and curved joints
 !> act (theory.md, section 7). What it is made of, set up once.
 module condensed_system
-  use kinds, only: wp, number, ip
+  use kinds, only: wp, number
   use border_row_lists, only: row_lists
   use border_rows, only: row_system, set_up_rows
   use elastic_block, only: block_factor
@@ -58,8 +58,6 @@ module condensed_system
     type(condensed_body), allocatable :: b(:)
     type(row_system) :: rows
     real(number), allocatable :: element_factor(:)   !! (force elements) stiffness with the terms condensed over the static one [-]
-    integer(ip) :: base_factors = 0          !! of T0 blocks so far
-    integer(ip) :: whole_factors = 0         !! of whole blocks so far
   end type condensed_matrix
 
 contains

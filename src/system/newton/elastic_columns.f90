@@ -46,7 +46,6 @@ contains
         call x%block%factor_base(m%s%bodies(b)%op, c1, c2, bad)
         if (bad) return
         call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
-        self%base_factors = self%base_factors + 1
       end associate
     end do
   end subroutine factor_blocks

@@ -62,7 +62,6 @@ contains
           if (whole) then
             call x%block%factor_whole(eq(b), m%s%bodies(b), self%c2, v(i), a(i), bad)
             if (bad) return
-            self%whole_factors = self%whole_factors + 1
           end if
           if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%markers, whole)
           call x%block%solve_two(whole, x%elastic, x%column)

@@ -13,7 +13,7 @@ module newton_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, predict_terms, hold_terms, residual, renew, body_tangents, take_residual
+  public :: prepare, give_terms, let_terms_follow, residual, renew, body_tangents, take_residual
 
 contains
 
@@ -32,27 +32,10 @@ contains
     end do
   end subroutine prepare
 
-  !> What the dissipative coordinates' predictions for the end of the step add to forces there.
-  subroutine predict_terms(self, m, z, zd, zdd)
+  !> For a method that solves for the dissipative coordinates itself: residuals see those that they are given, whatever the
+  !> deformations.
+  subroutine let_terms_follow(self)
     type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
-    real(wp), intent(in), contiguous :: zd(:)   !! (nz) [m/s, rad/s]
-    real(wp), intent(in), contiguous :: zdd(:)  !! (nz) [m/s2, rad/s2]
-    integer :: k
-    do k = 1, size(self%terms)
-      associate (t => self%terms(k), i => self%terms(k)%first)
-        call t%offsets(t%last - i + 1, z(i:t%last), zd(i:t%last), zdd(i:t%last), self%offset(i:t%last))
-      end associate
-    end do
-    call pass_offsets(self, m)
-  end subroutine predict_terms
-
-  !> Gives the dissipative coordinates that residuals see, whatever the deformations.
-  subroutine hold_terms(self, m, z)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
     integer :: k
     do k = 1, size(self%eq)
       if (self%eq(k)%n > 0) self%eq(k)%factor = 1.0_wp
@@ -63,15 +46,15 @@ contains
         if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha
       end associate
     end do
-    self%offset = z
-    call pass_offsets(self, m)
-  end subroutine hold_terms
+  end subroutine let_terms_follow
 
-  !> Hands the offsets on to the bodies that the terms belong to.
-  subroutine pass_offsets(self, m)
+  !> Gives residuals the dissipative coordinates at zero deformation: those of force elements, and what bodies feel of theirs.
+  subroutine give_terms(self, m, z)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
+    real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
     integer :: k, b, e, i
+    self%offset = z
     do b = 1, size(self%eq)
       if (m%s%bodies(b)%nz > 0) self%eq(b)%past = 0.0_wp
     end do
@@ -81,13 +64,13 @@ contains
         i = t%first
         associate (x => self%eq(t%body)%past, segment => m%s%bodies(t%body)%segments(t%segment))
           do e = segment%first, segment%first + (t%last - t%first)/size(x, 1)
-            x(:, e) = x(:, e) + t%alpha*self%offset(i:i + size(x, 1) - 1)
+            x(:, e) = x(:, e) + t%alpha*z(i:i + size(x, 1) - 1)
             i = i + size(x, 1)
           end do
         end associate
       end associate
     end do
-  end subroutine pass_offsets
+  end subroutine give_terms
 
   !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
   subroutine residual(self, m, ev, options, t, q, v, a, lambda)

@@ -1,5 +1,5 @@
 !> What an implicit method asks of the mechanism at the end of a step: internal variables, powers, products with the mass, what the
-!> step resolves, and how positions are measured.
+!> step resolves, how far rounding reaches.
 module newton_results
   use kinds, only: wp
   use body, only: body_model
@@ -12,28 +12,9 @@ module newton_results
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: term_increments, term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, position_groups, &
-            scene_reach
+  public :: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
 
 contains
-
-  !> What the dissipative coordinates move by from their predictions, at the final positions.
-  subroutine term_increments(self, m, ev, q, v, z, zd, zdd, dz)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
-    real(wp), intent(in), contiguous :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
-    real(wp), intent(out), contiguous :: dz(:)                !! (nz) [m, rad]
-    integer :: k
-    if (size(self%terms) == 0) return
-    call term_deformations(self, m, ev, q, v, dz)
-    do k = 1, size(self%terms)
-      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
-        call t%increments(j - i + 1, z(i:j), zd(i:j), zdd(i:j), dz(i:j))
-      end associate
-    end do
-  end subroutine term_increments
 
   !> The deformations that the dissipative coordinates follow.
   subroutine term_deformations(self, m, ev, q, v, delta)
@@ -229,13 +210,12 @@ contains
     end do
   end function body_product
 
-  !> Leaves of two vectors of coordinates and dissipative coordinates what the step resolves: elastic ones T0^-1 c1 m_ff x.
+  !> Leaves of two vectors of coordinates what the step resolves: of elastic ones T0^-1 c1 m_ff x.
   subroutine resolved_part(self, m, x, y)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
-    real(wp), intent(inout), contiguous :: x(:), y(:)         !! (nq + nz) [any]
-    real(wp) :: f
-    integer :: b, i, n, k
+    real(wp), intent(inout), contiguous :: x(:), y(:)         !! (nq) [any]
+    integer :: b, i, n
     do b = 1, size(self%eq)
       i = m%s%qo(b) + 3
       associate (eq => self%eq(b), op => m%s%bodies(b)%op)
@@ -248,43 +228,7 @@ contains
         y(i + 1:i + n) = self%t%c1*eq%column(1:n)
       end associate
     end do
-    do k = 1, size(self%terms)
-      f = self%terms(k)%filtered(self%t%c1)
-      i = m%s%nq + self%terms(k)%first
-      n = m%s%nq + self%terms(k)%last
-      x(i:n) = f*x(i:n)
-      y(i:n) = f*y(i:n)
-    end do
   end subroutine resolved_part
-
-  !> Groups in which corrections are measured, four a body: origin, angle, elastic translations, elastic rotations.
-  subroutine position_groups(m, group, weight, whole, scale, grows)
-    type(mechanism_model), intent(in) :: m
-    integer, allocatable, intent(out) :: group(:)             !! (nq)
-    real(wp), allocatable, intent(out) :: weight(:)           !! (nq) of a unit [m, rad]
-    real(wp), allocatable, intent(out) :: whole(:)            !! (nq) over the scene's size or one radian [1/m, 1/rad]
-    real(wp), allocatable, intent(out) :: scale(:)            !! (groups) least size [m, rad]
-    logical, allocatable, intent(out) :: grows(:)             !! (groups) its size grows with its values: frames' do not
-    integer :: b, i
-    allocate (group(m%s%nq), weight(m%s%nq), scale(4*size(m%s%bodies)), grows(4*size(m%s%bodies)))
-    weight = 1.0_wp
-    do b = 1, size(m%s%bodies)
-      associate (body => m%s%bodies(b))
-        i = m%s%qo(b)
-        group(i + 1:i + 2) = 4*b - 3
-        group(i + 3) = 4*b - 2
-        group(i + 4:i + 3 + body%nf) = 4*b - 1
-        if (body%flexible) then
-          where (body%basis%rotation) group(i + 4:i + 3 + body%nf) = 4*b
-          weight(i + 4:i + 3 + body%nf) = body%basis%reach
-        end if
-        scale(4*b - 3:4*b) = [m%s%size, 1.0_wp, 1.0e-6_wp*m%s%size, 1.0e-6_wp]
-        grows(4*b - 3:4*b) = [.false., .false., .true., .true.]
-      end associate
-    end do
-    whole = weight/m%s%size
-    where (mod(group, 2) == 0) whole = weight
-  end subroutine position_groups
 
   !> How far markers are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
   pure real(wp) function scene_reach(m, ev, q) result(reach)

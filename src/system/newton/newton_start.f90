@@ -12,7 +12,7 @@ module newton_start
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: smooth_accelerations, row_gaps, row_slopes, along_rows, closing_rates
+  public :: smooth_accelerations, row_gaps, along_rows, closing_rates
 
 contains
 
@@ -57,39 +57,28 @@ contains
     if (.not. bad) a = inertia
   end subroutine smooth_accelerations
 
-  !> First and second derivatives of all rows.
-  subroutine row_gaps(m, ev, t, q, v, a, rate, acceleration)
+  !> All rows, their first and second derivatives.
+  subroutine row_gaps(m, ev, t, q, v, a, gap)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)     !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(out), contiguous :: rate(:)             !! (rows) [m/s]
-    real(wp), intent(out), contiguous :: acceleration(:)     !! (rows) [m/s2]
+    real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:2) [m], [m/s], [m/s2]
     integer :: i
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, ev%options, t)
-    call row_rates(m, ev, rate)
+    gap(:, 0) = ev%rows%phi
+    call row_rates(m, ev, gap(:, 1))
     do i = 1, m%s%rows
-      acceleration(i) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
-                        + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
+      gap(i, 2) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
+                  + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
     end do
     call marker_kinematics(m, ev, q, a)
     call row_rates(m, ev, ev%schur%r)
-    acceleration = acceleration + ev%schur%r - ev%rows%phi_t
+    gap(:, 2) = gap(:, 2) + ev%schur%r - ev%rows%phi_t
     call marker_kinematics(m, ev, q, v)
   end subroutine row_gaps
-
-  !> Phi_q x at the positions of the last row_gaps.
-  subroutine row_slopes(m, ev, q, x, slope)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in), contiguous :: q(:), x(:)        !! (nq) these positions [m, rad]; [any]
-    real(wp), intent(out), contiguous :: slope(:)         !! (rows) [any]
-    call marker_kinematics(m, ev, q, x)
-    call row_rates(m, ev, slope)
-    slope = slope - ev%rows%phi_t
-  end subroutine row_slopes
 
   !> dq with Phi_q dq + gap = 0 and T dq + Phi_q^T mu = 0, T the tangent that stands.
   subroutine along_rows(self, m, ev, q, gap, dq)

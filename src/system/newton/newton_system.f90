@@ -16,7 +16,7 @@ module newton_system
     type(body_equations), allocatable :: eq(:)   !! (bodies)
     type(condensed_matrix) :: t
     type(condensed_term), allocatable :: terms(:)
-    real(wp), allocatable :: offset(:)       !! (nz) what the terms' past gives z at zero deformation [m, rad]
+    real(wp), allocatable :: offset(:)       !! (nz) dissipative coordinates at zero deformation [m, rad]
     real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates
     real(wp), allocatable :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment [N, N m]
   end type newton_matrix

@@ -2,31 +2,21 @@
 !> variables given, and the dynamic stiffness for a real and for a complex constant.
 module stage_equations
   use kinds, only: wp
-  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_condensed
+  use complex_condensed_system, only: complex_matrix => condensed_matrix
   use complex_elastic_columns, only: factor_complex => factor_blocks
   use complex_newton_condensation, only: add_complex => add_tangent, condense_complex => condense
-  use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
-  use evaluation_settings, only: evaluation_options
+  use dynamics, only: row_rates
   use evaluation_results, only: evaluation
   use elastic_columns, only: factor_blocks
   use mechanism, only: mechanism_model
   use newton_condensation, only: add_tangent, condense
   use newton_equations, only: body_tangents
-  use newton_start, only: row_gaps, along_rows
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: set_up_stages, stage_residual, factor_stages, stage_tangents, condense_stages, close_rows, stage_kinematics
+  public :: stage_residual, factor_stages, stage_tangents, condense_stages
 
 contains
-
-  !> Work space of a mechanism.
-  subroutine set_up_stages(t, newton, m)
-    type(complex_matrix), intent(out) :: t
-    type(newton_matrix), intent(in) :: newton
-    type(mechanism_model), intent(in) :: m
-    call set_up_condensed(t, m, newton%t%rows%row_lists)
-  end subroutine set_up_stages
 
   !> The last residual in global axes, and rates of the rows there.
   subroutine stage_residual(newton, m, ev, r, gap)
@@ -98,40 +88,4 @@ contains
     call condense(newton%t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
     if (.not. bad) call condense_complex(t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
   end subroutine condense_stages
-
-  !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
-  !> stiff forces.
-  subroutine close_rows(newton, m, ev, options, t, q, v, a)
-    type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(inout), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    real(wp) :: rate(m%s%rows), acceleration(m%s%rows), dx(size(q))
-    if (m%s%rows == 0) return
-    call stage_kinematics(m, ev, options, t, q, v)
-    call along_rows(newton, m, ev, q, ev%rows%phi, dx)
-    q = q + dx
-    call stage_kinematics(m, ev, options, t, q, v)
-    call row_rates(m, ev, rate)
-    call along_rows(newton, m, ev, q, rate, dx)
-    v = v + dx
-    call row_gaps(m, ev, t, q, v, a, rate, acceleration)
-    call along_rows(newton, m, ev, q, acceleration, dx)
-    a = a + dx
-  end subroutine close_rows
-
-  !> Markers and rows at a stage; their rates in time are not those of the last residual.
-  subroutine stage_kinematics(m, ev, options, t, q, v)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
-    ev%options = options
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
-    call constraint_values(m, ev, options, t)
-  end subroutine stage_kinematics
 end module stage_equations
