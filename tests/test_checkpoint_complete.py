@@ -33,6 +33,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
         *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
+        *("gaps", "gain", "resolved"),
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): set(),
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),

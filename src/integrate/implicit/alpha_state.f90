@@ -52,7 +52,7 @@ module alpha_state
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
     real(wp), allocatable :: gaps(:, :)      !! (rows, 0:2) constraint rows and their derivatives [m], [m/s], [m/s2]
-    real(wp), allocatable :: gain(:)         !! (nz) internal variables by deformations in this step: 1/(1 + viscosity c2 + inertia c1) [-]
+    real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
     real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance [m, rad] and per second
     type(energy_sums) :: energy
