@@ -52,6 +52,7 @@ contains
     real(wp), intent(in) :: q(:), v(:)          !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: z(:), zd(:)         !! (nz) [m, rad], [m/s, rad/s]
     type(branch_values) :: branch
+    real(wp), allocatable :: zr(:)              ! rates of all internal variables [m/s, rad/s]
     real(wp) :: s, rate
     logical :: ok
     integer :: round
@@ -64,10 +65,11 @@ contains
     if (ok) then
       s = reach/rate
       branch%a = ev%a
+      zr = [zd, ev%zdd(m%s%nzd + 1:)]
       ok = passes(m, ev, options, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
-      if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zd, branch)
+      if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
       call evaluate_regular(m, ev, options, t, q, v, z, zd)
@@ -124,12 +126,12 @@ contains
 
   !> The mean over neighbouring states, reached with the present accelerations and projected onto the constraints there; whether
   !> they are regular.
-  logical function found_by_neighbours(m, ev, options, t, s, q, v, z, zd, branch) result(ok)
+  logical function found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch) result(ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t, s                !! time and step to the neighbours [s]
-    real(wp), intent(in) :: q(:), v(:), z(:), zd(:)   !! (nq), (nz) the state [m, rad], [m/s, rad/s]
+    real(wp), intent(in) :: q(:), v(:), z(:), zr(:)   !! (nq), (nz) the state, rates of z [m, rad], [m/s, rad/s]
     type(branch_values), intent(inout) :: branch      !! its accelerations are improved
     type(branch_values) :: mean
     real(wp), allocatable :: qn(:), vn(:), zn(:)
@@ -140,12 +142,12 @@ contains
       h = offsets(k)*s
       qn = q + h*v + 0.5_wp*h**2*branch%a
       vn = v + h*branch%a
-      zn = z + h*zd
-      call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
+      zn = z + h*zr
+      call evaluate(m, ev, options, t + h, qn, vn, zn, zr(1:m%s%nzd))
       ok = .not. ev%schur%singular .and. .not. ev%broken
-      if (ok) call project(m, ev, options, t + h, qn, vn, zn, zd, ok)
+      if (ok) call project(m, ev, options, t + h, qn, vn, zn, zr(1:m%s%nzd), ok)
       if (.not. ok) return
-      call evaluate(m, ev, options, t + h, qn, vn, zn, zd)
+      call evaluate(m, ev, options, t + h, qn, vn, zn, zr(1:m%s%nzd))
       mean%a = mean%a + weights(k)*ev%a
       mean%lambda = mean%lambda + weights(k)*ev%lambda
       mean%power = mean%power + weights(k)*ev%input_power
