@@ -16,6 +16,7 @@ module number_range
 
   real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element, of its body's: beside a lump rounding leaves it two digits [-]
+  real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
   real(wp), parameter :: farthest = 1.0e10_wp       !! a marker from a mass centre, in radii of gyration [-]
 
 contains
@@ -80,6 +81,10 @@ contains
         if (.not. r%axial) cycle
         if (bad('axial stiffness of an element', g%ea_l, 'N/m')) return
         if (bad('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')) return
+        if (g%ei_l >= least_bending*g%ea_l*g%length**2) cycle
+        call refuse(r, faults, 'an element of '//to_text(g%length)//' m is too slender for double precision: its bending is '// &
+                    'lost beside its stretch; expected at most 1e10 radii of gyration of its section (or axial=.false.)')
+        return
       end associate
     end do
   contains
