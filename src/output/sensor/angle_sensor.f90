@@ -1,10 +1,8 @@
 !> Angle of a section or frame, its rate or its acceleration.
 module angle_sensor
   use kinds, only: wp
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, marker_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -30,33 +28,27 @@ contains
   end subroutine columns
 
   !> Frame and elastic rotation.
-  subroutine read_angle(self, m, ev, p, y, x)
+  subroutine read_angle(self, at, x)
     class(angle_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [rad], [rad/s] or [rad/s2]
     real(wp) :: u(3)
-    if (self%order == 0) x(1) = p%angle(self%number)
-    if (self%order == 1) x(1) = p%rate(self%number)
+    if (self%order == 0) x(1) = at%p%angle(self%number)
+    if (self%order == 1) x(1) = at%p%rate(self%number)
     if (self%order < 2) return
-    u = self%elastic_part(m, ev%a)
+    u = self%elastic_part(at%m, at%ev%a)
     x(1) = u(3)
-    if (self%marker%body > 0) x(1) = x(1) + ev%a(m%s%qo(self%marker%body) + 3)
+    if (self%marker%body > 0) x(1) = x(1) + at%ev%a(at%m%s%qo(self%marker%body) + 3)
   end subroutine read_angle
 
   !> In a plane, turns are the same in all axes.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(angle_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [rad], [rad/s] or [rad/s2]
     complex(wp) :: w(3)
-    w = marker_motion(m, self%marker, p%rho(:, self%number), motion%x)
+    w = marker_motion(at%m, self%marker, at%p%rho(:, self%number), motion%x)
     x(1) = w(3)*motion%s**self%order
   end subroutine respond
 end module angle_sensor

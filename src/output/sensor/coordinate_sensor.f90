@@ -1,10 +1,8 @@
 !> An elastic coordinate of a body with its rate and acceleration.
 module coordinate_sensor
   use kinds, only: wp
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -34,27 +32,21 @@ contains
   end subroutine columns
 
   !> From the state.
-  subroutine read_coordinate(self, m, ev, p, y, x)
+  subroutine read_coordinate(self, at, x)
     class(coordinate_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [m, rad] and per second
-    associate (i => m%s%qo(self%marker%body) + 3 + self%index)
-      x(1:3) = [y(i), y(m%s%nq + i), ev%a(i)]
+    associate (i => at%m%s%qo(self%marker%body) + 3 + self%index)
+      x(1:3) = [at%y(i), at%y(at%m%s%nq + i), at%ev%a(i)]
     end associate
   end subroutine read_coordinate
 
   !> From the unknowns.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(coordinate_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [m, rad] and per second
-    x(1:3) = motion%x(m%s%qo(self%marker%body) + 3 + self%index)*motion%s**[0, 1, 2]
+    x(1:3) = motion%x(at%m%s%qo(self%marker%body) + 3 + self%index)*motion%s**[0, 1, 2]
   end subroutine respond
 end module coordinate_sensor

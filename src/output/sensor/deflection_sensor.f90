@@ -1,10 +1,8 @@
 !> Elastic displacement and rotation of a node, in the axes of its body.
 module deflection_sensor
   use kinds, only: wp
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, elastic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, elastic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -27,25 +25,19 @@ contains
   end subroutine columns
 
   !> From the elastic coordinates.
-  subroutine read_deflection(self, m, ev, p, y, x)
+  subroutine read_deflection(self, at, x)
     class(deflection_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [m], [m], [rad]
-    x(1:3) = self%elastic_part(m, y)
+    x(1:3) = self%elastic_part(at%m, at%y)
   end subroutine read_deflection
 
   !> Linear in them.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(deflection_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [m], [m], [rad]
-    x(1:3) = elastic_motion(m, self%marker, motion%x)
+    x(1:3) = elastic_motion(at%m, self%marker, motion%x)
   end subroutine respond
 end module deflection_sensor

@@ -2,10 +2,9 @@
 !> linear response contain the turn of its axes.
 module point_sensor
   use kinds, only: wp
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states, turn
-  use sensor, only: sensor_model, harmonic_motion, marker_motion, suffix_length, vector_to_global
+  use marker, only: turn
+  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, suffix_length, vector_to_global
   implicit none (type, external)
   private
 
@@ -31,46 +30,41 @@ contains
   end subroutine columns
 
   !> Of the moving point.
-  subroutine read_point(self, m, ev, p, y, x)
+  subroutine read_point(self, at, x)
     class(point_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [m], [m/s] or [m/s2]
     real(wp) :: u(3)
     integer :: i
     x(1:2) = 0.0_wp
-    if (self%order == 0) x(1:2) = p%r(:, self%number)
-    if (self%order == 1) x(1:2) = p%v(:, self%number)
+    if (self%order == 0) x(1:2) = at%p%r(:, self%number)
+    if (self%order == 1) x(1:2) = at%p%v(:, self%number)
     if (self%order < 2 .or. self%marker%body == 0) return
     associate (b => self%marker%body)
-      i = m%s%qo(b)
-      u = self%elastic_part(m, ev%a)
-      u(1:2) = u(1:2) + ev%a(i + 3)*turn(p%rho(:, self%number))
-      x(1:2) = ev%a(i + 1:i + 2) + p%bias(:, self%number) + [ev%frame%cos(b)*u(1) - ev%frame%sin(b)*u(2), ev%frame%sin(b)*u(1) &
-                                                            + ev%frame%cos(b)*u(2)]
+      i = at%m%s%qo(b)
+      u = self%elastic_part(at%m, at%ev%a)
+      u(1:2) = u(1:2) + at%ev%a(i + 3)*turn(at%p%rho(:, self%number))
+      associate (c => at%ev%frame%cos(b), s => at%ev%frame%sin(b))
+        x(1:2) = at%ev%a(i + 1:i + 2) + at%p%bias(:, self%number) + [c*u(1) - s*u(2), s*u(1) + c*u(2)]
+      end associate
     end associate
   end subroutine read_point
 
   !> w, its rate w' + theta' H w, or w'' + 2 theta' H w' + theta'' H w - theta'^2 w.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(point_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [m], [m/s] or [m/s2]
     complex(wp) :: w(3), turned(2)
     real(wp) :: rate, change                  ! theta', theta'' [1/s], [1/s2]
-    w = marker_motion(m, self%marker, p%rho(:, self%number), motion%x)
+    w = marker_motion(at%m, self%marker, at%p%rho(:, self%number), motion%x)
     turned = [-w(2), w(1)]
     rate = 0.0_wp
     change = 0.0_wp
     associate (b => self%marker%body, s => motion%s)
-      if (b > 0) rate = y(m%s%nq + m%s%qo(b) + 3)
-      if (b > 0) change = ev%a(m%s%qo(b) + 3)
+      if (b > 0) rate = at%y(at%m%s%nq + at%m%s%qo(b) + 3)
+      if (b > 0) change = at%ev%a(at%m%s%qo(b) + 3)
       select case (self%order)
       case (0)
         x(1:2) = w(1:2)
@@ -79,7 +73,7 @@ contains
       case default
         x(1:2) = s**2*w(1:2) + (2*rate*s + change)*turned - rate**2*w(1:2)
       end select
-      x(1:2) = vector_to_global(ev, b, x(1:2))
+      x(1:2) = vector_to_global(at%ev, b, x(1:2))
     end associate
   end subroutine respond
 end module point_sensor

@@ -2,10 +2,8 @@
 module reaction_sensor
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, scene_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -29,40 +27,34 @@ contains
   end subroutine columns
 
   !> From the multipliers.
-  subroutine read_reaction(self, m, ev, p, y, x)
+  subroutine read_reaction(self, at, x)
     class(reaction_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [N], [N], [N m]
     integer :: i
     x(1:3) = 0.0_wp
-    associate (c => m%s%constraints(self%constraint)%item)
+    associate (c => at%m%s%constraints(self%constraint)%item)
       do i = c%first, c%first + c%rows - 1
-        x(1:2) = x(1:2) - ev%rows%na(:, i)*ev%lambda(i)
-        x(3) = x(3) - ev%rows%sa(i)*ev%lambda(i)
+        x(1:2) = x(1:2) - at%ev%rows%na(:, i)*at%ev%lambda(i)
+        x(3) = x(3) - at%ev%rows%sa(i)*at%ev%lambda(i)
       end do
     end associate
   end subroutine read_reaction
 
   !> With the change of its direction.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(reaction_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [N], [N m]
     type(marker_stiffness) :: t
     integer :: i
-    associate (c => m%s%constraints(self%constraint)%item)
-      call c%geometric(ev%p, ev%lambda, t)
-      x(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(m, ev, c%ia, motion%x)) &
-               - matmul(t%k(1:3, 4:6), scene_motion(m, ev, c%ib, motion%x))
+    associate (c => at%m%s%constraints(self%constraint)%item)
+      call c%geometric(at%ev%p, at%ev%lambda, t)
+      x(1:3) = -matmul(t%k(1:3, 1:3), scene_motion(at%m, at%ev, c%ia, motion%x)) &
+               - matmul(t%k(1:3, 4:6), scene_motion(at%m, at%ev, c%ib, motion%x))
       do i = c%first, c%first + c%rows - 1
-        x(1:3) = x(1:3) - [ev%rows%na(:, i), ev%rows%sa(i)]*motion%lambda(i)
+        x(1:3) = x(1:3) - [at%ev%rows%na(:, i), at%ev%rows%sa(i)]*motion%lambda(i)
       end do
     end associate
   end subroutine respond

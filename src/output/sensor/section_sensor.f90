@@ -4,10 +4,8 @@ module section_sensor
   use kinds, only: wp
   use beam_element, only: deformation_matrix
   use body, only: body_model
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -32,42 +30,37 @@ contains
   end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
-  subroutine read_section(self, m, ev, p, y, x)
+  subroutine read_section(self, at, x)
     class(section_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
     real(wp) :: d(3)
     integer :: i
-    associate (b => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
-      i = m%s%qo(self%marker%body) + 3
-      d = b%basis%element_strain(b, e, ev%elastic(self%marker%body))
-      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, y(m%s%nq + i + 1:m%s%nq + i + b%nf)))
+    associate (b => at%m%s%bodies(self%marker%body), e => self%element, g => at%m%s%bodies(self%marker%body)%elements(self%element))
+      d = b%basis%element_strain(b, e, at%ev%elastic(self%marker%body))
+      i = at%m%s%nq + at%m%s%qo(self%marker%body) + 3
+      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, at%y(i + 1:i + b%nf)))
       x(1:4) = real(section_forces(b, e, cmplx(d, kind=wp)))
       if (g%fibre > 0.0_wp) x(5) = abs(x(1))/g%area + maxval(abs(x(3:4)))*g%fibre/g%second
     end associate
   end subroutine read_section
 
   !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(section_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [N m] and [Pa], as in read_section
     complex(wp) :: d(3), a(6), fibre(4)
     real(wp) :: b(3, 6)
     integer :: i
-    associate (body => m%s%bodies(self%marker%body), e => self%element, g => m%s%bodies(self%marker%body)%elements(self%element))
-      i = m%s%qo(self%marker%body) + 3
+    associate (body => at%m%s%bodies(self%marker%body), e => self%element, &
+               g => at%m%s%bodies(self%marker%body)%elements(self%element))
+      i = at%m%s%qo(self%marker%body) + 3
       a = nodal(body, e, motion%x(i + 1:i + body%nf))
       b = deformation_matrix(g)
       d = g%ray_k*motion%s*matmul(b, a) + (1 + element_ratio(body, e, motion%s))* &
-          matmul(tangent(body, e, y(i + 1:i + body%nf), b), a)
+          matmul(tangent(body, e, at%y(i + 1:i + body%nf), b), a)
       x(1:4) = section_forces(body, e, d)
       if (.not. g%fibre > 0.0_wp) return
       fibre = x(1)/g%area + [x(3), -x(3), x(4), -x(4)]*g%fibre/g%second

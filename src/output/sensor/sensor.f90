@@ -18,6 +18,14 @@ module sensor
     complex(wp), allocatable :: lambda(:)     !! (rows) multipliers [N]
   end type harmonic_motion
 
+  !> What a sensor reads: an evaluated state of a mechanism, and the states of all sensors' markers in it.
+  type, public :: observation
+    type(mechanism_model), pointer :: m => null()
+    type(evaluation), pointer :: ev => null()     !! with the accelerations and multipliers of the state
+    type(marker_states), pointer :: p => null()
+    real(wp), pointer, contiguous :: y(:) => null()   !! the state [m, rad] and per second
+  end type observation
+
   !> A sensor.
   type, abstract, public :: sensor_model
     character(32) :: name = ''
@@ -38,29 +46,23 @@ module sensor
   abstract interface
     !> What follows the sensor's name in the name of each column: component and unit.
     subroutine columns_of(self, m, list)
-      import :: sensor_model, mechanism_model, evaluation, suffix_length
+      import :: sensor_model, mechanism_model, suffix_length
       class(sensor_model), intent(in) :: self
       type(mechanism_model), intent(in) :: m
       character(suffix_length), allocatable, intent(out) :: list(:)
     end subroutine columns_of
-    !> Values of the columns; m holds the accelerations and multipliers of the state.
-    subroutine values_at(self, m, ev, p, y, x)
-      import :: sensor_model, mechanism_model, evaluation, marker_states, wp
+    !> Values of the columns.
+    subroutine values_at(self, at, x)
+      import :: sensor_model, observation, wp
       class(sensor_model), intent(in) :: self
-      type(mechanism_model), intent(in) :: m
-      type(evaluation), intent(in) :: ev
-      type(marker_states), intent(in) :: p    !! of all sensors' markers
-      real(wp), intent(in) :: y(:)            !! state [m, rad] and per second
+      type(observation), intent(in) :: at
       real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
     end subroutine values_at
-    !> Amplitudes of the columns, vectors in global axes; m holds the evaluation of the present state.
-    subroutine amplitudes_of(self, m, ev, p, y, motion, x)
-      import :: sensor_model, mechanism_model, evaluation, marker_states, harmonic_motion, wp
+    !> Amplitudes of the columns about that state, vectors in global axes.
+    subroutine amplitudes_of(self, at, motion, x)
+      import :: sensor_model, observation, harmonic_motion, wp
       class(sensor_model), intent(in) :: self
-      type(mechanism_model), intent(in) :: m
-      type(evaluation), intent(in) :: ev
-      type(marker_states), intent(in) :: p    !! of all sensors' markers
-      real(wp), intent(in) :: y(:)            !! present state [m, rad] and per second
+      type(observation), intent(in) :: at
       type(harmonic_motion), intent(in) :: motion
       complex(wp), intent(inout) :: x(:)      !! from its first column on [the columns' units]
     end subroutine amplitudes_of

@@ -14,7 +14,7 @@ module sensors
   use point_sensor, only: point_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use section_sensor, only: section_sensor_model
-  use sensor, only: sensor_box, sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_box, sensor_model, harmonic_motion, suffix_length
   use spring_sensor, only: spring_sensor_model
   implicit none (type, external)
   private
@@ -84,10 +84,10 @@ contains
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)
-    type(sensor_list), intent(inout) :: list
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in), contiguous :: y(:)          !! state [m, rad] and per second
+    type(sensor_list), intent(inout), target :: list
+    type(mechanism_model), intent(in), target :: m
+    type(evaluation), intent(in), target :: ev
+    real(wp), intent(in), contiguous, target :: y(:)  !! state [m, rad] and per second
     real(wp), intent(out), contiguous :: values(:)    !! (columns) [their units]
     integer :: k, b, i, j, n
     do k = 1, size(list%sensors)
@@ -102,22 +102,22 @@ contains
         else
           list%p%r(:, k) = s%marker%x
         end if
-        call s%read(m, ev, list%p, y, values(list%first(k):))
+        call s%read(observation(m, ev, list%p, y), values(list%first(k):))
       end associate
     end do
   end subroutine read_sensors
 
   !> Amplitudes of all columns for a harmonic motion. m holds the evaluation of the present state; list has read it.
   subroutine read_linear_sensors(list, m, ev, y, motion, values)
-    type(sensor_list), intent(in) :: list
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: y(:)                  !! present state [m, rad] and per second
+    type(sensor_list), intent(in), target :: list
+    type(mechanism_model), intent(in), target :: m
+    type(evaluation), intent(in), target :: ev
+    real(wp), intent(in), contiguous, target :: y(:)   !! present state [m, rad] and per second
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(out) :: values(:)         !! (columns) [their units]
     integer :: k
     do k = 1, size(list%sensors)
-      call list%sensors(k)%item%respond(m, ev, list%p, y, motion, values(list%first(k):))
+      call list%sensors(k)%item%respond(observation(m, ev, list%p, y), motion, values(list%first(k):))
     end do
   end subroutine read_linear_sensors
 end module sensors

@@ -1,10 +1,8 @@
 !> Force and deformation of a spring.
 module spring_sensor
   use kinds, only: wp
-  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
-  use sensor, only: sensor_model, harmonic_motion, scene_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion, suffix_length
   implicit none (type, external)
   private
 
@@ -29,34 +27,28 @@ contains
   end subroutine columns
 
   !> As evaluated.
-  subroutine read_spring(self, m, ev, p, y, x)
+  subroutine read_spring(self, at, x)
     class(spring_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
     real(wp) :: rate, e(3)
-    x(1) = ev%action(self%element)%force
-    associate (f => m%s%forces(self%element)%item)
-      call f%deformation(ev%p, x(2), rate, e)
-      x(2) = x(2) - f%unprestressed(ev%options%prestress)
+    x(1) = at%ev%action(self%element)%force
+    associate (f => at%m%s%forces(self%element)%item)
+      call f%deformation(at%ev%p, x(2), rate, e)
+      x(2) = x(2) - f%unprestressed(at%ev%options%prestress)
     end associate
   end subroutine read_spring
 
   !> With its stiffness at s.
-  subroutine respond(self, m, ev, p, y, motion, x)
+  subroutine respond(self, at, motion, x)
     class(spring_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: y(:)              !! state [m, rad] and per second
+    type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [m] or [N m], [rad]
     real(wp) :: d, rate, e(3)
-    associate (f => m%s%forces(self%element)%item)
-      call f%deformation(ev%p, d, rate, e)
-      x(2) = sum(e*(scene_motion(m, ev, f%ia, motion%x) - scene_motion(m, ev, f%ib, motion%x)))
+    associate (f => at%m%s%forces(self%element)%item)
+      call f%deformation(at%ev%p, d, rate, e)
+      x(2) = sum(e*(scene_motion(at%m, at%ev, f%ia, motion%x) - scene_motion(at%m, at%ev, f%ib, motion%x)))
       x(1) = (f%stiffness*(1 + f%law%ratio(motion%s)) + motion%s*f%damping)*x(2)
     end associate
   end subroutine respond
