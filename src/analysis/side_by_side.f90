@@ -4,7 +4,7 @@ module side_by_side
   use kinds, only: wp, ip
   use errors, only: status_failed, status_signal
   use posix, only: nameless_file, read_back, standard_error, tell, write_bytes
-  use process, only: caught_signal, hold_signals, leave, start_child, wait_for_child
+  use process, only: c_exit, caught_signal, hold_signals, start_child, wait_for_child
   use run_deck, only: run_one_deck, run_options
   use text, only: fixed_text, to_text
   implicit none (type, external)
@@ -92,7 +92,7 @@ contains
     if (one%child /= 0) return
     silent = options
     silent%quiet = .true.
-    call leave(run_one_deck(deck, silent))
+    call c_exit(run_one_deck(deck, silent))
   end subroutine begin
 
   !> How many warnings there are among lines, in words.

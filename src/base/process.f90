@@ -6,7 +6,7 @@ module process
   use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_loc, c_intptr_t, c_null_funptr
   implicit none (type, external)
   private
-  public :: begin_process, hold_signals, caught_signal, start_child, wait_for_child, leave
+  public :: begin_process, hold_signals, caught_signal, start_child, wait_for_child, c_exit
 
   integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_terminate = 15, signal_file_size = 25
   integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
@@ -165,12 +165,6 @@ contains
     status = iand(word/256, 255)
     if (iand(word, 127) /= 0) status = status_signal + iand(word, 127)
   end subroutine wait_for_child
-
-  !> Ends this process at once with an exit status.
-  subroutine leave(status)
-    integer, intent(in) :: status
-    call c_exit(status)
-  end subroutine leave
 
   !> Number of the signal caught, 0: none.
   integer function caught_signal() result(number)

@@ -35,13 +35,86 @@ contains
     if (len(modes%note_damped) > 0) call file%line('# '//modes%note_damped)
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
     call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
-    call file%line('# positions: '//positions(m, q))
-    call file%line('# columns: '//figures//' '//shape_names(m))
+    call file%line('# positions: '//positions())
+    call file%line('# columns: '//figures//' '//shape_names())
     do k = 1, modes%count
-      call file%row([real(k, wp), mode_figures(modes, k), shape_row(m, ev, q, modes%x(:, k))])
+      call file%row([real(k, wp), mode_figures(modes, k), shape_row(modes%x(:, k))])
     end do
     call file%close()
     failed = file%failed
+  contains
+    !> Where body frames and nodes are, in the order of the shape's columns.
+    function positions() result(text)
+      character(:), allocatable :: text
+      real(wp), allocatable :: x(:)
+      integer :: k
+      x = motion_row(m, q)
+      allocate (character(number_width*size(x)) :: text)
+      do k = 1, size(x)
+        call write_number(x(k), text(number_width*(k - 1) + 1:number_width*k))
+      end do
+    end function positions
+
+    !> Column names of the shape: those of motion.txt with .re and .im.
+    function shape_names() result(text)
+      character(:), allocatable :: text
+      character(64), allocatable :: motion(:), names(:)
+      integer :: k
+      motion = motion_names(m)
+      allocate (names(2*size(motion)))
+      do k = 1, size(motion)
+        names(2*k - 1) = suffixed(motion(k), '.re')
+        names(2*k) = suffixed(motion(k), '.im')
+      end do
+      text = joined(names, ' ')
+    end function shape_names
+
+    !> Real and imaginary parts of a shape's displacements.
+    pure function shape_row(x) result(row)
+      complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
+      real(wp), allocatable :: row(:)
+      row = transfer(displacements(x), [0.0_wp])
+    end function shape_row
+
+    !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
+    pure function displacements(x) result(d)
+      complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
+      complex(wp), allocatable :: d(:)
+      complex(wp) :: w(2), u(3), largest
+      real(wp) :: rho(2), now(3), weight
+      real(wp) :: re(size(x)), im(size(x))      ! taken apart once: a section of them costs nothing
+      integer :: b, i, k, j
+      re = real(x, wp)
+      im = aimag(x)
+      allocate (d(sum(3 + 2*m%s%bodies%nn)))
+      j = 0
+      largest = 0.0_wp
+      do b = 1, size(m%s%bodies)
+        i = m%s%qo(b)
+        d(j + 1) = ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2)
+        d(j + 2) = ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)
+        d(j + 3) = x(i + 3)
+        do k = 1, 3
+          weight = merge(m%s%size, 1.0_wp, k == 3)
+          if (weight*abs(d(j + k)) > abs(largest)) largest = weight*d(j + k)
+        end do
+        j = j + 3
+        associate (body => m%s%bodies(b))
+          do k = 1, body%nn
+            u = cmplx(body%displacement(k, re(i + 4:i + 3 + body%nf)), body%displacement(k, im(i + 4:i + 3 + body%nf)), wp)
+            now = body%displacement(k, q(i + 4:i + 3 + body%nf))
+            rho = body%x(:, k) + now(1:2)
+            w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
+            d(j + 1) = ev%frame%cos(b)*w(1) - ev%frame%sin(b)*w(2)
+            d(j + 2) = ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
+            if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
+            if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
+            j = j + 2
+          end do
+        end associate
+      end do
+      if (abs(largest) > 0.0_wp) d = d/largest
+    end function displacements
   end subroutine write_modes
 
   !> Columns 2 to 10 of a row.
@@ -61,86 +134,4 @@ contains
            modes%residual(k)]
     end associate
   end function mode_figures
-
-  !> Where body frames and nodes are, in the order of the shape's columns.
-  function positions(m, q) result(text)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)   !! (nq) present positions [m, rad]
-    character(:), allocatable :: text
-    real(wp), allocatable :: x(:)
-    integer :: k
-    x = motion_row(m, q)
-    allocate (character(number_width*size(x)) :: text)
-    do k = 1, size(x)
-      call write_number(x(k), text(number_width*(k - 1) + 1:number_width*k))
-    end do
-  end function positions
-
-  !> Column names of the shape: those of motion.txt with .re and .im.
-  function shape_names(m) result(text)
-    type(mechanism_model), intent(in) :: m
-    character(:), allocatable :: text
-    character(64), allocatable :: motion(:), names(:)
-    integer :: k
-    motion = motion_names(m)
-    allocate (names(2*size(motion)))
-    do k = 1, size(motion)
-      names(2*k - 1) = suffixed(motion(k), '.re')
-      names(2*k) = suffixed(motion(k), '.im')
-    end do
-    text = joined(names, ' ')
-  end function shape_names
-
-  !> Real and imaginary parts of a shape's displacements.
-  pure function shape_row(m, ev, q, x) result(row)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
-    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
-    real(wp), allocatable :: row(:)
-    row = transfer(displacements(m, ev, q, x), [0.0_wp])
-  end function shape_row
-
-  !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
-  pure function displacements(m, ev, q, x) result(d)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:)              !! (nq) present positions [m, rad]
-    complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
-    complex(wp), allocatable :: d(:)
-    complex(wp) :: w(2), u(3), largest
-    real(wp) :: rho(2), now(3), weight
-    real(wp) :: re(size(x)), im(size(x))      ! taken apart once: a section of them costs nothing
-    integer :: b, i, k, j
-    re = real(x, wp)
-    im = aimag(x)
-    allocate (d(sum(3 + 2*m%s%bodies%nn)))
-    j = 0
-    largest = 0.0_wp
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      d(j + 1) = ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2)
-      d(j + 2) = ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)
-      d(j + 3) = x(i + 3)
-      do k = 1, 3
-        weight = merge(m%s%size, 1.0_wp, k == 3)
-        if (weight*abs(d(j + k)) > abs(largest)) largest = weight*d(j + k)
-      end do
-      j = j + 3
-      associate (body => m%s%bodies(b))
-        do k = 1, body%nn
-          u = cmplx(body%displacement(k, re(i + 4:i + 3 + body%nf)), body%displacement(k, im(i + 4:i + 3 + body%nf)), wp)
-          now = body%displacement(k, q(i + 4:i + 3 + body%nf))
-          rho = body%x(:, k) + now(1:2)
-          w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
-          d(j + 1) = ev%frame%cos(b)*w(1) - ev%frame%sin(b)*w(2)
-          d(j + 2) = ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
-          if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
-          if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
-          j = j + 2
-        end do
-      end associate
-    end do
-    if (abs(largest) > 0.0_wp) d = d/largest
-  end function displacements
 end module mode_file

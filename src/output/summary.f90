@@ -57,7 +57,7 @@ contains
     call text%open('model', '{')
     call text%open('bodies', '[')
     do k = 1, size(m%s%bodies)
-      call body_line(d, m%s%bodies(k), k, text)
+      call body_line(m%s%bodies(k), k)
     end do
     call text%close()
     call text%figure('  coordinates: ', 'frame_coordinates', 3*size(m%s%bodies))
@@ -72,62 +72,67 @@ contains
     call text%line('')
     call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms)
     call text%line('')
-    call redundancy(m, report, text)
+    call redundancy()
     call frame_notes(m, text)
     do k = 1, size(report%warnings)
       call text%line('  warning: '//trim(report%warnings(k)))
     end do
     call text%close()
-  end subroutine model_lines
-
-  !> One body: which coordinates it has, and why.
-  subroutine body_line(d, b, k, text)
-    type(deck), intent(in) :: d
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: k
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: kind
-    logical :: modal
-    call text%open('', '{')
-    call text%figure('  body "', 'name', trim(b%name))
-    kind = trim(d%bodies(k)%kind)
-    if (.not. b%flexible) then
-      call text%figure('": ', 'model', 'rigid')
-      call text%member('kind', json_text(kind))
-      call text%words%add(', 3 coordinates')
-      if (kind /= 'rigid') call text%words%add(' ('//kind//' with flexible=.false.)')
+  contains
+    !> One body: which coordinates it has, and why.
+    subroutine body_line(b, k)
+      type(body_model), intent(in) :: b
+      integer, intent(in) :: k
+      character(:), allocatable :: kind
+      logical :: modal
+      call text%open('', '{')
+      call text%figure('  body "', 'name', trim(b%name))
+      kind = trim(d%bodies(k)%kind)
+      if (.not. b%flexible) then
+        call text%figure('": ', 'model', 'rigid')
+        call text%member('kind', json_text(kind))
+        call text%words%add(', 3 coordinates')
+        if (kind /= 'rigid') call text%words%add(' ('//kind//' with flexible=.false.)')
+        call text%line('')
+        call text%close()
+        return
+      end if
+      modal = b%basis%reduced_from > 0
+      call text%member('model', json_text(merge('modal', 'nodal', modal)))
+      call text%figure('": ', 'kind', kind)
+      call text%figure(' of ', 'elements', b%ne)
+      call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
+      call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
+      if (modal) then
+        call text%words%add(' modes')
+        if (d%bodies(k)%static_shapes) then
+          call text%figure(', ', 'static_shapes', b%basis%static_shapes)
+          call text%words%add(' of them static shapes,')
+        end if
+        call text%figure(' of ', 'nodal_coordinates', b%basis%reduced_from)
+        call text%words%add(' nodal coordinates')
+      else
+        call text%words%add(' elastic coordinates ('//to_text(3*b%nn)//' nodal ones')
+        if (.not. b%axial) call text%words%add(' without the axial ones')
+        call text%words%add(' less the reference conditions)')
+      end if
+      if (modal .and. .not. b%axial) call text%words%add(', no axial deformation')
+      if (b%stiffening) call text%words%add(', geometric stiffening')
+      call text%member('dissipative_coordinates', to_text(b%nz))
+      call text%figure(', ', 'damping', damping_words(d, b, k))
+      if (b%extra_references > 0) call text%words%add('; '//to_text(b%extra_references)// &
+                                               ' reference conditions more than needed: stiffer than the structure')
       call text%line('')
       call text%close()
-      return
-    end if
-    modal = b%basis%reduced_from > 0
-    call text%member('model', json_text(merge('modal', 'nodal', modal)))
-    call text%figure('": ', 'kind', kind)
-    call text%figure(' of ', 'elements', b%ne)
-    call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
-    call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
-    if (modal) then
-      call text%words%add(' modes')
-      if (d%bodies(k)%static_shapes) then
-        call text%figure(', ', 'static_shapes', b%basis%static_shapes)
-        call text%words%add(' of them static shapes,')
-      end if
-      call text%figure(' of ', 'nodal_coordinates', b%basis%reduced_from)
-      call text%words%add(' nodal coordinates')
-    else
-      call text%words%add(' elastic coordinates ('//to_text(3*b%nn)//' nodal ones')
-      if (.not. b%axial) call text%words%add(' without the axial ones')
-      call text%words%add(' less the reference conditions)')
-    end if
-    if (modal .and. .not. b%axial) call text%words%add(', no axial deformation')
-    if (b%stiffening) call text%words%add(', geometric stiffening')
-    call text%member('dissipative_coordinates', to_text(b%nz))
-    call text%figure(', ', 'damping', damping_words(d, b, k))
-    if (b%extra_references > 0) call text%words%add('; '//to_text(b%extra_references)// &
-                                             ' reference conditions more than needed: stiffer than the structure')
-    call text%line('')
-    call text%close()
-  end subroutine body_line
+    end subroutine body_line
+
+    !> Names the joints of redundant sets.
+    subroutine redundancy()
+      if (report%rank == m%s%rows) return
+      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%rows - report%rank)
+      call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
+    end subroutine redundancy
+  end subroutine model_lines
 
   !> What damps a body: dissipative coordinates and why there are as many, Rayleigh damping.
   function damping_words(d, b, k) result(text)
@@ -162,16 +167,6 @@ contains
     text = trim(text)
     if (b%rayleigh) text = text//', Rayleigh damping'
   end function damping_words
-
-  !> Names the joints of redundant sets.
-  subroutine redundancy(m, report, text)
-    type(mechanism_model), intent(in) :: m
-    type(assembly_report), intent(in) :: report
-    type(summary_record), intent(inout) :: text
-    if (report%rank == m%s%rows) return
-    call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%rows - report%rank)
-    call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
-  end subroutine redundancy
 
   !> The joints of redundant sets and what becomes of their reactions.
   function undetermined(m, report, most) result(text)
