@@ -13,7 +13,7 @@ module build_bodies
                         body_length, sort_segments
   use acting_markers, only: coordinates_under_load
   use modal_reduction, only: reduce_to_modes
-  use number_range, only: judge_values, refuse
+  use number_range, only: judge_values
   use text, only: to_text
   implicit none (type, external)
   private
@@ -44,21 +44,98 @@ contains
           call add_rigid_element(b, e)
         end do
       end if
-      call add_lumps(d, lumps, b)
+      call add_lumps()
       b%length = body_length(b%x)
       before = faults%count
       call judge_values(d, r, b, faults)
       if (faults%count > before) return
       if (r%kind /= 'rigid' .and. r%flexible) then
-        call make_flexible(d, k, b, faults)
+        call make_flexible()
       else
         if (.not. allocated(b%segments)) allocate (b%segments(0))
         if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
-          call refuse(r, faults, 'the mass matrix is not positive definite: the body has no rotary inertia about '// &
+          call r%at%blame(faults, 'the mass matrix is not positive definite: the body has no rotary inertia about '// &
                       'its mass centre; expected inertia > 0 or a lump away from the mass centre')
         end if
       end if
     end associate
+  contains
+    !> Lumps of the body.
+    subroutine add_lumps()
+      integer :: k
+      allocate (b%lumps(size(lumps)))
+      do k = 1, size(lumps)
+        associate (r => d%lumps(lumps(k)), l => b%lumps(k))
+          l%node = r%marker%node
+          l%x = r%marker%point
+          if (l%node > 0) l%x = b%x(:, l%node)
+          l%mass = r%mass
+          l%inertia = r%inertia
+          call add_rigid_lump(b, l)
+        end associate
+      end do
+    end subroutine add_lumps
+
+    !> Elastic coordinates, their integrals and what damps them.
+    subroutine make_flexible()
+      type(viscoelastic_terms) :: law
+      logical, allocatable :: removed(:, :), viscoelastic(:)
+      integer :: e, bad
+      associate (r => d%bodies(k))
+        b%flexible = .true.
+        b%axial = r%axial
+        b%nd = merge(3, 2, r%axial)
+        b%stiffening = r%stiffening
+        allocate (viscoelastic(b%ne))
+        do e = 1, b%ne
+          law = law_of(d%materials(b%elements(e)%material)%law)
+          viscoelastic(e) = r%viscoelastic .and. law%order() > 0
+        end do
+        removed = removed_coordinates(r)
+        b%extra_references = max(count(removed) - 3, 0)
+        call number_coordinates(b, removed)
+        if (b%nf == 0) then
+          call r%at%blame(faults, 'no elastic coordinate remains; expected more elements, or flexible=.false.')
+          return
+        end if
+        call elastic_integrals(b)
+        call sort_segments(b, viscoelastic)
+        do e = 1, size(b%segments)
+          b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
+        end do
+        call nodal_operators(b, b%op)
+        if (r%modes > 0) then
+          call reduce()
+        else
+          call make_nodal(b, bad)
+          if (bad > 0) then
+            call r%at%blame(faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
+                        'element lengths of comparable size')
+            return
+          end if
+        end if
+        if (faults%count > 0) return
+        call finish_elastic(b)
+      end associate
+    end subroutine make_flexible
+
+    !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
+    subroutine reduce()
+      integer :: available
+      logical :: bad
+      associate (r => d%bodies(k))
+        available = b%nf
+        if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
+        if (r%modes > available) then
+          call r%at%blame(faults, 'modes is larger than the number of elastic modes of the mesh; expected at most '// &
+                      to_text(available))
+          return
+        end if
+        call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
+        if (bad) call r%at%blame(faults, 'the modes could not be computed: rounded to double precision the stiffness of this '// &
+                             'mesh is not positive definite; expected fewer elements or less uneven ones')
+      end associate
+    end subroutine reduce
   end subroutine build_body
 
   !> Nodes and connectivity.
@@ -116,92 +193,4 @@ contains
     end do
     b%rayleigh = any(b%elements%ray_m > 0.0_wp .or. b%elements%ray_k > 0.0_wp)
   end subroutine set_elements
-
-  !> Lumps of the body.
-  subroutine add_lumps(d, lumps, b)
-    type(deck), intent(in) :: d
-    integer, intent(in) :: lumps(:)
-    type(body_model), intent(inout) :: b
-    integer :: k
-    allocate (b%lumps(size(lumps)))
-    do k = 1, size(lumps)
-      associate (r => d%lumps(lumps(k)), l => b%lumps(k))
-        l%node = r%marker%node
-        l%x = r%marker%point
-        if (l%node > 0) l%x = b%x(:, l%node)
-        l%mass = r%mass
-        l%inertia = r%inertia
-        call add_rigid_lump(b, l)
-      end associate
-    end do
-  end subroutine add_lumps
-
-  !> Elastic coordinates, their integrals and what damps them.
-  subroutine make_flexible(d, k, b, faults)
-    type(deck), intent(in) :: d
-    integer, intent(in) :: k                  !! number of the body
-    type(body_model), intent(inout) :: b
-    type(fault_list), intent(inout) :: faults
-    type(viscoelastic_terms) :: law
-    logical, allocatable :: removed(:, :), viscoelastic(:)
-    integer :: e, bad
-    associate (r => d%bodies(k))
-      b%flexible = .true.
-      b%axial = r%axial
-      b%nd = merge(3, 2, r%axial)
-      b%stiffening = r%stiffening
-      allocate (viscoelastic(b%ne))
-      do e = 1, b%ne
-        law = law_of(d%materials(b%elements(e)%material)%law)
-        viscoelastic(e) = r%viscoelastic .and. law%order() > 0
-      end do
-      removed = removed_coordinates(r)
-      b%extra_references = max(count(removed) - 3, 0)
-      call number_coordinates(b, removed)
-      if (b%nf == 0) then
-        call refuse(r, faults, 'no elastic coordinate remains; expected more elements, or flexible=.false.')
-        return
-      end if
-      call elastic_integrals(b)
-      call sort_segments(b, viscoelastic)
-      do e = 1, size(b%segments)
-        b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
-      end do
-      call nodal_operators(b, b%op)
-      if (r%modes > 0) then
-        call reduce(d, k, b, faults)
-      else
-        call make_nodal(b, bad)
-        if (bad > 0) then
-          call refuse(r, faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
-                      'element lengths of comparable size')
-          return
-        end if
-      end if
-      if (faults%count > 0) return
-      call finish_elastic(b)
-    end associate
-  end subroutine make_flexible
-
-  !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
-  subroutine reduce(d, k, b, faults)
-    type(deck), intent(in) :: d
-    integer, intent(in) :: k                  !! number of the body
-    type(body_model), intent(inout) :: b
-    type(fault_list), intent(inout) :: faults
-    integer :: available
-    logical :: bad
-    associate (r => d%bodies(k))
-      available = b%nf
-      if (r%reference == 'free') available = b%nf - merge(3, 2, b%axial)
-      if (r%modes > available) then
-        call refuse(r, faults, 'modes is larger than the number of elastic modes of the mesh; expected at most '// &
-                    to_text(available))
-        return
-      end if
-      call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
-      if (bad) call refuse(r, faults, 'the modes could not be computed: rounded to double precision the stiffness of this mesh '// &
-                           'is not positive definite; expected fewer elements or less uneven ones')
-    end associate
-  end subroutine reduce
 end module build_bodies

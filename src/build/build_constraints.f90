@@ -116,7 +116,7 @@ contains
     remedy = ''
     if (len(h%remedy) > 0) remedy = ': '//h%remedy
     do k = 1, min(size(breakpoints), most_shown)
-      call faults%add(r%at%file, r%at%line, 'drive/'//trim(r%name), 'history "'//trim(h%name)//'" has a jump'// &
+      call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
                       trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
                       trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
                       'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)

@@ -12,7 +12,7 @@ module number_range
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: judge_laws, judge_values, judge_distances, refuse
+  public :: judge_laws, judge_values, judge_distances
 
   real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element, of its body's: beside a lump rounding leaves it two digits [-]
@@ -27,28 +27,23 @@ contains
     type(fault_list), intent(inout) :: faults
     integer :: k
     do k = 1, size(d%materials)
-      associate (m => d%materials(k))
-        call judge_law(m%at, 'material/'//trim(m%name), law_of(m%law), faults)
-      end associate
+      call judge_law(d%materials(k)%at, law_of(d%materials(k)%law), faults)
     end do
     do k = 1, size(d%springs)
-      associate (s => d%springs(k))
-        call judge_law(s%at, 'spring/'//trim(s%name), law_of(s%law), faults)
-      end associate
+      call judge_law(d%springs(k)%at, law_of(d%springs(k)%law), faults)
     end do
   end subroutine judge_laws
 
   !> Reports the first term of a law that is out of range.
-  subroutine judge_law(at, subject, law, faults)
+  subroutine judge_law(at, law, faults)
     type(origin), intent(in) :: at
-    character(*), intent(in) :: subject
     type(viscoelastic_terms), intent(in) :: law
     type(fault_list), intent(inout) :: faults
     integer :: k
     do k = 1, size(law%alpha)
-      if (beyond(at, subject, 'weight of a '//trim(law%words(k))//' term', law%alpha(k), '', faults)) return
-      if (beyond(at, subject, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
-      if (beyond(at, subject, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
+      if (beyond(at, 'weight of a '//trim(law%words(k))//' term', law%alpha(k), '', faults)) return
+      if (beyond(at, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
+      if (beyond(at, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
     end do
   end subroutine judge_law
 
@@ -65,7 +60,7 @@ contains
     if (bad('moment of inertia about its origin', b%i11, 'kg m2')) return
     if (r%kind == 'rigid' .or. .not. r%flexible) return
     if (minval(b%elements%mass) < least_mass*b%mass) then
-      call refuse(r, faults, 'its masses are too uneven for double precision: an element of '// &
+      call r%at%blame(faults, 'its masses are too uneven for double precision: an element of '// &
                   to_text(minval(b%elements%mass))//' kg in a body of '//to_text(b%mass)//' kg; expected at least 1e-14 of it')
       return
     end if
@@ -82,7 +77,7 @@ contains
         if (bad('axial stiffness of an element', g%ea_l, 'N/m')) return
         if (bad('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')) return
         if (g%ei_l >= least_bending*g%ea_l*g%length**2) cycle
-        call refuse(r, faults, 'an element of '//to_text(g%length)//' m is too slender for double precision: its bending is '// &
+        call r%at%blame(faults, 'an element of '//to_text(g%length)//' m is too slender for double precision: its bending is '// &
                     'lost beside its stretch; expected at most 1e10 radii of gyration of its section (or axial=.false.)')
         return
       end associate
@@ -92,18 +87,18 @@ contains
     logical function bad(what, x, unit)
       character(*), intent(in) :: what, unit
       real(wp), intent(in) :: x               !! not negative [unit]
-      bad = beyond(r%at, 'body/'//trim(r%name), what, x, unit, faults)
+      bad = beyond(r%at, what, x, unit, faults)
     end function bad
   end subroutine judge_values
 
   !> Whether a value is out of range, which is reported.
-  logical function beyond(at, subject, what, x, unit, faults)
+  logical function beyond(at, what, x, unit, faults)
     type(origin), intent(in) :: at
-    character(*), intent(in) :: subject, what, unit
+    character(*), intent(in) :: what, unit
     real(wp), intent(in) :: x                 !! not negative [unit]
     type(fault_list), intent(inout) :: faults
     beyond = .not. (x <= most .and. (x >= 1.0_wp/most .or. abs(x) <= 0.0_wp))
-    if (beyond) call faults%add(at%file, at%line, subject, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
+    if (beyond) call at%blame(faults, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function beyond
 
@@ -118,7 +113,7 @@ contains
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
         if (f%marker%body == 0) cycle
-        if (beyond(f%at, 'force/'//trim(f%name), 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
+        if (beyond(f%at, 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
                    'm/s2', faults)) return
       end associate
     end do
@@ -128,18 +123,10 @@ contains
         distance = norm2(s%markers(k)%x - b%i1/b%mass)
         radius = sqrt(max(b%i11/b%mass - sum((b%i1/b%mass)**2), 0.0_wp))
         if (.not. distance > farthest*radius) cycle
-        call refuse(d%bodies(s%markers(k)%body), faults, 'a joint or force acts '//to_text(distance)//' m from its mass '// &
+        call d%bodies(s%markers(k)%body)%at%blame(faults, 'a joint or force acts '//to_text(distance)//' m from its mass '// &
                     'centre, too far for double precision beside a radius of gyration of '//to_text(radius)// &
                     ' m; expected at most 1e10 times as far')
       end associate
     end do
   end subroutine judge_distances
-
-  !> Reports what is wrong with a body.
-  subroutine refuse(r, faults, why)
-    type(body_record), intent(in) :: r
-    type(fault_list), intent(inout) :: faults
-    character(*), intent(in) :: why
-    call faults%add(r%at%file, r%at%line, 'body/'//trim(r%name), why)
-  end subroutine refuse
 end module number_range

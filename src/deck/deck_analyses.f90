@@ -70,111 +70,100 @@ contains
     call get(deck, 'output_step', t%output_step, above=0.0_wp)
     call get(deck, 'checkpoint_interval', t%checkpoint_interval, least=0.0_wp)
     call get(deck, 'motion_step', t%motion_step, least=0.0_wp)
-    call read_step_kind(deck, t)
-    call check_steps(deck, t)
-    call read_stabilization(deck, t)
-  end subroutine read_transient
-
-  !> A fixed step or a tolerance, not both.
-  subroutine read_step_kind(deck, t)
-    class(deck_source), intent(inout) :: deck
-    type(transient_record), intent(inout) :: t
-    t%adaptive = deck%is_given('tolerance') .and. .not. deck%is_choice('rk4')
-    if (t%adaptive .and. deck%is_given('step')) then
-      call deck%complain('tolerance', 'step and tolerance are both given, expected step (fixed steps) or tolerance '// &
-        '(adaptive steps)')
-    else if (.not. (t%adaptive .or. deck%is_given('step'))) then
-      if (deck%is_choice('rk4')) then
-        call deck%note_missing('step', 'step > 0', kinds='rk4')
-      else if (deck%choice_known) then
-        call deck%note_missing('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
+    call read_step_kind()
+    call check_steps()
+    call read_stabilization()
+  contains
+    !> A fixed step or a tolerance, not both.
+    subroutine read_step_kind()
+      t%adaptive = deck%is_given('tolerance') .and. .not. deck%is_choice('rk4')
+      if (t%adaptive .and. deck%is_given('step')) then
+        call deck%complain('tolerance', 'step and tolerance are both given, expected step (fixed steps) or tolerance '// &
+          '(adaptive steps)')
+      else if (.not. (t%adaptive .or. deck%is_given('step'))) then
+        if (deck%is_choice('rk4')) then
+          call deck%note_missing('step', 'step > 0', kinds='rk4')
+        else if (deck%choice_known) then
+          call deck%note_missing('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
+        end if
+      else if (.not. t%adaptive) then
+        call needs_tolerance('first_step')
+        call needs_tolerance('max_step')
       end if
-    else if (.not. t%adaptive) then
-      call needs_tolerance(deck, 'first_step')
-      call needs_tolerance(deck, 'max_step')
-    end if
-  end subroutine read_step_kind
+    end subroutine read_step_kind
 
-  !> Reports a variable that only adaptive steps use.
-  subroutine needs_tolerance(deck, name)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name   !! `first_step` or `max_step`
-    if (deck%is_set(name)) call deck%complain(name, name//' does not apply to fixed steps, expected it with tolerance only')
-  end subroutine needs_tolerance
+    !> Reports a variable that only adaptive steps use.
+    subroutine needs_tolerance(name)
+      character(*), intent(in) :: name   !! `first_step` or `max_step`
+      if (deck%is_set(name)) call deck%complain(name, name//' does not apply to fixed steps, expected it with tolerance only')
+    end subroutine needs_tolerance
 
-  !> Steps and times that fit together; the default interval of output.
-  subroutine check_steps(deck, t)
-    class(deck_source), intent(inout) :: deck
-    type(transient_record), intent(inout) :: t
-    real(wp), parameter :: slack = 1.0_wp + 1.0e-9_wp   !! rounding of written numbers [-]
-    logical :: stepped
-    stepped = deck%is_set('step') .and. .not. t%adaptive
-    call ordered(deck, 'output_step', t%output_step, 't_end', t%t_end*slack)
-    if (stepped .and. deck%is_set('output_step')) then
-      call ordered(deck, 'step', t%step, 'output_step', t%output_step*slack)
-    else if (stepped) then
-      call ordered(deck, 'step', t%step, 't_end', t%t_end*slack)
-    end if
-    if (t%adaptive) then
-      call ordered(deck, 'first_step', t%first_step, 'max_step', t%max_step*slack)
-      call ordered(deck, 'first_step', t%first_step, 't_end', t%t_end*slack)
-    end if
-    if (.not. deck%is_given('output_step')) t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
-    if (stepped) call countable(deck, 'step', t%step, 't_end', t%t_end)
-    if (deck%is_set('output_step')) call countable(deck, 'output_step', t%output_step, 't_end', t%t_end)
-    call countable(deck, 'output_step', t%output_step, 'motion_step', t%motion_step)
-  end subroutine check_steps
+    !> Steps and times that fit together; the default interval of output.
+    subroutine check_steps()
+      real(wp), parameter :: slack = 1.0_wp + 1.0e-9_wp   !! rounding of written numbers [-]
+      logical :: stepped
+      stepped = deck%is_set('step') .and. .not. t%adaptive
+      call ordered('output_step', t%output_step, 't_end', t%t_end*slack)
+      if (stepped .and. deck%is_set('output_step')) then
+        call ordered('step', t%step, 'output_step', t%output_step*slack)
+      else if (stepped) then
+        call ordered('step', t%step, 't_end', t%t_end*slack)
+      end if
+      if (t%adaptive) then
+        call ordered('first_step', t%first_step, 'max_step', t%max_step*slack)
+        call ordered('first_step', t%first_step, 't_end', t%t_end*slack)
+      end if
+      if (.not. deck%is_given('output_step')) t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
+      if (stepped) call countable('step', t%step, 't_end', t%t_end)
+      if (deck%is_set('output_step')) call countable('output_step', t%output_step, 't_end', t%t_end)
+      call countable('output_step', t%output_step, 'motion_step', t%motion_step)
+    end subroutine check_steps
 
-  !> Reports an interval that holds more steps than can be counted.
-  subroutine countable(deck, name, time, other, interval)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name, other   !! the variables of step and interval
-    real(wp), intent(in) :: time, interval    !! their values [s]
-    if (.not. (deck%is_set(other) .and. time > 0.0_wp) .or. interval <= most_counted*time) return
-    call deck%complain(other, other//'='//to_text(interval)//' is '//to_text(interval/time)//' times '//name//'='// &
-      to_text(time)//', expected at most '//to_text(most_counted)//' times, as many as can be counted')
-  end subroutine countable
+    !> Reports an interval that holds more steps than can be counted.
+    subroutine countable(name, time, other, interval)
+      character(*), intent(in) :: name, other   !! the variables of step and interval
+      real(wp), intent(in) :: time, interval    !! their values [s]
+      if (.not. (deck%is_set(other) .and. time > 0.0_wp) .or. interval <= most_counted*time) return
+      call deck%complain(other, other//'='//to_text(interval)//' is '//to_text(interval/time)//' times '//name//'='// &
+        to_text(time)//', expected at most '//to_text(most_counted)//' times, as many as can be counted')
+    end subroutine countable
 
-  !> Reports a time that is longer than another one.
-  subroutine ordered(deck, name, time, other, limit)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name, other   !! the two variables
-    real(wp), intent(in) :: time              !! the first one's value [s]
-    real(wp), intent(in) :: limit             !! the other one's value with some slack [s]
-    if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. time <= limit) return
-    call deck%complain(name, name//'='//to_text(time)//' is larger than '//other//'='//to_text(limit)//', expected '// &
-      name//' <= '//other)
-  end subroutine ordered
+    !> Reports a time that is longer than another one.
+    subroutine ordered(name, time, other, limit)
+      character(*), intent(in) :: name, other   !! the two variables
+      real(wp), intent(in) :: time              !! the first one's value [s]
+      real(wp), intent(in) :: limit             !! the other one's value with some slack [s]
+      if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. time <= limit) return
+      call deck%complain(name, name//'='//to_text(time)//' is larger than '//other//'='//to_text(limit)//', expected '// &
+        name//' <= '//other)
+    end subroutine ordered
 
-  !> How drift off the constraints is kept small; the default rates of Baumgarte's terms.
-  subroutine read_stabilization(deck, t)
-    class(deck_source), intent(inout) :: deck
-    type(transient_record), intent(inout) :: t
-    logical :: baumgarte, implicit
-    call get_word(deck, 'stabilization', t%stabilization, [character(10) :: 'projection', 'baumgarte', 'none'])
-    implicit = deck%is_choice('generalized_alpha radau')
-    if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
-      quoted(trim(t%stabilization))//' does not apply to method='//quoted(trim(t%method))//', expected ''projection''')
-    call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
-    call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
-    baumgarte = t%stabilization == 'baumgarte' .and. .not. implicit
-    call rate(deck, 'baumgarte_alpha', t%baumgarte_alpha, baumgarte, t)
-    call rate(deck, 'baumgarte_beta', t%baumgarte_beta, baumgarte, t)
-  end subroutine read_stabilization
+    !> How drift off the constraints is kept small; the default rates of Baumgarte's terms.
+    subroutine read_stabilization()
+      logical :: baumgarte, implicit
+      call get_word(deck, 'stabilization', t%stabilization, [character(10) :: 'projection', 'baumgarte', 'none'])
+      implicit = deck%is_choice('generalized_alpha radau')
+      if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
+        quoted(trim(t%stabilization))//' does not apply to method='//quoted(trim(t%method))//', expected ''projection''')
+      call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
+      call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
+      baumgarte = t%stabilization == 'baumgarte' .and. .not. implicit
+      call rate('baumgarte_alpha', t%baumgarte_alpha, baumgarte)
+      call rate('baumgarte_beta', t%baumgarte_beta, baumgarte)
+    end subroutine read_stabilization
 
-  !> Default 0.1/step of a rate of Baumgarte's terms; adaptive steps have none.
-  subroutine rate(deck, name, value, baumgarte, t)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name             !! variable
-    real(wp), intent(inout) :: value             !! [1/s]
-    logical, intent(in) :: baumgarte             !! whether the terms are used
-    type(transient_record), intent(in) :: t
-    if (.not. baumgarte) then
-      if (deck%is_set(name) .and. deck%is_known('stabilization')) call deck%complain(name, name// &
-        ' does not apply to stabilization='//quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
-    else if (.not. deck%is_given(name)) then
-      if (t%adaptive) call deck%note_missing(name, name//' >= 0 (adaptive steps have no default)')
-      if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)
-    end if
-  end subroutine rate
+    !> Default 0.1/step of a rate of Baumgarte's terms; adaptive steps have none.
+    subroutine rate(name, value, baumgarte)
+      character(*), intent(in) :: name             !! variable
+      real(wp), intent(inout) :: value             !! [1/s]
+      logical, intent(in) :: baumgarte             !! whether the terms are used
+      if (.not. baumgarte) then
+        if (deck%is_set(name) .and. deck%is_known('stabilization')) call deck%complain(name, name// &
+          ' does not apply to stabilization='//quoted(trim(t%stabilization))//', it applies to stabilization=''baumgarte''')
+      else if (.not. deck%is_given(name)) then
+        if (t%adaptive) call deck%note_missing(name, name//' >= 0 (adaptive steps have no default)')
+        if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)
+      end if
+    end subroutine rate
+  end subroutine read_transient
 end module deck_analyses

@@ -26,8 +26,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
     logical, intent(out) :: known
-    b%at = deck%at()
-    call get_name(deck, b%name)
+    call get_name(deck, b)
     if (lower(b%name) == 'ground') call deck%complain('name', 'name='''//trim(b%name)//''' is the name of the fixed body, '// &
       'expected another one')
     b%kind = 'rigid'
@@ -41,121 +40,109 @@ contains
     call get(deck, 'mass', b%mass, required, above=0.0_wp, kinds='rigid', hint=massless)
     call get(deck, 'inertia', b%inertia, required, least=0.0_wp, kinds='rigid')
     call get_pair(deck, 'com', b%com, kinds='rigid')
-    call read_elements(deck, b)
-    call read_switches(deck, b)
-    call read_reference(deck, b)
+    call read_elements()
+    call read_switches()
+    call read_reference()
     known = deck%is_choice('rigid') .or. (deck%is_choice(elastic) .and. b%nodes > 0)
     if (known .and. deck%is_choice(elastic)) call check_reference(deck, b)
+  contains
+    !> Geometry, materials and sections of a beam or frame.
+    subroutine read_elements()
+      call get(deck, 'length', b%length, required, above=0.0_wp, kinds='beam')
+      call get(deck, 'elements', b%elements, required, least=1, most=most_elements, kinds='beam')
+      call get_list(deck, 'node_x', b%node_x, required, kinds='frame')
+      call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
+      call read_frame()
+      if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
+      call read_properties('material', in_material, b%element_material, &
+        .not. deck%is_given('element_material'))
+      call read_properties('section', in_section, b%element_section, .true.)
+      call read_element_material()
+    end subroutine read_elements
+
+    !> Nodes and elements of a frame.
+    subroutine read_frame()
+      integer, allocatable :: pairs(:)
+      call get_list(deck, 'element_nodes', pairs, required, kinds='frame')
+      allocate (b%element_nodes(2, size(pairs)/2))
+      b%element_nodes = reshape(pairs(1:size(pairs)/2*2), [2, size(pairs)/2])
+      if (.not. deck%is_choice('frame')) return
+      if (deck%is_set('element_nodes')) then
+        b%elements = size(pairs)/2
+        if (mod(size(pairs), 2) == 1) call deck%complain('element_nodes', 'element_nodes has '// &
+          counted(size(pairs))//', expected pairs: the two nodes of each element')
+      end if
+      call check_frame(deck, b, mod(size(pairs), 2) == 0)
+    end subroutine read_frame
+
+    !> Materials or sections of the elements: one name for all or, for a frame, one per element.
+    subroutine read_properties(name, kind, numbers, need)
+      character(*), intent(in) :: name                   !! `material` or `section`
+      integer, intent(in) :: kind                        !! what it names
+      integer, allocatable, intent(out) :: numbers(:)    !! (elements) indices
+      logical, intent(in) :: need                        !! whether it is required
+      integer, allocatable :: found(:)
+      call get_references(deck, name, kind, found, need, elastic)
+      allocate (numbers(b%elements))
+      numbers = 0
+      if (.not. deck%is_set(name) .or. b%elements == 0) return
+      if (size(found) == 1) then
+        numbers = found(1)
+      else if (size(found) == b%elements .and. deck%is_choice('frame')) then
+        numbers = found
+      else if (deck%is_choice('frame')) then
+        call deck%complain(name, name//' has '//counted(size(found))//', expected 1 or one for each of the '// &
+          to_text(b%elements)//' elements')
+      else if (deck%is_choice('beam')) then
+        call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 for a beam')
+      end if
+    end subroutine read_properties
+
+    !> Materials that differ from element to element.
+    subroutine read_element_material()
+      integer, allocatable :: found(:)
+      call get_references(deck, 'element_material', in_material, found, .false., elastic)
+      if (.not. deck%is_set('element_material') .or. b%elements == 0) return
+      if (size(found) == b%elements) then
+        b%element_material = found
+      else
+        call deck%complain('element_material', 'element_material has '//counted(size(found))// &
+          ', expected one for each of the '//to_text(b%elements)//' elements')
+      end if
+    end subroutine read_element_material
+
+    !> What of a beam or frame is modelled.
+    subroutine read_switches()
+      call get(deck, 'flexible', b%flexible, kinds=elastic)
+      call get(deck, 'viscoelastic', b%viscoelastic, kinds=elastic)
+      call get(deck, 'modulus_at', b%modulus_at, least=0.0_wp, kinds=elastic)
+      if (deck%is_set('modulus_at') .and. b%viscoelastic) call deck%complain('modulus_at', 'modulus_at is the frequency of '// &
+        'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
+      call get(deck, 'axial', b%axial, kinds=elastic)
+      call get(deck, 'stiffening', b%stiffening, kinds=elastic)
+      call get(deck, 'modes', b%modes, least=0, kinds=elastic)
+      call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
+      if (b%static_shapes .and. b%modes == 0 .and. deck%is_known('modes')) call deck%complain('static_shapes', &
+        'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')
+      if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
+        'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
+        'axial=.true. or kind=''beam''')
+      if (.not. b%stiffening) return
+      if (.not. b%axial) call deck%complain('stiffening', 'stiffening=.true. with axial=.false.: the quadratic strain '// &
+        'shortens the chord, which needs axial deformation or it locks the beam, expected axial=.true.')
+      if (b%modes > 0) call deck%complain('stiffening', 'stiffening=.true. with modes='//to_text(b%modes)// &
+        ': a truncated basis cannot follow the shortening of the chord and the quadratic strain locks the beam, expected '// &
+        'modes=0')
+    end subroutine read_switches
+
+    !> The coordinates that fix the body's frame to its nodes.
+    subroutine read_reference()
+      call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
+      call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
+      call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
+      if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. b%modes > 0) return
+      if (b%reference == 'free') call deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): '// &
+        'nothing would fix the body''s frame, expected modes > 0')
+    end subroutine read_reference
   end subroutine read_body
-
-  !> Geometry, materials and sections of a beam or frame.
-  subroutine read_elements(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    call get(deck, 'length', b%length, required, above=0.0_wp, kinds='beam')
-    call get(deck, 'elements', b%elements, required, least=1, most=most_elements, kinds='beam')
-    call get_list(deck, 'node_x', b%node_x, required, kinds='frame')
-    call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
-    call read_frame(deck, b)
-    if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
-    call read_properties(deck, b, 'material', in_material, b%element_material, &
-      .not. deck%is_given('element_material'))
-    call read_properties(deck, b, 'section', in_section, b%element_section, .true.)
-    call read_element_material(deck, b)
-  end subroutine read_elements
-
-  !> Nodes and elements of a frame.
-  subroutine read_frame(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    integer, allocatable :: pairs(:)
-    call get_list(deck, 'element_nodes', pairs, required, kinds='frame')
-    allocate (b%element_nodes(2, size(pairs)/2))
-    b%element_nodes = reshape(pairs(1:size(pairs)/2*2), [2, size(pairs)/2])
-    if (.not. deck%is_choice('frame')) return
-    if (deck%is_set('element_nodes')) then
-      b%elements = size(pairs)/2
-      if (mod(size(pairs), 2) == 1) call deck%complain('element_nodes', 'element_nodes has '// &
-        counted(size(pairs))//', expected pairs: the two nodes of each element')
-    end if
-    call check_frame(deck, b, mod(size(pairs), 2) == 0)
-  end subroutine read_frame
-
-  !> Materials or sections of the elements: one name for all or, for a frame, one per element.
-  subroutine read_properties(deck, b, name, kind, numbers, need)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(in) :: b                 !! its number of elements, 0: not known
-    character(*), intent(in) :: name                   !! `material` or `section`
-    integer, intent(in) :: kind                        !! what it names
-    integer, allocatable, intent(out) :: numbers(:)    !! (elements) indices
-    logical, intent(in) :: need                        !! whether it is required
-    integer, allocatable :: found(:)
-    call get_references(deck, name, kind, found, need, elastic)
-    allocate (numbers(b%elements))
-    numbers = 0
-    if (.not. deck%is_set(name) .or. b%elements == 0) return
-    if (size(found) == 1) then
-      numbers = found(1)
-    else if (size(found) == b%elements .and. deck%is_choice('frame')) then
-      numbers = found
-    else if (deck%is_choice('frame')) then
-      call deck%complain(name, name//' has '//counted(size(found))//', expected 1 or one for each of the '// &
-        to_text(b%elements)//' elements')
-    else if (deck%is_choice('beam')) then
-      call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 for a beam')
-    end if
-  end subroutine read_properties
-
-  !> Materials that differ from element to element.
-  subroutine read_element_material(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    integer, allocatable :: found(:)
-    call get_references(deck, 'element_material', in_material, found, .false., elastic)
-    if (.not. deck%is_set('element_material') .or. b%elements == 0) return
-    if (size(found) == b%elements) then
-      b%element_material = found
-    else
-      call deck%complain('element_material', 'element_material has '//counted(size(found))// &
-        ', expected one for each of the '//to_text(b%elements)//' elements')
-    end if
-  end subroutine read_element_material
-
-  !> What of a beam or frame is modelled.
-  subroutine read_switches(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    call get(deck, 'flexible', b%flexible, kinds=elastic)
-    call get(deck, 'viscoelastic', b%viscoelastic, kinds=elastic)
-    call get(deck, 'modulus_at', b%modulus_at, least=0.0_wp, kinds=elastic)
-    if (deck%is_set('modulus_at') .and. b%viscoelastic) call deck%complain('modulus_at', 'modulus_at is the frequency of '// &
-      'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
-    call get(deck, 'axial', b%axial, kinds=elastic)
-    call get(deck, 'stiffening', b%stiffening, kinds=elastic)
-    call get(deck, 'modes', b%modes, least=0, kinds=elastic)
-    call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
-    if (b%static_shapes .and. b%modes == 0 .and. deck%is_known('modes')) call deck%complain('static_shapes', &
-      'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')
-    if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
-      'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
-      'axial=.true. or kind=''beam''')
-    if (.not. b%stiffening) return
-    if (.not. b%axial) call deck%complain('stiffening', 'stiffening=.true. with axial=.false.: the quadratic strain '// &
-      'shortens the chord, which needs axial deformation or it locks the beam, expected axial=.true.')
-    if (b%modes > 0) call deck%complain('stiffening', 'stiffening=.true. with modes='//to_text(b%modes)// &
-      ': a truncated basis cannot follow the shortening of the chord and the quadratic strain locks the beam, expected '// &
-      'modes=0')
-  end subroutine read_switches
-
-  !> The coordinates that fix the body's frame to its nodes.
-  subroutine read_reference(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
-    call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
-    call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
-    if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. b%modes > 0) return
-    if (b%reference == 'free') call deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): '// &
-      'nothing would fix the body''s frame, expected modes > 0')
-  end subroutine read_reference
 end module deck_bodies

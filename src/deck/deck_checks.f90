@@ -27,9 +27,8 @@ contains
       end associate
     end do
     do k = 1, size(d%bodies)
-      if (.not. turns(k)) call source%faults%add(d%bodies(k)%at%file, d%bodies(k)%at%line, 'body/'// &
-        trim(d%bodies(k)%name), 'inertia=0 and no lump away from the mass centre: its rotation has no inertia, '// &
-        'expected inertia > 0')
+      if (.not. turns(k)) call d%bodies(k)%at%blame(source%faults, 'inertia=0 and no lump away from the '// &
+        'mass centre: its rotation has no inertia, expected inertia > 0')
     end do
   end subroutine check_inertia
 

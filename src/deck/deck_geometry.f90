@@ -32,35 +32,53 @@ contains
     end if
     b%nodes = size(b%node_x)
     if (.not. (deck%is_set('element_nodes') .and. paired)) return
-    call check_elements(deck, b)
-    if (deck%faults%count == before) call check_connected(deck, b)
-  end subroutine check_frame
+    call check_elements()
+    if (deck%faults%count == before) call check_connected()
+  contains
+    !> Every element joins two different nodes that exist and has a length.
+    subroutine check_elements()
+      character(:), allocatable :: problem
+      real(wp) :: size_of_frame              ! [m]
+      integer :: k, i, j, faulty
+      size_of_frame = hypot(maxval(b%node_x) - minval(b%node_x), maxval(b%node_y) - minval(b%node_y))
+      faulty = 0
+      do k = 1, b%elements
+        i = b%element_nodes(1, k)
+        j = b%element_nodes(2, k)
+        problem = ''
+        if (min(i, j) < 1 .or. max(i, j) > b%nodes) then
+          problem = ': no such node, expected 1 to '//to_text(b%nodes)
+        else if (hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i)) <= tiny_length*size_of_frame) then
+          problem = ' has no length, expected two nodes apart'
+        end if
+        if (len(problem) == 0) cycle
+        faulty = faulty + 1
+        if (faulty <= most_shown) call deck%complain('element_nodes', 'element '//to_text(k)//' from node '//to_text(i)// &
+          ' to node '//to_text(j)//problem)
+      end do
+      call report_rest(deck, 'element_nodes', faulty)
+    end subroutine check_elements
 
-  !> Every element joins two different nodes that exist and has a length.
-  subroutine check_elements(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(in) :: b
-    character(:), allocatable :: problem
-    real(wp) :: size_of_frame              ! [m]
-    integer :: k, i, j, faulty
-    size_of_frame = hypot(maxval(b%node_x) - minval(b%node_x), maxval(b%node_y) - minval(b%node_y))
-    faulty = 0
-    do k = 1, b%elements
-      i = b%element_nodes(1, k)
-      j = b%element_nodes(2, k)
-      problem = ''
-      if (min(i, j) < 1 .or. max(i, j) > b%nodes) then
-        problem = ': no such node, expected 1 to '//to_text(b%nodes)
-      else if (hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i)) <= tiny_length*size_of_frame) then
-        problem = ' has no length, expected two nodes apart'
-      end if
-      if (len(problem) == 0) cycle
-      faulty = faulty + 1
-      if (faulty <= most_shown) call deck%complain('element_nodes', 'element '//to_text(k)//' from node '//to_text(i)// &
-        ' to node '//to_text(j)//problem)
-    end do
-    call report_rest(deck, 'element_nodes', faulty)
-  end subroutine check_elements
+    !> Checks that elements connect all nodes.
+    subroutine check_connected()
+      integer, allocatable :: parent(:)
+      integer :: k, i, j
+      allocate (parent(b%nodes))
+      parent = [(k, k=1, b%nodes)]
+      do k = 1, b%elements
+        call find_root(parent, b%element_nodes(1, k), i)
+        call find_root(parent, b%element_nodes(2, k), j)
+        parent(max(i, j)) = min(i, j)
+      end do
+      do k = 2, b%nodes
+        call find_root(parent, k, i)
+        if (i == 1) cycle
+        call deck%complain('element_nodes', 'node '//to_text(k)//' is not connected to node 1, expected elements that '// &
+          'join all nodes')
+        return
+      end do
+    end subroutine check_connected
+  end subroutine check_frame
 
   !> Says how many values of a long list are faulty beyond those shown.
   subroutine report_rest(deck, name, faulty)
@@ -70,28 +88,6 @@ contains
     if (faulty > most_shown) call deck%complain(name, name//' has '//to_text(faulty - most_shown)// &
       ' more faults of this kind, expected none')
   end subroutine report_rest
-
-  !> Checks that elements connect all nodes.
-  subroutine check_connected(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(in) :: b
-    integer, allocatable :: parent(:)
-    integer :: k, i, j
-    allocate (parent(b%nodes))
-    parent = [(k, k=1, b%nodes)]
-    do k = 1, b%elements
-      call find_root(parent, b%element_nodes(1, k), i)
-      call find_root(parent, b%element_nodes(2, k), j)
-      parent(max(i, j)) = min(i, j)
-    end do
-    do k = 2, b%nodes
-      call find_root(parent, k, i)
-      if (i == 1) cycle
-      call deck%complain('element_nodes', 'node '//to_text(k)//' is not connected to node 1, expected elements that '// &
-        'join all nodes')
-      return
-    end do
-  end subroutine check_connected
 
   !> Smallest node of the tree that a node belongs to; the way to it is made shorter.
   pure subroutine find_root(parent, node, root)
@@ -112,51 +108,83 @@ contains
     integer :: before
     before = deck%faults%count
     if (deck%is_given('reference_node') .or. deck%is_given('reference_dof')) then
-      call check_lists(deck, b)
+      call check_lists()
       if (.not. (deck%is_set('reference_node') .and. deck%is_set('reference_dof'))) return
       if (deck%faults%count > before) return
       b%reference = 'explicit'
     end if
     if (.not. b%flexible .or. b%reference == 'free') return
-    call check_rank(deck, b)
-  end subroutine check_reference
-
-  !> The two lists of reference coordinates: equal lengths, nodes that exist, nothing twice.
-  subroutine check_lists(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(inout) :: b
-    logical, allocatable :: removed(:, :)
-    integer :: k, dof, before, faulty
-    before = deck%faults%count
-    if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
-      'both given, expected one or the other')
-    if (.not. deck%is_given('reference_node')) call deck%note_missing('reference_node', 'as many nodes as reference_dof has values')
-    if (.not. deck%is_given('reference_dof')) call deck%note_missing('reference_dof', '''u'', ''v'' or ''r'' for every '// &
-      'reference_node')
-    call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
-    where (b%reference_node == -1) b%reference_node = b%nodes
-    faulty = 0
-    do k = 1, size(b%reference_node)
-      if (b%reference_node(k) >= 1 .and. b%reference_node(k) <= b%nodes) cycle
-      faulty = faulty + 1
-      if (faulty <= most_shown) call deck%complain('reference_node', 'reference_node='// &
-        to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)//' or -1 (the last)')
-    end do
-    call report_rest(deck, 'reference_node', faulty)
-    if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
-    allocate (removed(3, b%nodes))
-    removed = .false.
-    do k = 1, size(b%reference_node)
-      dof = index('uvr', b%reference_dof(k))
-      if (removed(dof, b%reference_node(k))) then
+    call check_rank()
+  contains
+    !> The two lists of reference coordinates: equal lengths, nodes that exist, nothing twice.
+    subroutine check_lists()
+      logical, allocatable :: removed(:, :)
+      integer :: k, dof, before, faulty
+      before = deck%faults%count
+      if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
+        'both given, expected one or the other')
+      if (.not. deck%is_given('reference_node')) call deck%note_missing('reference_node', 'as many nodes as reference_dof '// &
+        'has values')
+      if (.not. deck%is_given('reference_dof')) call deck%note_missing('reference_dof', '''u'', ''v'' or ''r'' for every '// &
+        'reference_node')
+      call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
+      where (b%reference_node == -1) b%reference_node = b%nodes
+      faulty = 0
+      do k = 1, size(b%reference_node)
+        if (b%reference_node(k) >= 1 .and. b%reference_node(k) <= b%nodes) cycle
         faulty = faulty + 1
-        if (faulty <= most_shown) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)//' of node '// &
-          to_text(b%reference_node(k))//' is removed twice, expected it once')
-      end if
-      removed(dof, b%reference_node(k)) = .true.
-    end do
-    call report_rest(deck, 'reference_dof', faulty)
-  end subroutine check_lists
+        if (faulty <= most_shown) call deck%complain('reference_node', 'reference_node='// &
+          to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)//' or -1 (the last)')
+      end do
+      call report_rest(deck, 'reference_node', faulty)
+      if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
+      allocate (removed(3, b%nodes))
+      removed = .false.
+      do k = 1, size(b%reference_node)
+        dof = index('uvr', b%reference_dof(k))
+        if (removed(dof, b%reference_node(k))) then
+          faulty = faulty + 1
+          if (faulty <= most_shown) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)//' of node '// &
+            to_text(b%reference_node(k))//' is removed twice, expected it once')
+        end if
+        removed(dof, b%reference_node(k)) = .true.
+      end do
+      call report_rest(deck, 'reference_dof', faulty)
+    end subroutine check_lists
+
+    !> Reports in words a rigid motion that the removed coordinates do not stop.
+    subroutine check_rank()
+      real(wp), allocatable :: x(:), y(:)    ! nodes [m]
+      real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
+      real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
+      real(wp) :: extent                     ! largest distance of a node from node 1 [m]
+      real(wp) :: part(3), work(9)           ! eigenvalues of that matrix [-], work space of LAPACK
+      logical :: removed(3, b%nodes)
+      character(:), allocatable :: name, what
+      integer :: k, dof, info
+      call node_markers(b, x, y)
+      extent = maxval(hypot(x - x(1), y - y(1)))
+      if (extent <= 0.0_wp) return
+      normal = 0.0_wp
+      removed = removed_coordinates(b)
+      do k = 1, b%nodes
+        do dof = 1, 3
+          if (removed(dof, k)) call add_row(normal, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
+        end do
+      end do
+      call dsyev('V', 'U', 3, normal, 3, part, work, size(work), info)
+      if (product(part) > singular*max(sum(part), 1.0_wp)**3) return
+      motion = normal(:, 1)
+      if (part(2) <= singular*sum(part)) motion = motion*normal(3, 2) - normal(:, 2)*normal(3, 1)   ! a translation among free ones
+      if (norm2(motion) <= singular) motion = normal(:, 1)
+      name = 'reference'
+      if (b%reference == 'explicit') name = 'reference_dof'
+      what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves a '
+      if (b%reference == 'explicit') what = 'the coordinates of reference_node and reference_dof leave a '
+      call deck%complain(name, what//motion_text(motion, x(1), y(1), extent)//' of the body free, expected coordinates '// &
+        'that stop all three rigid motions')
+    end subroutine check_rank
+  end subroutine check_reference
 
   !> Nodal coordinates (u, v, r of each node) that belong to the body's frame.
   pure function removed_coordinates(b) result(removed)
@@ -177,41 +205,6 @@ contains
     case default   ! 'free': with modes
     end select
   end function removed_coordinates
-
-  !> Reports in words a rigid motion that the removed coordinates do not stop.
-  subroutine check_rank(deck, b)
-    class(deck_source), intent(inout) :: deck
-    type(body_record), intent(in) :: b
-    real(wp), allocatable :: x(:), y(:)    ! nodes [m]
-    real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
-    real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
-    real(wp) :: extent                     ! largest distance of a node from node 1 [m]
-    real(wp) :: part(3), work(9)           ! eigenvalues of that matrix [-], work space of LAPACK
-    logical :: removed(3, b%nodes)
-    character(:), allocatable :: name, what
-    integer :: k, dof, info
-    call node_markers(b, x, y)
-    extent = maxval(hypot(x - x(1), y - y(1)))
-    if (extent <= 0.0_wp) return
-    normal = 0.0_wp
-    removed = removed_coordinates(b)
-    do k = 1, b%nodes
-      do dof = 1, 3
-        if (removed(dof, k)) call add_row(normal, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
-      end do
-    end do
-    call dsyev('V', 'U', 3, normal, 3, part, work, size(work), info)
-    if (product(part) > singular*max(sum(part), 1.0_wp)**3) return
-    motion = normal(:, 1)
-    if (part(2) <= singular*sum(part)) motion = motion*normal(3, 2) - normal(:, 2)*normal(3, 1)   ! a translation among free ones
-    if (norm2(motion) <= singular) motion = normal(:, 1)
-    name = 'reference'
-    if (b%reference == 'explicit') name = 'reference_dof'
-    what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves a '
-    if (b%reference == 'explicit') what = 'the coordinates of reference_node and reference_dof leave a '
-    call deck%complain(name, what//motion_text(motion, x(1), y(1), extent)//' of the body free, expected coordinates '// &
-      'that stop all three rigid motions')
-  end subroutine check_rank
 
   !> Adds the row of one removed coordinate: u = tx - ω y, v = ty + ω x, r = ω for the motion (tx, ty, ω).
   pure subroutine add_row(normal, dof, x, y)

@@ -25,8 +25,7 @@ contains
   subroutine read_history(deck, h)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(inout) :: h
-    h%at = deck%at()
-    call get_name(deck, h%name)
+    call get_name(deck, h)
     h%kind = 'polynomial'
     call get_choice(deck, 'kind', h%kind, [character(10) :: 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', &
                                            'sum', 'sequence'])
@@ -39,7 +38,7 @@ contains
     call get(deck, 'end_value', h%end_value, required, kinds='ramp cycloid')
     call get(deck, 'start', h%start, required, kinds='ramp cycloid pulse')
     call get(deck, 'finish', h%finish, required, kinds='ramp cycloid pulse')
-    call read_table(deck, h)
+    call read_table()
     if (deck%choice_known .and. .not. deck%is_choice('table')) then
       call get(deck, 'value', h%value, required, kinds='pulse')
     end if
@@ -53,103 +52,96 @@ contains
     call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
     call same_length(deck, 'histories', size(h%parts), 'durations', size(h%durations))
     if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
-    call check_ends(deck, h)
-  end subroutine read_history
-
-  !> A table: its points, from the deck or a file, and the curve through them.
-  subroutine read_table(deck, h)
-    class(deck_source), intent(inout) :: deck
-    type(history_record), intent(inout) :: h
-    character(:), allocatable :: file
-    integer, allocatable :: columns(:)
-    logical :: here
-    allocate (character(0) :: file)
-    call get(deck, 'file', file, kinds='table')
-    call get_list(deck, 'columns', columns, kinds='table')
-    here = .not. deck%is_given('file')
-    call get_list(deck, 'time', h%time, here, kinds='table')
-    call get_list(deck, 'value', h%values, here, kinds='table')
-    call get_word(deck, 'interpolation', h%interpolation, [character(6) :: 'spline', 'pchip', 'linear'], kinds='table')
-    call get_word(deck, 'ends', h%ends, [character(10) :: 'not-a-knot', 'rest', 'natural'], kinds='table')
-    if (.not. deck%is_choice('table')) return
-    if (here) then
-      call same_length(deck, 'time', size(h%time), 'value', size(h%values))
-      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
-      if (deck%is_set('time')) call check_times(deck, 'time', 'time', h%time)
-    else if (deck%is_given('time') .or. deck%is_given('value')) then
-      call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
-    else
-      if (.not. deck%is_given('columns')) columns = [1, 2]
-      if (deck%is_set('file')) call read_table_file(deck, file, columns, h)
-    end if
-  end subroutine read_table
-
-  !> Points of a table from a file, its path relative to the deck's file.
-  subroutine read_table_file(deck, file, columns, h)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: file       !! as the deck names it
-    integer, intent(in) :: columns(:)      !! of time and value
-    type(history_record), intent(inout) :: h
-    character(:), allocatable :: content, problem
-    if (size(columns) /= 2 .or. any(columns < 1)) then
-      if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
-        'columns=1,2 (time, value)')
-      return
-    end if
-    h%file = beside(h%at%file, file)
-    call read_file(h%file, content, problem)
-    if (len(problem) > 0) then
-      problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
-    else
-      h%file_digest = digest(text_words(content))
-      call read_columns(content, columns, h%time, h%values, problem)
-      if (len(problem) > 0) problem = ' '//problem
-    end if
-    if (len(problem) > 0) then
-      call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
-    else
-      call check_times(deck, 'file', 'time (column '//to_text(columns(1))//')', h%time)
-    end if
-  end subroutine read_table_file
-
-  !> A table needs two points or more, in order of time.
-  subroutine check_times(deck, name, what, time)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name       !! variable that is to blame
-    character(*), intent(in) :: what       !! the times, in words
-    real(wp), intent(in) :: time(:)        !! [s]
-    integer :: k
-    if (size(time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
-    do k = 2, size(time)
-      if (time(k) > time(k - 1)) cycle
-      call deck%complain(name, what//' is not ordered: value '//to_text(k)//', '//to_text(time(k))// &
-        ', is not later than value '//to_text(k - 1)//', '//to_text(time(k - 1))//', expected increasing times')
-      return
-    end do
-  end subroutine check_times
-
-  !> What holds at the ends of a table fits its interpolation.
-  subroutine check_ends(deck, h)
-    class(deck_source), intent(inout) :: deck
-    type(history_record), intent(in) :: h
-    integer :: n
-    if (.not. deck%is_choice('table') .or. .not. deck%is_clean()) return
-    n = size(h%values)
-    if (deck%is_given('ends')) then
-      if (h%periodic) then
-        call deck%complain('ends', 'ends does not apply to periodic=.true., it applies to tables that end')
-      else if (h%interpolation == 'linear') then
-        call deck%complain('ends', 'ends does not apply to interpolation=''linear'', it applies to ''spline'' and ''pchip''')
-      else if (h%interpolation == 'pchip' .and. h%ends /= 'rest') then
-        call deck%complain('ends', 'ends='//quoted(trim(h%ends))//' does not apply to interpolation=''pchip'', expected '// &
-          '''rest'' or no ends')
+    call check_ends()
+  contains
+    !> A table: its points, from the deck or a file, and the curve through them.
+    subroutine read_table()
+      character(:), allocatable :: file
+      integer, allocatable :: columns(:)
+      logical :: here
+      allocate (character(0) :: file)
+      call get(deck, 'file', file, kinds='table')
+      call get_list(deck, 'columns', columns, kinds='table')
+      here = .not. deck%is_given('file')
+      call get_list(deck, 'time', h%time, here, kinds='table')
+      call get_list(deck, 'value', h%values, here, kinds='table')
+      call get_word(deck, 'interpolation', h%interpolation, [character(6) :: 'spline', 'pchip', 'linear'], kinds='table')
+      call get_word(deck, 'ends', h%ends, [character(10) :: 'not-a-knot', 'rest', 'natural'], kinds='table')
+      if (.not. deck%is_choice('table')) return
+      if (here) then
+        call same_length(deck, 'time', size(h%time), 'value', size(h%values))
+        if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
+        if (deck%is_set('time')) call check_times('time', 'time', h%time)
+      else if (deck%is_given('time') .or. deck%is_given('value')) then
+        call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
+      else
+        if (.not. deck%is_given('columns')) columns = [1, 2]
+        if (deck%is_set('file')) call read_table_file(file, columns)
       end if
-    end if
-    if (n == 0 .or. .not. h%periodic) return
-    if (abs(h%values(n) - h%values(1)) <= 1.0e-9_wp*maxval(abs(h%values))) return
-    call deck%complain('periodic', 'the table begins with '//to_text(h%values(1))//' and ends with '//to_text(h%values(n))// &
-      ', expected equal values for periodic=.true.')
-  end subroutine check_ends
+    end subroutine read_table
+
+    !> Points of a table from a file, its path relative to the deck's file.
+    subroutine read_table_file(file, columns)
+      character(*), intent(in) :: file       !! as the deck names it
+      integer, intent(in) :: columns(:)      !! of time and value
+      character(:), allocatable :: content, problem
+      if (size(columns) /= 2 .or. any(columns < 1)) then
+        if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
+          'columns=1,2 (time, value)')
+        return
+      end if
+      h%file = beside(h%at%file, file)
+      call read_file(h%file, content, problem)
+      if (len(problem) > 0) then
+        problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
+      else
+        h%file_digest = digest(text_words(content))
+        call read_columns(content, columns, h%time, h%values, problem)
+        if (len(problem) > 0) problem = ' '//problem
+      end if
+      if (len(problem) > 0) then
+        call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
+      else
+        call check_times('file', 'time (column '//to_text(columns(1))//')', h%time)
+      end if
+    end subroutine read_table_file
+
+    !> A table needs two points or more, in order of time.
+    subroutine check_times(name, what, time)
+      character(*), intent(in) :: name       !! variable that is to blame
+      character(*), intent(in) :: what       !! the times, in words
+      real(wp), intent(in) :: time(:)        !! [s]
+      integer :: k
+      if (size(time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
+      do k = 2, size(time)
+        if (time(k) > time(k - 1)) cycle
+        call deck%complain(name, what//' is not ordered: value '//to_text(k)//', '//to_text(time(k))// &
+          ', is not later than value '//to_text(k - 1)//', '//to_text(time(k - 1))//', expected increasing times')
+        return
+      end do
+    end subroutine check_times
+
+    !> What holds at the ends of a table fits its interpolation.
+    subroutine check_ends()
+      integer :: n
+      if (.not. deck%is_choice('table') .or. .not. deck%is_clean()) return
+      n = size(h%values)
+      if (deck%is_given('ends')) then
+        if (h%periodic) then
+          call deck%complain('ends', 'ends does not apply to periodic=.true., it applies to tables that end')
+        else if (h%interpolation == 'linear') then
+          call deck%complain('ends', 'ends does not apply to interpolation=''linear'', it applies to ''spline'' and ''pchip''')
+        else if (h%interpolation == 'pchip' .and. h%ends /= 'rest') then
+          call deck%complain('ends', 'ends='//quoted(trim(h%ends))//' does not apply to interpolation=''pchip'', expected '// &
+            '''rest'' or no ends')
+        end if
+      end if
+      if (n == 0 .or. .not. h%periodic) return
+      if (abs(h%values(n) - h%values(1)) <= 1.0e-9_wp*maxval(abs(h%values))) return
+      call deck%complain('periodic', 'the table begins with '//to_text(h%values(1))//' and ends with '//to_text(h%values(n))// &
+        ', expected equal values for periodic=.true.')
+    end subroutine check_ends
+  end subroutine read_history
 
   !> Sums and sequences may not lead back to themselves, nor be made of more parts than any deck means.
   subroutine check_histories(deck, list, t_end)
@@ -168,43 +160,40 @@ contains
         if (parts(k) > 0 .or. any(parts(list(k)%parts) == 0)) cycle
         parts(k) = min(1 + sum(parts(list(k)%parts)), most_parts + 1)
         more = .true.
-        if (parts(k) > most_parts) call blame(k, 'is made of more than '//to_text(most_parts)//' others, expected fewer')
+        if (parts(k) > most_parts) call list(k)%at%blame(deck%faults, 'is made of more than '//to_text(most_parts)// &
+          ' others, expected fewer')
       end do
     end do
     do k = 1, size(list)
-      if (parts(k) == 0) call blame(k, 'leads back to itself or to one that does, expected histories that do not')
-      if (list(k)%periodic) call check_turns(k, max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
+      if (parts(k) == 0) call list(k)%at%blame(deck%faults, 'leads back to itself or to one that does, expected histories '// &
+        'that do not')
+      if (list(k)%periodic) call check_turns(list(k), max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part. What
-    !> began so long ago, or begins so late, that times next to its beginning cannot be told apart, is refused.
-    subroutine check_turns(number, until)
-      integer, intent(in) :: number        !! the history
+    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part. A
+    !> period is refused, too, if its parts are so short that rounding of the times at which they begin would lose them.
+    subroutine check_turns(h, until)
+      type(history_record), intent(in) :: h
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
       real(wp) :: begins, period, shortest   ! [s]
       integer :: n
-      associate (h => list(number))
+      n = max(size(h%time), size(h%durations))
+      if (size(h%time) > 0) then
+        begins = h%time(1)
+        period = h%time(n) - begins
+        shortest = minval(h%time(2:) - h%time(:n - 1))
+      else
         begins = h%start
         period = sum(h%durations)
-        n = max(size(h%time), size(h%durations))
         shortest = minval(h%durations)
-        if (size(h%time) > 0) begins = h%time(1)
-        if (size(h%time) > 0) period = h%time(n) - begins
-        if (size(h%time) > 0) shortest = minval(h%time(2:) - h%time(:n - 1))
-      end associate
-      if (until*n > most_breakpoints*period) call blame(number, 'a turn takes '//to_text(period)//' s, too little against '// &
-        to_text(until)//' s: more than '//to_text(most_breakpoints)//' corners, expected fewer turns (or kind=''sine'')')
-      if (shortest < finest_part*spacing(abs(begins))) call blame(number, 'a turn begins at '//to_text(begins)// &
+      end if
+      if (until*n > most_breakpoints*period) call h%at%blame(deck%faults, 'a turn takes '//to_text(period)//' s, too little '// &
+        'against '//to_text(until)//' s: more than '//to_text(most_breakpoints)//' corners, expected fewer turns (or '// &
+        'kind=''sine'')')
+      if (shortest < finest_part*spacing(abs(begins))) call h%at%blame(deck%faults, 'a turn begins at '//to_text(begins)// &
         ' s, a time that is known to '//to_text(spacing(abs(begins)))//' s only: too little for parts of '//to_text(shortest)// &
         ' s, expected one that begins nearer to t = 0')
     end subroutine check_turns
-
-    !> Reports a fault of a history.
-    subroutine blame(number, message)
-      integer, intent(in) :: number        !! the history
-      character(*), intent(in) :: message
-      call deck%faults%add(list(number)%at%file, list(number)%at%line, 'history/'//trim(list(number)%name), message)
-    end subroutine blame
   end subroutine check_histories
 
   !> A line for each file that a table was read from, so that a deck's text changes with what the file says.

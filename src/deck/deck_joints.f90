@@ -31,8 +31,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(joint_record), intent(inout) :: j
-    j%at = deck%at()
-    call get_name(deck, j%name)
+    call get_name(deck, j)
     call get_choice(deck, 'type', j%type, [character(9) :: 'revolute', 'weld', 'slider', 'prismatic', 'distance'], &
       required)
     call read_marker(deck, d, '_a', j%a, required)
@@ -48,8 +47,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies and histories are read
     type(drive_record), intent(inout) :: r
-    r%at = deck%at()
-    call get_name(deck, r%name)
+    call get_name(deck, r)
     r%type = 'rotation'
     call get_choice(deck, 'type', r%type, [character(8) :: 'rotation', 'position'])
     call read_marker(deck, d, '_a', r%a, required, point_kinds='position', frame_kinds='rotation')
@@ -65,8 +63,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(spring_record), intent(inout) :: s
-    s%at = deck%at()
-    call get_name(deck, s%name)
+    call get_name(deck, s)
     s%type = 'linear'
     call get_choice(deck, 'type', s%type, [character(9) :: 'linear', 'torsional'])
     call read_marker(deck, d, '_a', s%a, required, point_kinds='linear', frame_kinds='torsional')
@@ -85,8 +82,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies and histories are read
     type(force_record), intent(inout) :: f
-    f%at = deck%at()
-    call get_name(deck, f%name)
+    call get_name(deck, f)
     f%type = 'force'
     call get_choice(deck, 'type', f%type, [character(12) :: 'force', 'torque', 'torque_about'])
     call read_marker(deck, d, '', f%marker, required, point_kinds='force torque_about', frame_kinds='torque')

@@ -38,57 +38,46 @@ contains
     frame = .false.
     if (present(frame_kinds)) frame = deck%is_choice(frame_kinds)
     if (marker%body == 0) then
-      call check_point(deck, d, suffix, marker%body, node, frame)
+      call check_point(marker%body)
     else if (deck%body_known(marker%body)) then
       if (d%bodies(marker%body)%kind == 'rigid') then
-        call check_point(deck, d, suffix, marker%body, node, frame)
+        call check_point(marker%body)
       else
-        call check_node(deck, d, suffix, marker, node, frame)
+        call check_node()
       end if
     end if
+  contains
+    !> A rigid body and the ground have points, no nodes.
+    subroutine check_point(body)
+      integer, intent(in) :: body            !! number of the body, 0: the ground
+      character(:), allocatable :: expected
+      if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
+      expected = 'point'//suffix//'=x,y'
+      if (frame) expected = 'no node'
+      call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, body)//', which has no '// &
+        'nodes, expected '//expected)
+    end subroutine check_point
+
+    !> A beam or frame has nodes; the last one may be called -1.
+    subroutine check_node()
+      character(:), allocatable :: expected
+      associate (b => d%bodies(marker%body))
+        expected = '1 to '//to_text(b%nodes)//' or -1 (the last)'
+        if (frame) expected = '1 to '//to_text(b%nodes)//', -1 (the last) or 0 (the frame)'
+        if (deck%is_set('point'//suffix)) then
+          call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, marker%body)// &
+            ', which has nodes, expected node'//suffix//' '//expected)
+        else if (deck%is_set('node'//suffix)) then
+          marker%node = node
+          if (node == -1) marker%node = b%nodes
+          if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, &
+            'node'//suffix//'='//to_text(node)//' is out of range for '//body_text(d, marker%body)//', expected '//expected)
+        else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
+          call deck%note_missing('node'//suffix, 'a node of '//body_text(d, marker%body)//', '//expected)
+        end if
+      end associate
+    end subroutine check_node
   end subroutine read_marker
-
-  !> A rigid body and the ground have points, no nodes.
-  subroutine check_point(deck, d, suffix, body, node, frame)
-    class(deck_source), intent(inout) :: deck
-    type(deck_record), intent(in) :: d
-    character(*), intent(in) :: suffix     !! '', '_a' or '_b'
-    integer, intent(in) :: body            !! number of the body, 0: the ground
-    integer, intent(in) :: node            !! node named
-    logical, intent(in) :: frame           !! whether node=0, the body's frame, may be named
-    character(:), allocatable :: expected
-    if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
-    expected = 'point'//suffix//'=x,y'
-    if (frame) expected = 'no node'
-    call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, body)//', which has no '// &
-      'nodes, expected '//expected)
-  end subroutine check_point
-
-  !> A beam or frame has nodes; the last one may be called -1.
-  subroutine check_node(deck, d, suffix, marker, node, frame)
-    class(deck_source), intent(inout) :: deck
-    type(deck_record), intent(in) :: d
-    character(*), intent(in) :: suffix               !! '', '_a' or '_b'
-    type(marker_record), intent(inout) :: marker     !! its body is known; receives the node
-    integer, intent(in) :: node                      !! node named
-    logical, intent(in) :: frame                     !! whether naming none means the body's frame
-    character(:), allocatable :: expected
-    associate (b => d%bodies(marker%body))
-      expected = '1 to '//to_text(b%nodes)//' or -1 (the last)'
-      if (frame) expected = '1 to '//to_text(b%nodes)//', -1 (the last) or 0 (the frame)'
-      if (deck%is_set('point'//suffix)) then
-        call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, marker%body)// &
-          ', which has nodes, expected node'//suffix//' '//expected)
-      else if (deck%is_set('node'//suffix)) then
-        marker%node = node
-        if (node == -1) marker%node = b%nodes
-        if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, 'node'//suffix// &
-          '='//to_text(node)//' is out of range for '//body_text(d, marker%body)//', expected '//expected)
-      else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
-        call deck%note_missing('node'//suffix, 'a node of '//body_text(d, marker%body)//', '//expected)
-      end if
-    end associate
-  end subroutine check_node
 
   !> A body in words: `beam 'rod'`, `the ground`.
   function body_text(d, body) result(t)

@@ -27,8 +27,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(material_record), intent(inout) :: m
     real(wp) :: scale      !! temperature shift: multiplies every omega and 1/tau [-]
-    m%at = deck%at()
-    call get_name(deck, m%name)
+    call get_name(deck, m)
     call get(deck, 'density', m%density, required, above=0.0_wp)
     call get(deck, 'young', m%young, required, above=0.0_wp)
     call read_law(deck, m%law)
@@ -92,8 +91,7 @@ contains
     real(wp) :: width, height        !! rectangle [m]
     real(wp) :: outer, inner         !! diameters of circle and tube [m]
     logical :: plain
-    s%at = deck%at()
-    call get_name(deck, s%name)
+    call get_name(deck, s)
     shape = ''
     width = 0.0_wp
     height = 0.0_wp

@@ -48,164 +48,149 @@ contains
       if (k > 1) d%text = d%text//'! '//source%parts%sources(k)%path//achar(10)
       d%text = d%text//source%parts%sources(k)%text
     end do
-    call classify(source, list, kinds, numbers)
-    call allocate_records(source, d, numbers)
-    call read_groups(source, list, kinds, d)
+    call classify()
+    call allocate_records()
+    call read_groups()
     call check_inertia(source, d)
     call check_histories(source, d%histories, d%transient%t_end)
     d%text = d%text//table_files(d%histories)
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults(source, faults)
-  end subroutine read_deck
-
-  !> Finds the kind of every group, counts them and registers the names.
-  subroutine classify(source, list, kinds, numbers)
-    type(deck_source), intent(inout) :: source
-    integer, intent(in) :: list(:)                         !! groups in reading order
-    integer, allocatable, intent(out) :: kinds(:)          !! (groups) kind, 0: not to be read
-    integer, intent(out) :: numbers(group_kinds)           !! how many of each kind
-    integer :: first(group_kinds)                          ! first group of each kind
-    integer :: k
-    numbers = 0
-    first = 0
-    allocate (kinds(size(list)))
-    do k = 1, size(list)
-      associate (g => list(k))
-        call source%open(g)
-        kinds(k) = group_number(source%group_word(g))
-        if (kinds(k) == 0) then
-          call unknown_group(source, g)
-          cycle
-        end if
-        associate (kind => kinds(k))
-          if (is_single(kind) .and. numbers(kind) > 0) then
-            call source%complain('', 'a second &'//trim(group_names(kind))//', the first is in '// &
-              source%location_of(first(kind))//', expected one')
-            kind = 0
+  contains
+    !> Finds the kind of every group, counts them and registers the names.
+    subroutine classify()
+      integer :: first(group_kinds)                          ! first group of each kind
+      integer :: k
+      numbers = 0
+      first = 0
+      allocate (kinds(size(list)))
+      do k = 1, size(list)
+        associate (g => list(k))
+          call source%open(g)
+          kinds(k) = group_number(source%group_word(g))
+          if (kinds(k) == 0) then
+            call unknown_group(g)
             cycle
           end if
-          if (numbers(kind) == 0) first(kind) = g
-          numbers(kind) = numbers(kind) + 1
-          if (is_named(kind)) call register(source, kind, numbers(kind), g)
+          associate (kind => kinds(k))
+            if (is_single(kind) .and. numbers(kind) > 0) then
+              call source%complain('', 'a second &'//trim(group_names(kind))//', the first is in '// &
+                source%location_of(first(kind))//', expected one')
+              kind = 0
+              cycle
+            end if
+            if (numbers(kind) == 0) first(kind) = g
+            numbers(kind) = numbers(kind) + 1
+            if (is_named(kind)) call register(kind, numbers(kind), g)
+          end associate
         end associate
-      end associate
-    end do
-  end subroutine classify
+      end do
+    end subroutine classify
 
-  !> Registers the name of the open group; reports one that is taken. A name that cannot be read may be any.
-  subroutine register(source, kind, number, group)
-    type(deck_source), intent(inout) :: source
-    integer, intent(in) :: kind     !! kind of the group
-    integer, intent(in) :: number   !! what the name stands for
-    integer, intent(in) :: group    !! the group
-    character(:), allocatable :: name, problem
-    integer :: earlier
-    name = source%peek('name')
-    call valid_name(name, problem)
-    if (len(problem) > 0) then
-      source%names(kind)%complete = .false.
-      return
-    end if
-    call source%names(kind)%add(name, number, group, earlier)
-    if (earlier > 0) call source%complain('name', 'name='//quoted(name)//' is taken by the '// &
-      trim(group_names(kind))//' in '//source%location_of(earlier)//', expected another name')
-  end subroutine register
-
-  !> Reports the open group as unknown; what it would have defined raises no further faults.
-  subroutine unknown_group(source, group)
-    type(deck_source), intent(inout) :: source
-    integer, intent(in) :: group    !! the group
-    character(:), allocatable :: word, name, problem
-    integer :: near, kind, earlier
-    word = source%group_word(group)
-    near = nearest_word(word, group_names)
-    if (near > 0) then
-      call source%complain('', 'unknown group, did you mean &'//trim(group_names(near))//'?')
-    else if (len(word) > 0) then
-      call source%complain('', 'unknown group, expected one of '//joined(group_names, ', '))
-    end if
-    name = source%peek('name')
-    call valid_name(name, problem)
-    do kind = 1, group_kinds
-      if (near > 0 .and. near /= kind) cycle
+    !> Registers the name of the open group; reports one that is taken. A name that cannot be read may be any.
+    subroutine register(kind, number, group)
+      integer, intent(in) :: kind     !! kind of the group
+      integer, intent(in) :: number   !! what the name stands for
+      integer, intent(in) :: group    !! the group
+      character(:), allocatable :: name, problem
+      integer :: earlier
+      name = source%peek('name')
+      call valid_name(name, problem)
       if (len(problem) > 0) then
         source%names(kind)%complete = .false.
-      else
-        call source%names(kind)%add(name, doubtful, group, earlier)
+        return
       end if
-    end do
-  end subroutine unknown_group
+      call source%names(kind)%add(name, number, group, earlier)
+      if (earlier > 0) call source%complain('name', 'name='//quoted(name)//' is taken by the '// &
+        trim(group_names(kind))//' in '//source%location_of(earlier)//', expected another name')
+    end subroutine register
 
-  !> One record for every group that repeats.
-  subroutine allocate_records(source, d, numbers)
-    type(deck_source), intent(inout) :: source
-    type(deck), intent(inout) :: d
-    integer, intent(in) :: numbers(group_kinds)   !! how many of each kind
-    d%scene%title = ''
-    allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
-    allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
-    allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
-    allocate (d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
-    source%body_known = .false.
-  end subroutine allocate_records
-
-  !> Reads all groups, kind by kind, so that what a group names is read before it.
-  subroutine read_groups(source, list, kinds, d)
-    type(deck_source), intent(inout) :: source
-    integer, intent(in) :: list(:)                         !! groups in reading order
-    integer, intent(in) :: kinds(:)               !! (groups) kind, 0: not to be read
-    type(deck), intent(inout) :: d
-    integer :: kind, number, k
-    do kind = 1, group_kinds
-      number = 0
-      do k = 1, size(list)
-        if (kinds(k) /= kind) cycle
-        number = number + 1
-        if (.not. source%parts%groups(list(k))%readable) cycle
-        call source%open(list(k))
-        call read_group(source, kind, number, d)
-        call source%close()
+    !> Reports the open group as unknown; what it would have defined raises no further faults.
+    subroutine unknown_group(group)
+      integer, intent(in) :: group    !! the group
+      character(:), allocatable :: word, name, problem
+      integer :: near, kind, earlier
+      word = source%group_word(group)
+      near = nearest_word(word, group_names)
+      if (near > 0) then
+        call source%complain('', 'unknown group, did you mean &'//trim(group_names(near))//'?')
+      else if (len(word) > 0) then
+        call source%complain('', 'unknown group, expected one of '//joined(group_names, ', '))
+      end if
+      name = source%peek('name')
+      call valid_name(name, problem)
+      do kind = 1, group_kinds
+        if (near > 0 .and. near /= kind) cycle
+        if (len(problem) > 0) then
+          source%names(kind)%complete = .false.
+        else
+          call source%names(kind)%add(name, doubtful, group, earlier)
+        end if
       end do
-    end do
-  end subroutine read_groups
+    end subroutine unknown_group
 
-  !> Reads the open group into its record.
-  subroutine read_group(source, kind, number, d)
-    type(deck_source), intent(inout) :: source
-    integer, intent(in) :: kind       !! kind of the group
-    integer, intent(in) :: number     !! which one of its kind
-    type(deck), intent(inout) :: d
-    select case (kind)
-    case (in_scene)
-      call read_scene(source, d%scene)
-    case (in_material)
-      call read_material(source, d%materials(number))
-    case (in_section)
-      call read_section(source, d%sections(number))
-    case (in_history)
-      call read_history(source, d%histories(number))
-    case (in_body)
-      call read_body(source, d%bodies(number), source%body_known(number))
-    case (in_lump)
-      call read_lump(source, d, d%lumps(number))
-    case (in_joint)
-      call read_joint(source, d, d%joints(number))
-    case (in_drive)
-      call read_drive(source, d, d%drives(number))
-    case (in_force)
-      call read_force(source, d, d%forces(number))
-    case (in_spring)
-      call read_spring(source, d, d%springs(number))
-    case (in_sensor)
-      call read_sensor(source, d, d%sensors(number))
-    case (in_static)
-      call read_static(source, d%static)
-    case (in_modal)
-      call read_modal(source, d%modal)
-    case (in_response)
-      call read_response(source, d%response)
-    case default
-      call read_transient(source, d%transient)
-    end select
-  end subroutine read_group
+    !> One record for every group that repeats.
+    subroutine allocate_records()
+      d%scene%title = ''
+      allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
+      allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
+      allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
+      allocate (d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
+      source%body_known = .false.
+    end subroutine allocate_records
+
+    !> Reads all groups, kind by kind, so that what a group names is read before it.
+    subroutine read_groups()
+      integer :: kind, number, k
+      do kind = 1, group_kinds
+        number = 0
+        do k = 1, size(list)
+          if (kinds(k) /= kind) cycle
+          number = number + 1
+          if (.not. source%parts%groups(list(k))%readable) cycle
+          call source%open(list(k))
+          call read_group(kind, number)
+          call source%close()
+        end do
+      end do
+    end subroutine read_groups
+
+    !> Reads the open group into its record.
+    subroutine read_group(kind, number)
+      integer, intent(in) :: kind       !! kind of the group
+      integer, intent(in) :: number     !! which one of its kind
+      select case (kind)
+      case (in_scene)
+        call read_scene(source, d%scene)
+      case (in_material)
+        call read_material(source, d%materials(number))
+      case (in_section)
+        call read_section(source, d%sections(number))
+      case (in_history)
+        call read_history(source, d%histories(number))
+      case (in_body)
+        call read_body(source, d%bodies(number), source%body_known(number))
+      case (in_lump)
+        call read_lump(source, d, d%lumps(number))
+      case (in_joint)
+        call read_joint(source, d, d%joints(number))
+      case (in_drive)
+        call read_drive(source, d, d%drives(number))
+      case (in_force)
+        call read_force(source, d, d%forces(number))
+      case (in_spring)
+        call read_spring(source, d, d%springs(number))
+      case (in_sensor)
+        call read_sensor(source, d, d%sensors(number))
+      case (in_static)
+        call read_static(source, d%static)
+      case (in_modal)
+        call read_modal(source, d%modal)
+      case (in_response)
+        call read_response(source, d%response)
+      case default
+        call read_transient(source, d%transient)
+      end select
+    end subroutine read_group
+  end subroutine read_deck
 end module deck_reader

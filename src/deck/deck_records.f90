@@ -2,16 +2,26 @@
 !> its own range. No mechanics here. SI units, angles in radians. `ground` is body 0.
 module deck_records
   use kinds, only: wp, ip
+  use errors, only: fault_list
   implicit none (type, external)
   private
 
   integer, parameter, public :: name_length = 32   !! longest name a deck may use
 
-  !> Where a record's group starts, for messages.
+  !> The group of a record, for messages.
   type, public :: origin
     character(:), allocatable :: file
-    integer :: line = 0
+    integer :: line = 0                      !! where it starts
+    character(:), allocatable :: subject     !! `group/name`
+  contains
+    procedure :: blame
   end type origin
+
+  !> What all groups with a name have.
+  type, public :: named_record
+    type(origin) :: at
+    character(name_length) :: name = ''
+  end type named_record
 
   !> &scene
   type, public :: scene_record
@@ -30,9 +40,7 @@ module deck_records
   end type law_record
 
   !> &material
-  type, public :: material_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: material_record
     real(wp) :: density = 0.0_wp             !! [kg/m3]
     real(wp) :: young = 0.0_wp               !! static modulus E_R [Pa]
     type(law_record) :: law
@@ -41,18 +49,14 @@ module deck_records
   end type material_record
 
   !> &section
-  type, public :: section_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: section_record
     real(wp) :: area = 0.0_wp                !! [m2]
     real(wp) :: inertia = 0.0_wp             !! second moment [m4]
     real(wp) :: fibre = 0.0_wp               !! distance of the outer fibre from the axis [m], 0: section without a shape
   end type section_record
 
   !> &body
-  type, public :: body_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: body_record
     character(8) :: kind = ''                !! 'rigid', 'beam', 'frame'
     real(wp) :: position(2) = 0.0_wp         !! frame origin [m]
     real(wp) :: angle = 0.0_wp               !! [rad]
@@ -99,9 +103,7 @@ module deck_records
   end type lump_record
 
   !> &joint
-  type, public :: joint_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: joint_record
     character(10) :: type = ''               !! 'revolute', 'weld', 'slider', 'prismatic', 'distance'
     type(marker_record) :: a, b
     real(wp) :: direction = 0.0_wp           !! slider, prismatic [rad]
@@ -110,9 +112,7 @@ module deck_records
   end type joint_record
 
   !> &drive
-  type, public :: drive_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: drive_record
     character(10) :: type = ''               !! 'rotation', 'position'
     type(marker_record) :: a, b              !! rotation: node 0 is the body's frame
     real(wp) :: direction = 0.0_wp           !! position [rad], from the section of marker b like a slider's
@@ -121,9 +121,7 @@ module deck_records
   end type drive_record
 
   !> &history
-  type, public :: history_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: history_record
     character(10) :: kind = ''               !! 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', 'sum', 'sequence'
     real(wp), allocatable :: coefficients(:) !! polynomial: c0, c1, ... [unit/s^k]
     real(wp) :: offset = 0.0_wp              !! sine [unit of what it drives]
@@ -148,9 +146,7 @@ module deck_records
   end type history_record
 
   !> &force
-  type, public :: force_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: force_record
     character(12) :: type = ''               !! 'force', 'torque', 'torque_about'
     type(marker_record) :: marker            !! torque with node 0: on the body's frame
     real(wp) :: fx = 0.0_wp                  !! [N]
@@ -163,9 +159,7 @@ module deck_records
   end type force_record
 
   !> &spring
-  type, public :: spring_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: spring_record
     character(10) :: type = ''               !! 'linear', 'torsional'
     type(marker_record) :: a, b              !! torsional: node 0 is the body's frame
     real(wp) :: stiffness = 0.0_wp           !! [N/m] or [N m/rad]
@@ -176,9 +170,7 @@ module deck_records
   end type spring_record
 
   !> &sensor
-  type, public :: sensor_record
-    type(origin) :: at
-    character(name_length) :: name = ''
+  type, extends(named_record), public :: sensor_record
     character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'spring'
     type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
     integer :: joint = 0                     !! reaction: index of the joint, or
@@ -259,4 +251,14 @@ module deck_records
     type(response_record) :: response
     type(transient_record) :: transient
   end type deck
+
+contains
+
+  !> Adds a fault of the group.
+  subroutine blame(self, faults, message)
+    class(origin), intent(in) :: self
+    type(fault_list), intent(inout) :: faults
+    character(*), intent(in) :: message   !! what is wrong, what was expected
+    call faults%add(self%file, self%line, self%subject, message)
+  end subroutine blame
 end module deck_records

@@ -24,8 +24,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(sensor_record), intent(inout) :: s
-    s%at = deck%at()
-    call get_name(deck, s%name)
+    call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring'], &
       required)
@@ -39,44 +38,40 @@ contains
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
     if (deck%is_choice(angles) .and. any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &
       ''' is that of another column of the results, expected another one')
-    call check_reaction(deck)
-    call check_elastic(deck, d, s)
-  end subroutine read_sensor
-
-  !> A reaction is that of one joint or of one drive.
-  subroutine check_reaction(deck)
-    class(deck_source), intent(inout) :: deck
-    if (.not. deck%is_choice('reaction')) return
-    if (deck%is_given('joint') .and. deck%is_given('drive')) then
-      call deck%complain('drive', 'joint and drive are both given, expected one of them')
-    else if (.not. (deck%is_given('joint') .or. deck%is_given('drive'))) then
-      call deck%note_missing('joint', 'joint or drive', kinds='reaction')
-    end if
-  end subroutine check_reaction
-
-  !> Elastic quantities are those of beams and frames; the element must exist.
-  subroutine check_elastic(deck, d, s)
-    class(deck_source), intent(inout) :: deck
-    type(deck_record), intent(in) :: d
-    type(sensor_record), intent(in) :: s
-    if (.not. (deck%is_choice(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
-    if (.not. deck%body_known(s%marker%body)) return
-    associate (b => d%bodies(s%marker%body))
-      if (b%kind == 'rigid') then
-        if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
-          ''' does not apply to '//body_text(d, s%marker%body)//', expected a beam or frame')
-      else if (.not. b%flexible .and. s%quantity /= 'deflection') then
-        call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
-          body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
-      else if (deck%is_set('element') .and. s%element > b%elements) then
-        call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
-          body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
-      else if (deck%is_set('index') .and. s%index > elastic_coordinates(b)) then
-        call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
-          body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
+    call check_reaction()
+    call check_elastic()
+  contains
+    !> A reaction is that of one joint or of one drive.
+    subroutine check_reaction()
+      if (.not. deck%is_choice('reaction')) return
+      if (deck%is_given('joint') .and. deck%is_given('drive')) then
+        call deck%complain('drive', 'joint and drive are both given, expected one of them')
+      else if (.not. (deck%is_given('joint') .or. deck%is_given('drive'))) then
+        call deck%note_missing('joint', 'joint or drive', kinds='reaction')
       end if
-    end associate
-  end subroutine check_elastic
+    end subroutine check_reaction
+
+    !> Elastic quantities are those of beams and frames; the element must exist.
+    subroutine check_elastic()
+      if (.not. (deck%is_choice(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
+      if (.not. deck%body_known(s%marker%body)) return
+      associate (b => d%bodies(s%marker%body))
+        if (b%kind == 'rigid') then
+          if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
+            ''' does not apply to '//body_text(d, s%marker%body)//', expected a beam or frame')
+        else if (.not. b%flexible .and. s%quantity /= 'deflection') then
+          call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
+            body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
+        else if (deck%is_set('element') .and. s%element > b%elements) then
+          call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
+            body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
+        else if (deck%is_set('index') .and. s%index > elastic_coordinates(b)) then
+          call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
+            body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
+        end if
+      end associate
+    end subroutine check_elastic
+  end subroutine read_sensor
 
   !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and
   !> `axial=.false.` take away.

@@ -37,6 +37,7 @@ contains
     class(group_cursor), intent(in) :: self
     at%file = self%parts%sources(self%parts%groups(self%current)%file)%path
     at%line = self%line
+    at%subject = group_subject(self%parts, self%current)
   end function group_origin
 
   !> The word after `&` of a group, in lower case.

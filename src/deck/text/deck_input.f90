@@ -63,8 +63,8 @@ contains
     integer :: k
     do k = 1, self%count
       associate (state => self%parts%assignments(self%head + k)%state)
-        if (state == unknown) call report_unknown(self, k)
-        if (state == elsewhere) call report_elsewhere(self, k)
+        if (state == unknown) call report_unknown(k)
+        if (state == elsewhere) call report_elsewhere(k)
       end associate
     end do
     if (.not. self%parts%groups(self%current)%whole) return
@@ -73,55 +73,50 @@ contains
         if (v%missing /= '') call self%complain('', trim(v%name)//' is missing, expected '//v%missing)
       end associate
     end do
+  contains
+    !> Reports a variable that the group does not know, with the nearest one that it does; that one is then not missing.
+    subroutine report_unknown(k)
+      integer, intent(in) :: k   !! which assignment of the group
+      character(:), allocatable :: name, meant, message
+      integer :: near
+      associate (a => self%parts%assignments(self%head + k))
+        name = lower(self%raw(a%first, a%last))
+        if (len(name) == 0) then
+          if (a%values > 0 .and. .not. a%equals) call self%add_fault(a%line, 'value '// &
+            self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
+          return
+        end if
+        if (index(name, '(') > 1) then
+          meant = name(1:index(name, '(') - 1)
+          near = self%known%position_of(meant)
+          message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
+        else
+          near = self%known%nearest_variable(name)
+          message = 'expected one of '//self%known%applicable()
+          if (near > 0) message = 'did you mean '//trim(self%known%items(near)%name)//'?'
+          message = 'unknown variable '//printable(name, 40)//', '//message
+        end if
+        if (near > 0) self%known%items(near)%missing = ''
+        call self%add_fault(a%line, message)
+      end associate
+    end subroutine report_unknown
+
+    !> Reports a variable that applies to other kinds only.
+    subroutine report_elsewhere(k)
+      integer, intent(in) :: k   !! which assignment of the group
+      character(:), allocatable :: which
+      associate (a => self%parts%assignments(self%head + k))
+        which = kinds_text(trim(self%selector), a%applies)
+        if (self%choice == '') then
+          call self%add_fault(a%line, trim(a%name)//' applies to '//which//' only, expected '//trim(self%selector)// &
+            ' to be given')
+        else
+          call self%add_fault(a%line, trim(a%name)//' does not apply to '//trim(self%selector)//'='// &
+            quoted(trim(self%choice))//', it applies to '//which)
+        end if
+      end associate
+    end subroutine report_elsewhere
   end subroutine close_group
-
-  !> Reports a variable that the group does not know, with the nearest one that it does; that one is then not missing.
-  subroutine report_unknown(self, k)
-    class(deck_source), intent(inout) :: self
-    integer, intent(in) :: k   !! which assignment of the group
-    character(:), allocatable :: name, meant, message
-    integer :: near
-    associate (a => self%parts%assignments(self%head + k))
-      name = lower(self%raw(a%first, a%last))
-      if (len(name) == 0) then
-        if (a%values > 0 .and. .not. a%equals) call self%add_fault(a%line, 'value '// &
-          self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
-        return
-      end if
-      if (index(name, '(') > 1) then
-        meant = name(1:index(name, '(') - 1)
-        near = self%known%position_of(meant)
-        message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
-      else
-        near = self%known%nearest_variable(name)
-        message = 'expected one of '//self%known%applicable()
-        if (near > 0) message = 'did you mean '//trim(self%known%items(near)%name)//'?'
-        message = 'unknown variable '//printable(name, 40)//', '//message
-      end if
-      if (near > 0) self%known%items(near)%missing = ''
-      call self%add_fault(a%line, message)
-    end associate
-  end subroutine report_unknown
-
-  !> Reports a variable that applies to other kinds only.
-  subroutine report_elsewhere(self, k)
-    class(deck_source), intent(inout) :: self
-    integer, intent(in) :: k   !! which assignment of the group
-    character(:), allocatable :: name, which, message
-    integer :: line
-    associate (a => self%parts%assignments(self%head + k))
-      name = trim(a%name)
-      line = a%line
-      which = kinds_text(trim(self%selector), a%applies)
-    end associate
-    if (self%choice == '') then
-      message = name//' applies to '//which//' only, expected '//trim(self%selector)//' to be given'
-    else
-      message = name//' does not apply to '//trim(self%selector)//'='//quoted(trim(self%choice))// &
-        ', it applies to '//which
-    end if
-    call self%add_fault(line, message)
-  end subroutine report_elsewhere
 
   !> Kinds as a user writes them: `kind='beam' and 'frame'`.
   pure function kinds_text(selector, kinds) result(t)
@@ -152,7 +147,7 @@ contains
     logical :: here
     here = .true.
     if (present(kinds)) here = applies(self, kinds)
-    call find_assignment(self, name, assignment)
+    call find_assignment()
     call self%known%declare(name, here, assignment > 0)
     if (assignment == 0) then
       if (.not. (present(need) .and. here)) return
@@ -166,8 +161,40 @@ contains
       assignment = 0
     else
       self%parts%assignments(self%head + assignment)%state = taken
-      call check_form(self, name, assignment)
+      call check_form()
     end if
+  contains
+    !> First assignment of a variable; further ones are reported.
+    subroutine find_assignment()
+      integer :: k
+      assignment = self%assignment_of(name)
+      k = assignment
+      do while (k > 0)
+        k = self%assignment_of(name, k)
+        if (k == 0) exit
+        associate (a => self%parts%assignments(self%head + k))
+          if (a%state /= unknown) cycle
+          a%state = taken
+          call self%add_fault(a%line, name//' is set twice, first in line '// &
+            to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
+        end associate
+      end do
+    end subroutine find_assignment
+
+    !> Reports an assignment without equals sign or without values; one with a reported value is unusable.
+    subroutine check_form()
+      associate (a => self%parts%assignments(self%head + assignment))
+        if (.not. a%equals) then
+          call self%add_fault(a%line, 'no = after '//name//', expected '//name//'=value')
+          assignment = 0
+        else if (a%values == 0) then
+          call self%add_fault(a%line, name//' has no value, expected '//name//'=value')
+          assignment = 0
+        else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
+          assignment = 0
+        end if
+      end associate
+    end subroutine check_form
   end subroutine look_up
 
   !> Whether a variable that applies to these kinds applies to the group; all do while the kind is not known.
@@ -177,44 +204,6 @@ contains
     yes = .not. self%choice_known
     if (.not. yes .and. self%choice /= '') yes = index(' '//kinds//' ', ' '//trim(self%choice)//' ') > 0
   end function applies
-
-  !> First assignment of a variable; further ones are reported.
-  subroutine find_assignment(self, name, assignment)
-    class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name
-    integer, intent(out) :: assignment   !! 0: not given
-    integer :: k
-    assignment = self%assignment_of(name)
-    k = assignment
-    do while (k > 0)
-      k = self%assignment_of(name, k)
-      if (k == 0) exit
-      associate (a => self%parts%assignments(self%head + k))
-        if (a%state /= unknown) cycle
-        a%state = taken
-        call self%add_fault(a%line, name//' is set twice, first in line '// &
-          to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
-      end associate
-    end do
-  end subroutine find_assignment
-
-  !> Reports an assignment without equals sign or without values; one with a reported value is unusable.
-  subroutine check_form(self, name, assignment)
-    class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name
-    integer, intent(inout) :: assignment   !! becomes 0 if it is unusable
-    associate (a => self%parts%assignments(self%head + assignment))
-      if (.not. a%equals) then
-        call self%add_fault(a%line, 'no = after '//name//', expected '//name//'=value')
-        assignment = 0
-      else if (a%values == 0) then
-        call self%add_fault(a%line, name//' has no value, expected '//name//'=value')
-        assignment = 0
-      else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
-        assignment = 0
-      end if
-    end associate
-  end subroutine check_form
 
   !> Notes that the value of a variable was read and is good.
   subroutine mark_good(self, assignment)
@@ -312,5 +301,4 @@ contains
       call self%known%note_missing(name, expected)
     end if
   end subroutine note_missing
-
 end module deck_input

@@ -31,248 +31,228 @@ contains
       if (s%at_end()) exit
       if (s%next() == '&') then
         s%position = s%position + 1
-        call read_group(s, deck)
+        call read_group()
         cycle
       end if
       if (s%next() == '$') s%position = s%position + 1
       word = s%word_ahead()
       if (group_number(word) > 0) then
         call deck%faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
-        call read_group(s, deck)
+        call read_group()
       else
-        call skip_stray(s, deck)
+        call skip_stray()
       end if
     end do
-  end subroutine split_groups
-
-  !> Reads one group; the scanner stands on its name and ends behind its slash.
-  subroutine read_group(s, deck)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    type(group) :: new
-    character(:), allocatable :: word
-    word = s%word_ahead()
-    new%file = s%file
-    new%line = s%line
-    new%first = s%position
-    new%last = s%position + len(word) - 1
-    s%position = new%last + 1
-    s%open = .false.
-    s%expecting = .false.
-    s%semicolon = .false.
-    call deck%parts%add_group(new)
-    deck%current = deck%parts%group_count
-    if (len(word) == 0) then
-      deck%parts%groups(deck%current)%readable = .false.
-      call deck%faults%add(s%path, s%line, '', '& without the name of a group, expected one such as &body')
-    end if
-    do
-      call s%skip_blanks()
-      if (s%at_end()) then
-        call missing_slash(s, deck, 'the end of the file')
-        exit
-      end if
-      if (s%next() == '/') then
-        s%slash_line = s%line
-        s%position = s%position + 1
-        exit
-      else if (s%next() == '&') then
-        call close_at_group(s, deck)
-        exit
-      end if
-      call read_part(s, deck)
-    end do
-  end subroutine read_group
-
-  !> Reads the next part of a group: a comma, a string, or a word, which is a value or the name of a variable.
-  subroutine read_part(s, deck)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    select case (s%next())
-    case (',')
-      s%position = s%position + 1
-      if (.not. s%open) return
-      if (s%expecting) call deck%parts%add_value(value_token(form=null_value, line=s%line))
-      s%expecting = .true.
-    case ('=')
-      call deck%add_fault(s%line, '= without the name of a variable before it, expected name=value')
-      s%position = s%position + 1
-      deck%parts%groups(deck%current)%whole = .false.
-      call deck%parts%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
-      s%open = .true.
-      s%expecting = .true.
-    case (';')
-      if (.not. s%semicolon) call deck%add_fault(s%line, '; does not separate anything, expected a blank, a comma or a new line')
-      s%semicolon = .true.
-      s%position = s%position + 1
-    case (single, double)
-      call read_string(s, 1, deck)
-    case default
-      call read_word(s, deck)
-    end select
-  end subroutine read_part
-
-  !> Reads a string, which ends on its line; a doubled quote stands for one.
-  subroutine read_string(s, repeats, deck)
-    type(scanner), intent(inout) :: s
-    integer, intent(in) :: repeats             !! repeat count in front of it
-    class(group_cursor), intent(inout) :: deck
-    character(1) :: quote
-    integer :: first, i
-    quote = s%next()
-    first = s%position + 1
-    i = first
-    do
-      if (s%text(i:i) == lf) then
-        if (deck%parts%groups(deck%current)%readable) call deck%add_fault(s%line, 'a quote is not closed on its line: '// &
-          quote//printable(s%text(first:i - 1), shown)//', expected a closing '//quote)
+  contains
+    !> Reads one group; the scanner stands on its name and ends behind its slash.
+    subroutine read_group()
+      type(group) :: new
+      character(:), allocatable :: word
+      word = s%word_ahead()
+      new%file = s%file
+      new%line = s%line
+      new%first = s%position
+      new%last = s%position + len(word) - 1
+      s%position = new%last + 1
+      s%open = .false.
+      s%expecting = .false.
+      s%semicolon = .false.
+      call deck%parts%add_group(new)
+      deck%current = deck%parts%group_count
+      if (len(word) == 0) then
         deck%parts%groups(deck%current)%readable = .false.
-        s%position = i
-        return
+        call deck%faults%add(s%path, s%line, '', '& without the name of a group, expected one such as &body')
       end if
-      if (s%text(i:i) == quote) then
-        if (s%text(i + 1:i + 1) /= quote) exit
+      do
+        call s%skip_blanks()
+        if (s%at_end()) then
+          call missing_slash('the end of the file')
+          exit
+        end if
+        if (s%next() == '/') then
+          s%slash_line = s%line
+          s%position = s%position + 1
+          exit
+        else if (s%next() == '&') then
+          call close_at_group()
+          exit
+        end if
+        call read_part()
+      end do
+    end subroutine read_group
+
+    !> Reads the next part of a group: a comma, a string, or a word, which is a value or the name of a variable.
+    subroutine read_part()
+      select case (s%next())
+      case (',')
+        s%position = s%position + 1
+        if (.not. s%open) return
+        if (s%expecting) call deck%parts%add_value(value_token(form=null_value, line=s%line))
+        s%expecting = .true.
+      case ('=')
+        call deck%add_fault(s%line, '= without the name of a variable before it, expected name=value')
+        s%position = s%position + 1
+        deck%parts%groups(deck%current)%whole = .false.
+        call deck%parts%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
+        s%open = .true.
+        s%expecting = .true.
+      case (';')
+        if (.not. s%semicolon) call deck%add_fault(s%line, '; does not separate anything, expected a blank, a comma or a new line')
+        s%semicolon = .true.
+        s%position = s%position + 1
+      case (single, double)
+        call read_string(1)
+      case default
+        call read_word()
+      end select
+    end subroutine read_part
+
+    !> Reads a string, which ends on its line; a doubled quote stands for one.
+    subroutine read_string(repeats)
+      integer, intent(in) :: repeats             !! repeat count in front of it
+      character(1) :: quote
+      integer :: first, i
+      quote = s%next()
+      first = s%position + 1
+      i = first
+      do
+        if (s%text(i:i) == lf) then
+          if (deck%parts%groups(deck%current)%readable) call deck%add_fault(s%line, 'a quote is not closed on its line: '// &
+            quote//printable(s%text(first:i - 1), shown)//', expected a closing '//quote)
+          deck%parts%groups(deck%current)%readable = .false.
+          s%position = i
+          return
+        end if
+        if (s%text(i:i) == quote) then
+          if (s%text(i + 1:i + 1) /= quote) exit
+          i = i + 1
+        end if
         i = i + 1
+      end do
+      s%position = i + 1
+      call append_value(value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
+    end subroutine read_string
+
+    !> Reads a word: the name of a variable if an equals sign follows, a value otherwise.
+    subroutine read_word()
+      character(:), allocatable :: word
+      type(setting) :: new
+      integer :: first, line
+      logical :: equals
+      word = s%word_ahead()
+      first = s%position
+      line = s%line
+      s%position = first + len(word)
+      equals = .false.
+      if (is_letter(word(1:1))) equals = s%skip_equals()
+      if (equals .or. begins_assignment(word)) then
+        new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
+        new%name = lower(word)
+        call deck%parts%add_assignment(new)
+        s%open = .true.
+        s%expecting = .true.
+      else
+        call read_bare(word, first, line)
       end if
-      i = i + 1
-    end do
-    s%position = i + 1
-    call append_value(s, deck, value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
-  end subroutine read_string
+    end subroutine read_word
 
-  !> Reads a word: the name of a variable if an equals sign follows, a value otherwise.
-  subroutine read_word(s, deck)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    character(:), allocatable :: word
-    type(setting) :: new
-    integer :: first, line
-    logical :: equals
-    word = s%word_ahead()
-    first = s%position
-    line = s%line
-    s%position = first + len(word)
-    equals = .false.
-    if (is_letter(word(1:1))) equals = s%skip_equals()
-    if (equals .or. begins_assignment(s, deck, word)) then
-      new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
-      new%name = lower(word)
-      call deck%parts%add_assignment(new)
-      s%open = .true.
-      s%expecting = .true.
-    else
-      call read_bare(s, word, first, line, deck)
-    end if
-  end subroutine read_word
-
-  !> Takes a word without quotes as a value, its repeat count split off.
-  subroutine read_bare(s, word, first, line, deck)
-    type(scanner), intent(inout) :: s
-    character(*), intent(in) :: word           !! the word, the scanner stands behind it
-    integer, intent(in) :: first               !! its first character
-    integer, intent(in) :: line                !! its line
-    class(group_cursor), intent(inout) :: deck
-    type(value_token) :: new
-    character(:), allocatable :: problem
-    integer :: star
-    new = value_token(form=bare_value, first=first, last=first + len(word) - 1, line=line)
-    star = verify(word, digits)
-    if (star > 1) then
-      if (word(star:star) == '*') then
-        new%first = first + star
-        call read_integer(word(1:star - 1), new%repeats, problem)
-        if (len(problem) > 0 .or. new%repeats < 1 .or. new%repeats > most_repeats) then
-          call deck%add_fault(line, 'repeat count '// &
-            printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
-          new%form = bad_value
-          new%repeats = 1
-        else if (star == len(word)) then
-          new%form = null_value
-          if (scan(s%next(), single//double) > 0) then
-            call read_string(s, new%repeats, deck)
-            return
+    !> Takes a word without quotes as a value, its repeat count split off.
+    subroutine read_bare(word, first, line)
+      character(*), intent(in) :: word           !! the word, the scanner stands behind it
+      integer, intent(in) :: first               !! its first character
+      integer, intent(in) :: line                !! its line
+      type(value_token) :: new
+      character(:), allocatable :: problem
+      integer :: star
+      new = value_token(form=bare_value, first=first, last=first + len(word) - 1, line=line)
+      star = verify(word, digits)
+      if (star > 1) then
+        if (word(star:star) == '*') then
+          new%first = first + star
+          call read_integer(word(1:star - 1), new%repeats, problem)
+          if (len(problem) > 0 .or. new%repeats < 1 .or. new%repeats > most_repeats) then
+            call deck%add_fault(line, 'repeat count '// &
+              printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
+            new%form = bad_value
+            new%repeats = 1
+          else if (star == len(word)) then
+            new%form = null_value
+            if (scan(s%next(), single//double) > 0) then
+              call read_string(new%repeats)
+              return
+            end if
           end if
         end if
       end if
-    end if
-    call append_value(s, deck, new)
-  end subroutine read_bare
+      call append_value(new)
+    end subroutine read_bare
 
-  !> Appends a value to the open assignment; a value before any variable starts one without a name.
-  subroutine append_value(s, deck, new)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    type(value_token), intent(in) :: new
-    if (.not. s%open) then
-      call deck%parts%add_assignment(setting(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
-      s%open = .true.
-    end if
-    call deck%parts%add_value(new)
-    s%expecting = .false.
-  end subroutine append_value
-
-  !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
-  !> value is due.
-  pure logical function begins_assignment(s, deck, word) result(yes)
-    class(scanner), intent(in) :: s
-    class(group_cursor), intent(in) :: deck
-    character(*), intent(in) :: word
-    yes = .false.
-    if (.not. is_letter(word(1:1))) return
-    if (.not. s%open) then
-      yes = .true.
-      return
-    end if
-    select case (lower(word))
-    case ('t', 'f', 'true', 'false', 'nan', 'inf', 'infinity')
-    case default
-      yes = deck%parts%assignments(deck%parts%assignment_count)%values > 0 .and. .not. s%expecting
-    end select
-  end function begins_assignment
-
-  !> Reports a group without its closing slash.
-  subroutine missing_slash(s, deck, before)
-    type(scanner), intent(in) :: s
-    class(group_cursor), intent(inout) :: deck
-    character(*), intent(in) :: before         !! where the group ends instead
-    associate (g => deck%parts%groups(deck%current))
-      if (g%readable) call deck%add_fault(g%line, 'no closing slash before '//before//', expected /')
-    end associate
-  end subroutine missing_slash
-
-  !> Ends a group where the next one starts, or at an old-style &end.
-  subroutine close_at_group(s, deck)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    character(:), allocatable :: word
-    s%position = s%position + 1
-    word = s%word_ahead()
-    if (lower(word) == 'end') then
-      s%position = s%position + len(word)
-      s%slash_line = s%line
-    else
-      s%position = s%position - 1
-    end if
-    call missing_slash(s, deck, '&'//printable(word, shown)//' in line '//to_text(s%line))
-  end subroutine close_at_group
-
-  !> Reports text between groups, once, and goes on at the next group.
-  subroutine skip_stray(s, deck)
-    type(scanner), intent(inout) :: s
-    class(group_cursor), intent(inout) :: deck
-    integer :: last
-    last = s%position + index(s%text(s%position:), lf) - 2
-    call deck%faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
-      ''', expected a group such as &body or a comment after !')
-    if (s%line == s%slash_line) deck%parts%groups(deck%current)%whole = .false.   ! its slash came too early
-    do while (.not. s%at_end())
-      if (s%next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
-      if (s%next() == '!') then
-        call s%skip_line()
-      else
-        if (s%next() == lf) s%line = s%line + 1
-        s%position = s%position + 1
+    !> Appends a value to the open assignment; a value before any variable starts one without a name.
+    subroutine append_value(new)
+      type(value_token), intent(in) :: new
+      if (.not. s%open) then
+        call deck%parts%add_assignment(setting(first=new%first, last=new%first - 1, line=new%line, equals=.false.))
+        s%open = .true.
       end if
-    end do
-  end subroutine skip_stray
+      call deck%parts%add_value(new)
+      s%expecting = .false.
+    end subroutine append_value
+
+    !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
+    !> value is due.
+    pure logical function begins_assignment(word) result(yes)
+      character(*), intent(in) :: word
+      yes = .false.
+      if (.not. is_letter(word(1:1))) return
+      if (.not. s%open) then
+        yes = .true.
+        return
+      end if
+      select case (lower(word))
+      case ('t', 'f', 'true', 'false', 'nan', 'inf', 'infinity')
+      case default
+        yes = deck%parts%assignments(deck%parts%assignment_count)%values > 0 .and. .not. s%expecting
+      end select
+    end function begins_assignment
+
+    !> Reports a group without its closing slash.
+    subroutine missing_slash(before)
+      character(*), intent(in) :: before         !! where the group ends instead
+      associate (g => deck%parts%groups(deck%current))
+        if (g%readable) call deck%add_fault(g%line, 'no closing slash before '//before//', expected /')
+      end associate
+    end subroutine missing_slash
+
+    !> Ends a group where the next one starts, or at an old-style &end.
+    subroutine close_at_group()
+      character(:), allocatable :: word
+      s%position = s%position + 1
+      word = s%word_ahead()
+      if (lower(word) == 'end') then
+        s%position = s%position + len(word)
+        s%slash_line = s%line
+      else
+        s%position = s%position - 1
+      end if
+      call missing_slash('&'//printable(word, shown)//' in line '//to_text(s%line))
+    end subroutine close_at_group
+
+    !> Reports text between groups, once, and goes on at the next group.
+    subroutine skip_stray()
+      integer :: last
+      last = s%position + index(s%text(s%position:), lf) - 2
+      call deck%faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
+        ''', expected a group such as &body or a comment after !')
+      if (s%line == s%slash_line) deck%parts%groups(deck%current)%whole = .false.   ! its slash came too early
+      do while (.not. s%at_end())
+        if (s%next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
+        if (s%next() == '!') then
+          call s%skip_line()
+        else
+          if (s%next() == lf) s%line = s%line + 1
+          s%position = s%position + 1
+        end if
+      end do
+    end subroutine skip_stray
+  end subroutine split_groups
 end module deck_lexer

@@ -5,7 +5,7 @@ module deck_words
   use deck_get, only: get, text_of
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
   use deck_names, only: doubtful
-  use deck_records, only: name_length
+  use deck_records, only: name_length, named_record
   use deck_syntax, only: value_token
   implicit none (type, external)
   private
@@ -76,19 +76,19 @@ contains
     end do
   end subroutine get_letters
 
-  !> The group's own name.
-  subroutine get_name(deck, name)
+  !> Where the group stands, and its own name.
+  subroutine get_name(deck, r)
     class(deck_source), intent(inout) :: deck
-    character(name_length), intent(out) :: name   !! as written
+    class(named_record), intent(inout) :: r
     character(:), allocatable :: value, problem
-    name = ''
+    r%at = deck%at()
     call get(deck, 'name', value, need=.true.)
     if (.not. deck%is_set('name')) return
     call valid_name(value, problem)
     if (len(problem) > 0) then
       call deck%complain('name', 'name='//quoted(printable(value, 40))//' '//problem)
     else
-      name = value
+      r%name = value
     end if
   end subroutine get_name
 
