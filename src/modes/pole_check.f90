@@ -82,7 +82,7 @@ contains
     integer, intent(in) :: ranks(:)                    !! (groups) orders of the viscoelastic terms' own poles
     type(mode_set), intent(inout) :: modes, unlisted
     complex(wp), allocatable :: listed(:), named(:), laws(:), ends(:)
-    integer, allocatable :: orders(:)
+    integer, allocatable :: orders(:), crowds(:)
     type(pole_region) :: region
     integer :: missing, number, lost, unasked, j
     logical, allocatable :: vibrates(:)
@@ -93,20 +93,26 @@ contains
     modes%note_damped = 'poles: '//to_text(number)//' with conjugates'
     if (.not. any(abs(listed) > 0.0_wp)) return
     named = [listed, unlisted%lambda, others]
-    call law_poles(ds, ranks, laws, orders, ends)
+    call law_poles(ds, ranks, laws, orders, ends, crowds)
     vibrates = -listed%re < 0.5_wp*abs(listed)
     call region_of(named, maxval(abs(listed), vibrates .or. .not. any(vibrates)), steepest, region, laws, ends)
-    associate (more => named(size(listed) + 1:))
-      unasked = count(abs(more) > region%inner .and. abs(more) < region%outer .and. atan2(more%im, more%re) < region%angle)
-    end associate
+    unasked = count(inside(named(size(listed) + 1:)))
     named = [named, [((0.0_wp, 0.0_wp), j=1, zeros)]]
-    call unnamed_poles(ds, 1.0_wp, region, named, laws, orders, missing, ok)
+    ! poles of modes that are not known crowd at the ends: with as many poles there what is left of the determinant hardly turns
+    call unnamed_poles(ds, 1.0_wp, region, named, [laws, ends], [orders + crowds, -crowds], missing, ok)
+    missing = missing + sum(crowds, inside(ends)) - sum(crowds, inside(laws))
     ok = ok .and. missing >= 0                         ! else estimates stand for poles that are not there
     if (ok) modes%missing = missing
     modes%verified = modes%verified .and. ok
     modes%note_damped = modes%note_damped//', '//verdict(region, .true., modes%missing, ok)
     if (ok .and. unasked > 0) modes%note_damped = modes%note_damped//', '//to_text(unasked)//' of modes not asked for left out'
     if (lost > 0) modes%note_damped = modes%note_damped//'; '//to_text(lost)//' searches found no further one'
+  contains
+    !> Whether a pole is in the region, or its conjugate.
+    pure elemental logical function inside(s)
+      complex(wp), intent(in) :: s                     !! [1/s]
+      inside = abs(s) > region%inner .and. abs(s) < region%outer .and. atan2(abs(s%im), s%re) < region%angle
+    end function inside
   end subroutine check_damped
 
   !> A region that holds the listed poles and whose boundary is far from all: it ends in the widest gap beyond the list, where
@@ -137,7 +143,7 @@ contains
       from = to
     end do
     region%inner = far_below*min(lowest, top)
-    region%angle = widest([named, laws], region%inner, region%outer, angle)
+    region%angle = widest([named, laws, ends], region%inner, region%outer, angle)
   contains
     !> Whether no chain of poles crosses a circle.
     pure logical function balanced(radius) result(yes)
@@ -170,14 +176,14 @@ contains
 
   !> Poles of the viscoelastic terms themselves with their orders in the determinant, and where the chains of poles end that start
   !> there: with growing stiffness they tend to the zeros of the modulus, 1 + g(s) = 0.
-  subroutine law_poles(ds, ranks, laws, orders, ends)
+  subroutine law_poles(ds, ranks, laws, orders, ends, crowds)
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: ranks(:)                    !! (groups)
     complex(wp), allocatable, intent(out) :: laws(:), ends(:)   !! [1/s]
-    integer, allocatable, intent(out) :: orders(:)
+    integer, allocatable, intent(out) :: orders(:), crowds(:)   !! known, about as many as there are beside these
     complex(wp), allocatable :: own(:), tips(:)
-    integer :: r, j
-    allocate (laws(0), ends(0), orders(0))
+    integer :: r, j, deformed
+    allocate (laws(0), ends(0), orders(0), crowds(0))
     do r = 1, size(ds%groups)
       associate (law => ds%groups(r)%law)
         own = eigenvalues(chain(law, 0*law%alpha))
@@ -185,6 +191,8 @@ contains
         laws = [laws, own]
         ends = [ends, tips]
         orders = [orders, [(ranks(r), j=1, size(own))]]
+        deformed = count(ds%row(ds%groups(r)%entry) == ds%col(ds%groups(r)%entry))
+        crowds = [crowds, [(max(0, deformed - ranks(r)), j=1, size(own))]]
       end associate
     end do
   end subroutine law_poles

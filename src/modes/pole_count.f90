@@ -40,7 +40,7 @@ contains
     integer, intent(in) :: orders(:)                   !! their orders in the determinant
     integer, intent(out) :: missing                    !! of a conjugate pair, both
     logical, intent(out) :: ok                         !! false: rounding or poles at the boundary keep the count from settling
-    integer, parameter :: coarse = 6, deepest = 12
+    integer, parameter :: coarse = 3, deepest = 13
     type(sample) :: at(0:deepest + 1), left, middle
     real(wp) :: total
     integer :: i, depth, samples
