@@ -14,7 +14,7 @@ program biela
   call parse_arguments(asked, status)
   if (status == status_ok .and. allocated(asked%decks)) then
     call use_one_blas_thread()
-    if (asked%jobs > 1) call run_side_by_side(asked%decks, asked%options, min(asked%jobs, size(asked%decks)), print_ending, status)
+    if (asked%jobs > 1) call run_side_by_side(asked%decks, asked%options, min(asked%jobs, size(asked%decks)), status)
     do k = 1, merge(0, size(asked%decks), asked%jobs > 1)
       ended = run_one_deck(trim(asked%decks(k)), asked%options)
       if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended, '')

@@ -18,7 +18,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method", "step"},
     ("step_control", "step_controller", "step_control", "self"): {"order"},
     ("step_control", "error_norm", "adaptive_pair", "self%norm"): {
-        *("group", "floor", "rate", "slope", "fastest"),
+        *("group", "floor", "rate", "slope", "fastest", "bound"),
         "scale",
     },
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
@@ -26,7 +26,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("implicit_march", "implicit_stepper", "implicit_march", "self"): {"settings", "order", "patience", "passes"},
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
-        *("group", "floor", "rate", "slope", "fastest", "scale", "steepest", "noise"),
+        *("group", "floor", "rate", "slope", "fastest", "bound", "scale", "steepest", "noise"),
     },
     ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "whole"},
     ("implicit_march", "step_memory", "implicit_march", "self%memory"): set(),

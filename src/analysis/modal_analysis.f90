@@ -94,17 +94,14 @@ contains
       call text%member('kind', json_text(trim(names(modes%kind(k)))))
       call text%figure('  ', 'frequency', x(4), 8)
       call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)
-      call text%figure(', real part ', 'real_part', x(7), 8)
-      call text%line(' 1/s')
+      call text%figure(', real part ', 'real_part', x(7), 8, rest=' 1/s')
       call text%close()
     end do
     call text%close()
-    call text%figure('  ', 'complete', modes%note_undamped)
-    call text%line('')
+    call text%figure('  ', 'complete', modes%note_undamped, rest='')
     if (len(modes%note_damped) > 0) call text%line('  '//modes%note_damped)
     call text%member('complete_damped', json_text(modes%note_damped))
-    call text%figure('  factorisations: ', 'factorisations', ds%factorisations)
-    call text%line('')
+    call text%figure('  factorisations: ', 'factorisations', ds%factorisations, rest='')
     call text%close()
   end subroutine modal_lines
 end module modal_analysis

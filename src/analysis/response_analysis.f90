@@ -63,8 +63,7 @@ contains
     call text%open('frequency_response', '{')
     call text%figure('  input: ', 'input', input_name(run))
     call text%figure(', points: ', 'points', k - 1)
-    call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024)
-    call text%line(' kB')
+    call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024, rest=' kB')
     call text%close()
   end subroutine run_response
 

@@ -87,8 +87,7 @@ contains
     call text%line('version: biela '//version//', '//compiler_version())
     call text%line('')
     call text%line('deck text')
-    call text%figure('', 'deck_text', run%d%text)
-    call text%line('')
+    call text%figure('', 'deck_text', run%d%text, rest='')
     call write_whole(run%folder//'/summary.json', text%json(), ok)
     if (ok) call write_whole(run%folder//'/summary.txt', text%words%all(), ok)
   end subroutine write_summary

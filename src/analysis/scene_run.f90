@@ -37,7 +37,6 @@ module scene_run
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     logical :: quiet = .false.
     logical :: restart = .false.
-    integer :: warnings = 0                   !! warnings shown
   contains
     procedure :: vibrates
   end type run_state

@@ -2,6 +2,7 @@
 !> line: how it ended, how long it took, how many warnings it gave.
 module side_by_side
   use kinds, only: wp, ip
+  use command_line, only: print_ending
   use errors, only: status_failed, status_signal
   use posix, only: nameless_file, read_back, standard_error, tell, write_bytes
   use process, only: c_exit, caught_signal, hold_signals, start_child, wait_for_child
@@ -19,23 +20,14 @@ module side_by_side
     integer(ip) :: started = 0                !! count of the clock
   end type job
 
-  abstract interface
-    !> Prints how a deck ended; the status rises where that is not possible.
-    subroutine ending(deck, status, more)
-      character(*), intent(in) :: deck, more
-      integer, intent(inout) :: status
-    end subroutine ending
-  end interface
-
 contains
 
   !> Runs all decks, at most as many at a time as there are jobs; the status is the highest of theirs. After a signal no deck
   !> is begun any more, and those that run end as the signal ends a single run.
-  subroutine run_side_by_side(decks, options, jobs, print_ending, status)
+  subroutine run_side_by_side(decks, options, jobs, status)
     character(*), intent(in) :: decks(:)      !! their paths
     type(run_options), intent(in) :: options
     integer, intent(in) :: jobs               !! that run at a time
-    procedure(ending) :: print_ending
     integer, intent(inout) :: status          !! exit status
     type(job) :: running(jobs)
     integer :: next, k, child, ended

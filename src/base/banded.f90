@@ -8,7 +8,7 @@ module banded
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
-  public :: band_factor, factor_symmetric, same_factor, factor_again, band_solve, band_solve_two
+  public :: band_factor, factor_symmetric, same_factor, order_band, factor_again, band_solve, band_solve_two
 
   !> One uncoupled block of the factored matrix, rows first..last of the reordered matrix.
   type :: band_block
@@ -23,6 +23,8 @@ module banded
     integer, allocatable :: order(:)         !! order(k): original index of reordered row k
     real(number), allocatable :: dinv(:)     !! (n) 1 over the diagonal matrix D [1/any]
     type(band_block), allocatable :: blocks(:)
+    integer, allocatable :: position(:)      !! (n) reordered row of each original index, while it may be factored again
+    real(number), allocatable :: band(:)     !! work of the factorisation, of the largest block's size [any]
   end type band_factor
 
 contains
@@ -34,63 +36,53 @@ contains
     real(number), intent(in) :: values(:)      !! value of each entry; off-diagonal ones given once [any]
     type(band_factor), intent(out) :: factor
     integer, intent(out) :: bad                !! 0, or the original index at which the matrix is not positive definite
-    integer, allocatable :: block_start(:), position(:)
-    integer :: b, k
-    factor%n = n
-    bad = 0
-    allocate (factor%dinv(n), position(n))
-    call reverse_cuthill_mckee(n, rows, cols, factor%order, block_start)
-    position(factor%order) = [(k, k=1, n)]
-    allocate (factor%blocks(size(block_start) - 1))
-    do b = 1, size(factor%blocks)
-      factor%blocks(b)%first = block_start(b)
-      factor%blocks(b)%last = block_start(b + 1) - 1
-      call factor_block(factor%blocks(b), position, rows, cols, values, factor%dinv, bad)
-      if (bad > 0) then
-        bad = factor%order(bad)
-        return
-      end if
-    end do
+    call order_band(n, rows, cols, factor)
+    call factor_again(factor, rows, cols, values, bad)
+    deallocate (factor%band, factor%position)
   end subroutine factor_symmetric
 
-  !> Assembles and factors one block.
-  subroutine factor_block(blk, position, rows, cols, values, dinv, bad)
-    type(band_block), intent(inout) :: blk
-    integer, intent(in) :: position(:)         !! reordered row of each original index
-    integer, intent(in) :: rows(:), cols(:)
-    real(number), intent(in) :: values(:)   !! as in factor_symmetric [any]
-    real(number), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
-    integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
-    real(number), allocatable :: ab(:, :)
-    integer :: k, i, kd, n
-    n = blk%last - blk%first + 1
-    kd = 0
-    do k = 1, size(values)
-      i = position(rows(k))
-      if (i < blk%first .or. i > blk%last) cycle
-      kd = max(kd, abs(i - position(cols(k))))
+  !> Orders a matrix that is to be factored, perhaps often (`factor_again`), and makes room for its factor.
+  subroutine order_band(n, rows, cols, factor)
+    integer, intent(in) :: n                   !! order
+    integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
+    type(band_factor), intent(out) :: factor
+    integer, allocatable :: block_start(:)
+    integer :: b, k, i, most
+    factor%n = n
+    allocate (factor%dinv(n), factor%position(n))
+    call reverse_cuthill_mckee(n, rows, cols, factor%order, block_start)
+    factor%position(factor%order) = [(k, k=1, n)]
+    allocate (factor%blocks(size(block_start) - 1))
+    most = 0
+    do b = 1, size(factor%blocks)
+      associate (blk => factor%blocks(b))
+        blk%first = block_start(b)
+        blk%last = block_start(b + 1) - 1
+        do k = 1, size(rows)
+          i = factor%position(rows(k))
+          if (i >= blk%first .and. i <= blk%last) blk%kd = max(blk%kd, abs(i - factor%position(cols(k))))
+        end do
+        if (blk%kd == 2) blk%kd = 3            ! then the loop written for half band width 3 serves
+        i = max(blk%kd, 1)
+        allocate (blk%l(i, blk%first - i:blk%last))
+        blk%l = 0.0_wp
+        most = max(most, (blk%kd + 1)*(blk%last - blk%first + 1))
+      end associate
     end do
-    if (kd == 2) kd = 3                      ! then the loop written for half band width 3 serves
-    blk%kd = kd
-    allocate (ab(0:kd, n))
-    allocate (blk%l(max(kd, 1), blk%first - max(kd, 1):blk%last))
-    blk%l = 0.0_wp
-    call fill_block(blk, n, kd, ab, position, rows, cols, values, dinv, bad)
-  end subroutine factor_block
+    allocate (factor%band(most))
+  end subroutine order_band
 
-  !> Factors a matrix again that has the same entries as the last time, with other values; allocates nothing.
-  subroutine factor_again(factor, position, rows, cols, values, ab, bad)
+  !> Factors a matrix that has the entries for which it was ordered; allocates nothing.
+  subroutine factor_again(factor, rows, cols, values, bad)
     type(band_factor), intent(inout) :: factor
-    integer, intent(in) :: position(:)         !! (n) reordered row of each original index: the inverse of factor%order
     integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
     real(number), intent(in) :: values(:)      !! as in factor_symmetric [any]
-    real(number), intent(inout), contiguous :: ab(:)   !! work of the largest block's size, (kd + 1) times its rows [any]
     integer, intent(out) :: bad                !! as in factor_symmetric
     integer :: b
     bad = 0
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))
-        call fill_block(blk, blk%last - blk%first + 1, blk%kd, ab, position, rows, cols, values, factor%dinv, bad)
+        call fill_block(blk, blk%last - blk%first + 1, blk%kd, factor%band, factor%position, rows, cols, values, factor%dinv, bad)
       end associate
       if (bad > 0) then
         bad = factor%order(bad)

@@ -45,45 +45,52 @@ contains
     call self%words%add(words//new_line('a'))
   end subroutine line
 
-  !> A whole number, behind words that lead to it.
-  subroutine put_integer(self, lead, name, n)
+  !> A whole number, behind words that lead to it; with the rest of its line where it is the last of one.
+  subroutine put_integer(self, lead, name, n, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead              !! words in front of the number
     character(*), intent(in) :: name              !! of the figure in summary.json
     integer, intent(in) :: n                      !! any count
-    call self%put_long(lead, name, int(n, ip))
+    character(*), intent(in), optional :: rest    !! words behind it, which end the line
+    call self%put_long(lead, name, int(n, ip), rest)
   end subroutine put_integer
 
   !> A whole number of 64 bits.
-  subroutine put_long(self, lead, name, n)
+  subroutine put_long(self, lead, name, n, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
     integer(ip), intent(in) :: n                  !! any count
+    character(*), intent(in), optional :: rest
     call self%words%add(lead//to_text(n))
     call self%member(name, to_text(n))
+    if (present(rest)) call self%line(rest)
   end subroutine put_long
 
   !> A real number: rounded in the words, in full in the figure.
-  subroutine put_real(self, lead, name, x, decimals)
+  subroutine put_real(self, lead, name, x, decimals, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
     real(wp), intent(in) :: x                     !! [unit that the words name]
     integer, intent(in), optional :: decimals     !! of d.ddE+ee; left out: few digits
+    character(*), intent(in), optional :: rest
     if (present(decimals)) then
       call self%words%add(lead//es_text(x, decimals))
     else
       call self%words%add(lead//to_text(x))
     end if
     call self%member(name, json_number(x))
+    if (present(rest)) call self%line(rest)
   end subroutine put_real
 
   !> A word.
-  subroutine put_word(self, lead, name, word)
+  subroutine put_word(self, lead, name, word, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
     character(*), intent(in) :: word              !! any text
+    character(*), intent(in), optional :: rest
     call self%words%add(lead//word)
     call self%member(name, json_text(word))
+    if (present(rest)) call self%line(rest)
   end subroutine put_word
 
   !> Adds a member with its value as JSON has it; inside a list the name is left out.

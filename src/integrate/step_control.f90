@@ -16,6 +16,7 @@ module step_control
     integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
     real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
     logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values, moved in one step
+    real(wp), allocatable :: bound(:)         !! (groups) values beyond it mean nothing any more [unit of the group]
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
@@ -25,9 +26,9 @@ module step_control
   contains
     procedure :: watch
     procedure :: watch_slopes
-    procedure :: watch_noise
     procedure :: measure
     procedure :: measure_slopes
+    procedure :: beyond
   end type error_norm
 
   !> The controller; `order` is the order of the local error that is estimated (5 for 5(4) pairs).
@@ -44,7 +45,7 @@ module step_control
 
 contains
 
-  !> Updates the largest values of all groups.
+  !> Updates the largest values of all groups; y may be the first part of the state alone.
   pure subroutine watch(self, y)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: y(:)              !! (n) state [unit of each unknown]
@@ -54,28 +55,18 @@ contains
     end do
   end subroutine watch
 
-  !> Updates the largest derivatives.
-  pure subroutine watch_slopes(self, dy)
-    class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: dy(:)             !! (n) its derivatives [the same per second]
+  !> Updates the largest derivatives, or the rounding error of derivatives, measured as their change when the state changes in
+  !> its last digits. In an equilibrium, where large forces cancel, derivatives are nothing but this rounding.
+  pure subroutine watch_slopes(self, dy, largest)
+    class(error_norm), intent(in) :: self
+    real(wp), intent(in) :: dy(:)             !! (n) derivatives, or their change [unit/s]
+    real(wp), intent(inout) :: largest(:)     !! (groups) [unit/s]
     integer :: k
     do k = 1, size(dy)
-      if (self%group(k) == 0) cycle
-      if (self%slope(self%group(k))) self%steepest(self%group(k)) = max(self%steepest(self%group(k)), abs(dy(k)))
+      if (self%group(k) == 0 .or. .not. abs(dy(k)) < huge(1.0_wp)) cycle
+      if (self%slope(self%group(k))) largest(self%group(k)) = max(largest(self%group(k)), abs(dy(k)))
     end do
   end subroutine watch_slopes
-
-  !> Updates the rounding error of derivatives, measured as their change when the state changes in its last digits. In an
-  !> equilibrium, where large forces cancel, derivatives are nothing but this rounding.
-  pure subroutine watch_noise(self, change)
-    class(error_norm), intent(inout) :: self
-    real(wp), intent(in) :: change(:)         !! (n) of the derivatives [unit/s]
-    integer :: k
-    do k = 1, size(change)
-      if (self%group(k) == 0 .or. .not. abs(change(k)) < huge(1.0_wp)) cycle
-      if (self%slope(self%group(k))) self%noise(self%group(k)) = max(self%noise(self%group(k)), abs(change(k)))
-    end do
-  end subroutine watch_noise
 
   !> Largest error of a derivative relative to the largest derivative of its group so far, in tolerances. The scale of a group is at
   !> least a millionth of the largest of the system. Allowed besides is rounding: the largest noise of any group, since joints pass
@@ -133,6 +124,12 @@ contains
     end do
     worst = worst/tolerance
   end function measure
+
+  !> The first group whose values have been beyond all sense; 0: none.
+  pure integer function beyond(self) result(group)
+    class(error_norm), intent(in) :: self
+    group = findloc(self%largest > self%bound, .true., 1)
+  end function beyond
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).
   function accepted(self, h, err) result(next)

@@ -30,12 +30,10 @@ contains
     associate (b => march%balance)
       call text%figure('  largest violations: position ', 'position_violation', b%violation(1), 3)
       call text%figure(' m (', 'position_violation_of_size', b%violation(1)/run%sys%m%s%size, 3)
-      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3)
-      call text%line(' m/s')
+      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3, rest=' m/s')
       call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
       call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
-      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3)
-      call text%line(' J')
+      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3, rest=' J')
       if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
         call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
         call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &

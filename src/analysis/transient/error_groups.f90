@@ -10,6 +10,8 @@ module error_groups
   public :: group_unknowns, fastest_growth, out_of_shape
 
   real(wp), parameter :: least = 1.0e-6_wp     !! floor of a scale, of the scene's size [-] or an angle [rad]
+  real(wp), parameter :: absurd = 1.0e3_wp/least    !! deflection, section's rotation: no beam theory holds there, of the floor [-]
+  real(wp), parameter :: most_angle = 1.0e12_wp     !! of a frame: its sine then has four digits left [rad]
   integer, parameter :: translation = 1, angle = 2, deflection = 3, rotation = 4, extension = 5, bending = 6
   integer, parameter :: kinds_of_group = 6     !! each with the group of its rates behind it
 
@@ -23,6 +25,7 @@ contains
     n = 2*kinds_of_group*size(s%bodies) + 2*size(s%forces)
     allocate (norm%group(s%ny), source=0)
     allocate (norm%floor(n), source=least*s%size)
+    allocate (norm%bound(n), source=huge(1.0_wp))
     allocate (norm%rate(n), norm%slope(n), source=.false.)
     allocate (norm%largest(n), norm%scale(n), norm%steepest(n), norm%noise(n), source=0.0_wp)
     norm%rate(2:n:2) = .true.
@@ -31,6 +34,10 @@ contains
     end do
     do b = 1, size(s%bodies)
       call group_body(s, b, norm)
+      associate (x => [number(b, deflection), number(b, rotation)])
+        norm%bound(x) = absurd*norm%floor(x)
+      end associate
+      norm%bound(number(b, angle)) = most_angle
     end do
     do k = 1, size(s%forces)
       n = 2*(kinds_of_group*size(s%bodies) + k) - 1
@@ -120,18 +127,14 @@ contains
     end do
   end function fastest_growth
 
-  !> The first body whose deflections or nodal rotations have been a thousand times the scene's size (1000 rad): no beam
-  !> theory holds there, the solution grows without bound; 0: none.
-  pure function out_of_shape(norm, bodies) result(body)
+  !> The first body that has deflected beyond all sense, so that the solution grows without bound; 0: none.
+  pure integer function out_of_shape(norm, bodies) result(body)
     type(error_norm), intent(in) :: norm
     integer, intent(in) :: bodies
-    real(wp), parameter :: absurd = 1.0e3_wp/least   !! of the floor [-]
-    integer :: body, g
     do body = 1, bodies
-      g = number(body, deflection)
-      if (norm%largest(g) > absurd*norm%floor(g)) return
-      g = number(body, rotation)
-      if (norm%largest(g) > absurd*norm%floor(g)) return
+      associate (x => [number(body, deflection), number(body, rotation)])
+        if (any(norm%largest(x) > norm%bound(x))) return
+      end associate
     end do
     body = 0
   end function out_of_shape

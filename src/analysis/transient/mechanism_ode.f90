@@ -16,7 +16,7 @@ module mechanism_ode
   use ode_system, only: largest_value, is_bounded
   use position_measures, only: position_measure
   use projection, only: project
-  use second_order_system, only: second_order_ode, sensible, out_of_shape, out_of_turns
+  use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
   use stage_equations, only: stage_residual, factor_stages, stage_tangents, condense_stages
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
@@ -25,8 +25,6 @@ module mechanism_ode
 
   integer, parameter, public :: stabilise_none = 0, stabilise_projection = 1, stabilise_baumgarte = 2
 
-  real(wp), parameter :: most_shape = 1.0e3_wp     !! deflections, of the scene's size, and rotations of sections [-], [rad]
-  real(wp), parameter :: most_angle = 1.0e12_wp    !! of a frame: its sine then has four digits left [rad]
   real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
 
   !> The system.
@@ -58,7 +56,6 @@ module mechanism_ode
     procedure :: gaps
     procedure :: along_rows => mechanism_along
     procedure :: resolve
-    procedure :: health
     procedure :: rates                        !! of the state with other options
     procedure :: derivative
     procedure :: project => mechanism_project
@@ -342,20 +339,6 @@ contains
     real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
     call resolved_part(self%t, self%m, x, y)
   end subroutine resolve
-
-  !> Whether a body deflects beyond all shape, or has turned beyond the digits of its angle.
-  pure function health(self, q, scale) result(what)
-    class(mechanism_system), intent(in) :: self
-    real(wp), intent(in), contiguous :: q(:)       !! (nq) [m, rad]
-    real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
-    integer :: what
-    integer :: b
-    what = sensible
-    do b = 1, size(self%m%s%bodies)                ! groups 4b-1, 4b: elastic translations and rotations
-      if (scale(4*b - 1) > most_shape*self%m%s%size .or. scale(4*b) > most_shape) what = out_of_shape
-      if (abs(q(self%m%s%qo(b) + 3)) > most_angle) what = out_of_turns
-    end do
-  end function health
 
   !> Whether rows were nearly dependent at the last evaluation.
   pure logical function nearly_dependent(ev) result(yes)

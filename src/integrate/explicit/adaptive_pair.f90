@@ -69,7 +69,7 @@ contains
     call self%norm%watch(y)
     call measure_noise(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
-    call self%norm%watch_slopes(self%stages%k(:, 1))
+    call self%norm%watch_slopes(self%stages%k(:, 1), self%norm%steepest)
   end subroutine begin
 
   !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system is left
@@ -81,7 +81,7 @@ contains
     call system%derivative(self%t, self%y, .false., self%last)
     call system%derivative(self%t, self%moved, .false., self%slope)
     self%slope = self%slope - self%last
-    call self%norm%watch_noise(self%slope)
+    call self%norm%watch_slopes(self%slope, self%norm%noise)
   end subroutine measure_noise
 
   !> Moves the state in its last digits.
@@ -150,10 +150,12 @@ contains
     integer, intent(inout) :: outcome
     real(wp) :: h, wanted, err
     integer :: next
-    logical :: at_stop
+    logical :: at_stop, ok
     wanted = min(self%h, self%settings%max_step)
     call step_end(self%t, wanted, self%settings%stops, next, h, self%tried, at_stop)
-    call try_step(self, system, h, err)
+    err = -1.0_wp                             ! the step is lost
+    call estimate_error(self, system, h, ok)
+    if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
     if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call discount_rounding(self, system, h, err)
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
@@ -167,7 +169,7 @@ contains
     self%y = self%trial
     self%stages%k(:, 1) = self%last
     call self%norm%watch(self%y)
-    call self%norm%watch_slopes(self%last)
+    call self%norm%watch_slopes(self%last, self%norm%steepest)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
@@ -177,18 +179,6 @@ contains
     if (self%settings%jumps(next)) self%h = 0.0_wp
     if (self%settings%jumps(next)) call self%control%restart()
   end subroutine one_step
-
-  !> Tries a step: its error in tolerances, negative where the step is lost.
-  subroutine try_step(self, system, h, err)
-    class(adaptive_stepper), intent(inout) :: self
-    class(ode), intent(inout) :: system
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(out) :: err              !! [-]
-    logical :: ok
-    err = -1.0_wp
-    call estimate_error(self, system, h, ok)
-    if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
-  end subroutine try_step
 
   !> The stages of a step, its projected end and the error; not ok where the step is lost.
   subroutine estimate_error(self, system, h, ok)

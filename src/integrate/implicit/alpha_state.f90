@@ -8,7 +8,7 @@ module alpha_state
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: set_up_alpha, same_step, pack_accepted, pack_rates, pack, exchange_alpha
+  public :: set_up_alpha, same_step, pack, exchange_alpha
 
   !> What the last steps told of Newton's method.
   type, public :: newton_memory
@@ -93,20 +93,6 @@ contains
     real(wp), intent(in) :: h                !! [s]
     same_step = abs(h - self%now%h) <= 1.0e-9_wp*h
   end function same_step
-
-  !> The method's own state (rates not projected) in the system's layout.
-  pure subroutine pack_accepted(self, y)
-    type(alpha_solver), intent(in) :: self
-    real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown]
-    call pack(self, self%x, self%v, self%energy%sums, y)
-  end subroutine pack_accepted
-
-  !> Its rates.
-  pure subroutine pack_rates(self, y)
-    type(alpha_solver), intent(in) :: self
-    real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown per second]
-    call pack(self, self%v, self%vd, self%energy%powers, y)
-  end subroutine pack_rates
 
   !> Positions and rates, or rates and accelerations, with two quadratures or their rates, in the system's layout.
   pure subroutine pack(self, x, v, sums, y)

@@ -5,7 +5,7 @@ module alpha_stepper
   use alpha_error, only: error_vector, own_error, remember_error
   use alpha_newton, only: solve_trial, take_trial
   use alpha_start, only: start_method, change_step
-  use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, pack_accepted, pack_rates, exchange_alpha
+  use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, exchange_alpha
   use generalized_alpha, only: chung_hulbert
   use implicit_march, only: implicit_stepper, exchange_march
   use second_order_system, only: second_order_ode
@@ -71,8 +71,7 @@ contains
     end if
     if (self%passes) then
       self%dense_times = [self%t, h]
-      call pack_accepted(self%solver, self%dense(:, 1))
-      call pack_rates(self%solver, self%dense(:, 2))
+      call pack_ends(self%solver, self%dense(:, 1:2))
     end if
     call solve_trial(self%solver, system, self%tried, ok)
   end subroutine try_step
@@ -106,11 +105,8 @@ contains
     call take_trial(self%solver, system, self%tried)
     self%removed = self%solver%energy%removed
     self%fresh = .false.
-    if (self%passes) then
-      call pack_accepted(self%solver, self%dense(:, 3))
-      call pack_rates(self%solver, self%dense(:, 4))
-    end if
-    call self%end_step(system, h, self%solver%x(1:self%solver%nq), self%solver%measure%scale)
+    if (self%passes) call pack_ends(self%solver, self%dense(:, 3:4))
+    call self%end_step(system, h, self%solver%x(1:self%solver%nq))
   end subroutine accept_step
 
   !> The method's own state, whose rates are not projected.
@@ -118,13 +114,21 @@ contains
     class(alpha_march), intent(in) :: self
     logical, intent(in) :: tried
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    call pack_accepted(self%solver, y)
+    call pack(self%solver, self%solver%x, self%solver%v, self%solver%energy%sums, y)
     if (.not. tried) return
     associate (nq => self%solver%nq)
       y(1:nq) = self%solver%x1(1:nq)
       y(nq + 1:2*nq) = self%solver%v1(1:nq)
     end associate
   end subroutine pack_state
+
+  !> The method's state and its rates, from which Hermite's interpolation follows.
+  pure subroutine pack_ends(solver, y)
+    type(alpha_solver), intent(in) :: solver
+    real(wp), intent(inout) :: y(:, :)        !! (n, 2) [unit of each unknown], the same per second
+    call pack(solver, solver%x, solver%v, solver%energy%sums, y(:, 1))
+    call pack(solver, solver%v, solver%vd, solver%energy%powers, y(:, 2))
+  end subroutine pack_ends
 
   !> Hermite interpolation.
   subroutine interpolate(self, time, y)

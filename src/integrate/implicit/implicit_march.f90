@@ -5,7 +5,7 @@ module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
-  use second_order_system, only: second_order_ode, sensible, out_of_shape
+  use second_order_system, only: second_order_ode
   use step_control, only: error_norm
   use step_counts, only: step_count
   use summary_text, only: summary_record
@@ -55,7 +55,7 @@ module implicit_march
     procedure :: end_step
     procedure :: account_failures
     procedure(take_system), deferred :: set_up
-    procedure(limit_step), deferred :: limit_first_step
+    procedure(take_system), deferred :: limit_first_step   !! makes self%h as small as accelerations of a start or jump ask for
     procedure(solve_step), deferred :: try_step
     procedure(estimate_step), deferred :: measure_step
     procedure(take_step), deferred :: accept_step
@@ -64,18 +64,12 @@ module implicit_march
   end type implicit_stepper
 
   abstract interface
-    !> Work space for a system.
+    !> Takes a system: its work space; its state at the first step.
     subroutine take_system(self, system)
       import :: implicit_stepper, second_order_ode
       class(implicit_stepper), intent(inout) :: self
       class(second_order_ode), intent(inout) :: system
     end subroutine take_system
-    !> Makes a first step, or the first one after a jump, as small as the accelerations there ask for: self%h.
-    subroutine limit_step(self, system)
-      import :: implicit_stepper, second_order_ode
-      class(implicit_stepper), intent(inout) :: self
-      class(second_order_ode), intent(inout) :: system
-    end subroutine limit_step
     !> Tries a step of size h from self%t to self%tried; ok is false where Newton's method fails.
     subroutine solve_step(self, system, h, ok)
       import :: implicit_stepper, second_order_ode, wp
@@ -264,18 +258,17 @@ contains
 
   !> The end of an accepted step: the run is lost where the state is no longer one of a mechanism; where accelerations jump the
   !> method starts anew from the projected state.
-  subroutine end_step(self, system, h, q, scale)
+  subroutine end_step(self, system, h, q)
     class(implicit_stepper), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in), contiguous :: q(:)  !! (nq) positions [m, rad]
-    real(wp), intent(in), contiguous :: scale(:)   !! (groups) what their groups have reached [m, rad]
     integer :: k
     logical :: ok
     call self%count_step(self%tried, h)
-    k = system%health(q, scale)
-    if (k /= sensible) then
-      call give_up(self, merge(trouble_shape, trouble_size, k == out_of_shape))
+    call self%norm%watch(q)
+    if (self%norm%beyond() > 0) then
+      call give_up(self, trouble_shape)
       return
     end if
     do k = 1, size(self%settings%stops)

@@ -5,7 +5,6 @@ module radau_stepper
   use archive, only: value_archive
   use implicit_march, only: implicit_stepper, exchange_march
   use ode_system, only: is_bounded
-  use position_measures, only: position_measure
   use radau_error, only: measure_error, removed_energy
   use radau_method, only: radau_iia, lagrange_weights
   use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
@@ -19,7 +18,6 @@ module radau_stepper
   type, extends(implicit_stepper), public :: radau_march
     type(radau_stage_values) :: stages
     real(wp), allocatable :: bend(:, :)       !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
-    type(position_measure) :: measure
   contains
     procedure :: set_up
     procedure :: limit_first_step
@@ -42,7 +40,6 @@ contains
     self%patience = 8
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    self%measure = system%measure
     allocate (self%bend(system%nq, 2), source=0.0_wp)
   end subroutine set_up
 
@@ -161,8 +158,7 @@ contains
         return
       end if
       call self%norm%watch(self%y)
-      call self%measure%widen(s%q0)
-      call self%end_step(system, h, s%q0, self%measure%scale)
+      call self%end_step(system, h, s%q0)
     end associate
   end subroutine accept_step
 
@@ -225,7 +221,6 @@ contains
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
     call a%exchange(self%bend)
-    call self%measure%exchange(a)
     call exchange_stages(self%stages, a)
   end subroutine exchange
 end module radau_stepper

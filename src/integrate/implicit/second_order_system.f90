@@ -13,9 +13,6 @@ module second_order_system
   implicit none (type, external)
   private
 
-  !> Why a state means nothing any more though all its numbers are finite.
-  integer, parameter, public :: sensible = 0, out_of_shape = 1, out_of_turns = 2
-
   !> The system. What `start_implicit` sets stays as it is; the last three belong to the last matrix of a single stage.
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
@@ -49,7 +46,6 @@ module second_order_system
     procedure(find_gaps), deferred :: gaps
     procedure(close_gaps), deferred :: along_rows
     procedure(filter_pair), deferred :: resolve
-    procedure(judge_state), deferred :: health
   end type second_order_ode
 
   abstract interface
@@ -218,13 +214,5 @@ module second_order_system
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
     end subroutine filter_pair
-    !> Whether a state, whose groups have reached these sizes, is still one of a mechanism.
-    pure function judge_state(self, q, scale) result(what)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(in) :: self
-      real(wp), intent(in), contiguous :: q(:)       !! (nq) [m, rad]
-      real(wp), intent(in), contiguous :: scale(:)   !! (groups) [m, rad]
-      integer :: what                         !! sensible, out_of_shape, out_of_turns
-    end function judge_state
   end interface
 end module second_order_system

@@ -1,8 +1,11 @@
 !> Which rows there are between bodies (see `border_rows`), where their sides are, and in which order their system is solved. Set-up
 !> work only.
 module border_row_lists
+  use kinds, only: wp
+  use counting_sort, only: sort_by_number
   use mechanism, only: mechanism_model
   use ordering, only: reverse_cuthill_mckee
+  use triplets, only: triplet_matrix
   implicit none (type, external)
   private
   public :: coupling, row_lists, list_rows, order_rows
@@ -163,33 +166,24 @@ contains
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
     type(end_list), intent(in) :: list
-    integer, allocatable :: fill(:)
+    integer, allocatable :: first(:), sorted(:)
     logical, allocatable :: acts(:, :)        ! (6, rows)
-    integer :: nb, n, k, i
+    integer :: nb, k, i
     nb = size(m%s%bodies)
-    n = list%n
-    allocate (r%first(nb + 1), r%row(n), r%marker(n), r%kind(n), r%local(n), source=0)
-    allocate (r%acts(3, n), source=.false.)
     allocate (acts(6, r%nc))
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         acts(:, c%first:c%first + c%rows - 1) = spread(c%acts_on(), 2, c%rows)
       end associate
     end do
-    do k = 1, n
-      r%first(list%body(k) + 1) = r%first(list%body(k) + 1) + 1
-    end do
-    r%first(1) = 1
-    do k = 1, nb
-      r%first(k + 1) = r%first(k + 1) + r%first(k)
-    end do
-    fill = r%first(1:nb)
-    do k = 1, n
-      i = fill(list%body(k))
-      fill(list%body(k)) = i + 1
-      r%row(i) = list%row(k)
-      r%marker(i) = list%marker(k)
-      r%kind(i) = list%kind(k)
+    call sort_by_number(list%body(1:list%n), nb, first, sorted)
+    r%first = first(1:nb + 1)
+    r%row = list%row(sorted)
+    r%marker = list%marker(sorted)
+    r%kind = list%kind(sorted)
+    allocate (r%local(list%n), source=0)
+    allocate (r%acts(3, list%n), source=.false.)
+    do i = 1, list%n
       select case (r%kind(i))
       case (-1)
         r%acts(:, i) = acts(1:3, r%row(i))
@@ -206,56 +200,38 @@ contains
   !> Orders the rows: rows meet in bodies, and through laws each displacement row meets all rows of the bodies its law joins.
   subroutine order_rows(r)
     type(row_lists), intent(inout) :: r
-    integer, allocatable :: rows(:), cols(:), order(:), starts(:), body(:)
-    integer :: k, n, b, e, f, i, j, pass
-    allocate (body(r%n), source=0)          ! of displacement rows
+    type(triplet_matrix) :: met                ! an entry for each meeting
+    integer, allocatable :: order(:), starts(:), body(:)
+    integer :: k, b, e, f, i, j
+    allocate (r%position(r%n))
+    if (r%n == 0) return
+    allocate (body(r%n), source=0)             ! of displacement rows
     do b = 1, size(r%first) - 1
       do e = r%first(b), r%first(b + 1) - 1
         body(r%row(e)) = b
-      end do
-    end do
-    do pass = 1, 2
-      n = 0
-      do b = 1, size(r%first) - 1
-        do e = r%first(b), r%first(b + 1) - 1
-          do f = r%first(b), e - 1
-            call pair(r%row(e), r%row(f))
-          end do
+        do f = r%first(b), e - 1
+          call met%add(r%row(e), r%row(f), 1.0_wp)
         end do
       end do
-      do k = 1, size(r%laws)
-        associate (t => r%laws(k))
-          do i = 1, t%n
-            do j = 1, t%n
-              b = body(t%row(j))
-              do e = r%first(b), r%first(b + 1) - 1
-                call pair(t%row(i), r%row(e))
-              end do
-            end do
-            do j = 1, t%nr
-              call pair(t%row(i), t%rate(j))
+    end do
+    do k = 1, size(r%laws)
+      associate (t => r%laws(k))
+        do i = 1, t%n
+          do j = 1, t%n
+            b = body(t%row(j))
+            do e = r%first(b), r%first(b + 1) - 1
+              call met%add(t%row(i), r%row(e), 1.0_wp)
             end do
           end do
-        end associate
-      end do
-      if (pass == 1) allocate (rows(n), cols(n))
+          do j = 1, t%nr
+            call met%add(t%row(i), t%rate(j), 1.0_wp)
+          end do
+        end do
+      end associate
     end do
-    call reverse_cuthill_mckee(r%n, rows, cols, order, starts)
-    allocate (r%position(r%n))
+    call met%add(r%n, r%n, 1.0_wp)             ! a single row meets none but itself
+    call reverse_cuthill_mckee(r%n, met%rows(1:met%count), met%cols(1:met%count), order, starts)
     r%position(order) = [(k, k=1, r%n)]
-    r%kd = 0
-    do k = 1, n
-      r%kd = max(r%kd, abs(r%position(rows(k)) - r%position(cols(k))))
-    end do
-  contains
-    !> Counts a pair, and in the second pass notes it.
-    subroutine pair(x, y)
-      integer, intent(in) :: x, y
-      if (x == y) return
-      n = n + 1
-      if (pass == 1) return
-      rows(n) = x
-      cols(n) = y
-    end subroutine pair
+    r%kd = maxval(abs(r%position(met%rows(1:met%count)) - r%position(met%cols(1:met%count))))
   end subroutine order_rows
 end module border_row_lists

@@ -4,7 +4,7 @@
 !> factoring allocate nothing.
 module elastic_block
   use kinds, only: wp, number
-  use banded, only: band_factor, band_solve, band_solve_two, factor_again, factor_symmetric
+  use banded, only: band_factor, band_solve, band_solve_two, factor_again, order_band
   use beam_element, only: element_stiffness, stiffening_tangent
   use body, only: body_model
   use body_terms, only: body_equations
@@ -23,8 +23,6 @@ module elastic_block
     integer, allocatable :: entry(:)         !! these entries' markers on the even pattern of the operators
     real(number), allocatable :: value(:)    !! (even pattern) T0 [kg/s2, ...]
     real(number), allocatable :: lower(:)    !! its lower triangle [N/m, N, N m]
-    integer, allocatable :: reordered(:)     !! (n) reordered row of each coordinate
-    real(number), allocatable :: band(:)     !! work of the factorisation [N/m, N, N m]
     integer :: kb = 0                        !! half band width of the whole block
     integer, allocatable :: position(:)      !! (n) its ordering
     real(number), allocatable :: lu(:, :)    !! its LU in LAPACK's band storage [N/m, N, N m]
@@ -53,8 +51,9 @@ contains
       self%entry = pack([(e, e=1, size(even%row))], even%row >= even%col)
       self%row = even%row(self%entry)
       self%col = even%col(self%entry)
+      call order_band(self%n, self%row, self%col, self%base)
       call reverse_cuthill_mckee(self%n, [even%row, odd%row], [even%col, odd%col], order, starts)
-      allocate (self%position(self%n), self%pivots(self%n), self%reordered(self%n))
+      allocate (self%position(self%n), self%pivots(self%n))
       self%position(order) = [(i, i=1, self%n)]
       self%kb = max(maxval(abs(self%position(even%row) - self%position(even%col))), &
                     maxval(abs(self%position(odd%row) - self%position(odd%col))))
@@ -62,7 +61,7 @@ contains
     end associate
     allocate (self%value(n), self%lower(size(self%entry)), self%lu(3*self%kb + 1, self%n), self%x(self%n, 1), &
               self%work(2, self%n))
-    allocate (self%band(0), self%factor(segments))
+    allocate (self%factor(segments))
     self%x = 0.0_wp
   end subroutine set_up
 
@@ -73,7 +72,7 @@ contains
     real(number), intent(in) :: c1           !! [1/s2]
     real(number), intent(in) :: c2           !! [1/s]
     logical, intent(out) :: bad
-    integer :: i, n, info
+    integer :: i, info
     self%value = c1*(op%m + op%j) + c2*op%c + op%k
     do i = 1, size(op%entry)
       self%value(op%entry(i)) = self%value(op%entry(i)) + (self%factor(op%segment(i)) - 1)*op%part(i)
@@ -81,20 +80,7 @@ contains
     do i = 1, size(self%entry)
       self%lower(i) = self%value(self%entry(i))
     end do
-    if (self%base%n > 0) then
-      call factor_again(self%base, self%reordered, self%row, self%col, self%lower, self%band, info)
-    else
-      call factor_symmetric(self%n, self%row, self%col, self%lower, self%base, info)
-      self%reordered(self%base%order) = [(i, i=1, self%n)]
-      n = 0
-      do i = 1, size(self%base%blocks)
-        associate (b => self%base%blocks(i))
-          n = max(n, (b%kd + 1)*(b%last - b%first + 1))
-        end associate
-      end do
-      deallocate (self%band)
-      allocate (self%band(n))
-    end if
+    call factor_again(self%base, self%row, self%col, self%lower, info)
     bad = info /= 0
   end subroutine factor_base
 
