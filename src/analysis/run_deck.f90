@@ -67,7 +67,7 @@ contains
       status = fail%status
       return
     end if
-    call text%begin()
+    text = summary_record()
     call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
     call warn_of_slips(run%d, options%check)
     call model_lines(run%d, run%sys%m, run%assembly, text)

@@ -2,6 +2,7 @@
 !> nothing or are there twice. The deck runs as it is written.
 module typical_slips
   use kinds, only: wp, pi
+  use acting_markers, only: acting_marker, list_acting
   use build_history, only: make_history
   use deck_records, only: deck, origin, marker_record, history_record
   use history, only: history_model
@@ -40,11 +41,11 @@ contains
     integer :: k
     do k = 1, size(d%forces)
       if (d%forces(k)%type /= 'force' .or. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) > 0.0_wp) cycle
-      call warn(d%forces(k)%at, 'force/'//d%forces(k)%name, 'fx and fy are 0: it pushes nothing')
+      call warn(d%forces(k)%at, 'fx and fy are 0: it pushes nothing')
     end do
     do k = 1, size(d%lumps)
       if (max(d%lumps(k)%mass, d%lumps(k)%inertia) > 0.0_wp) cycle
-      call warn(d%lumps(k)%at, 'lump', 'mass and inertia are 0: it adds nothing')
+      call warn(d%lumps(k)%at, 'mass and inertia are 0: it adds nothing')
     end do
   end subroutine idle_parts
 
@@ -61,7 +62,7 @@ contains
     do k = 1, size(d%materials)
       speed = sqrt(d%materials(k)%young/d%materials(k)%density)
       if (.not. flexes(k) .or. (speed >= slowest .and. speed <= fastest)) cycle
-      call warn(d%materials(k)%at, 'material/'//d%materials(k)%name, 'sqrt(young/density) is '//to_text(speed)// &
+      call warn(d%materials(k)%at, 'sqrt(young/density) is '//to_text(speed)// &
                 ' m/s, solids have 10 to 20000: young in GPa or MPa for Pa? density in g/cm3 for kg/m3?')
     end do
   end subroutine odd_materials
@@ -73,31 +74,31 @@ contains
     integer :: k
     turns = any(d%drives%type == 'rotation') .or. any(d%bodies%angular_velocity_stated)
     do k = 1, size(d%bodies)
-      call look(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'angle', d%bodies(k)%angle, turns)
+      call look(d%bodies(k)%at, 'angle', d%bodies(k)%angle, turns)
     end do
     do k = 1, size(d%joints)
-      call look(d%joints(k)%at, 'joint/'//d%joints(k)%name, 'direction', d%joints(k)%direction, .false.)
+      call look(d%joints(k)%at, 'direction', d%joints(k)%direction, .false.)
     end do
     do k = 1, size(d%drives)
-      call look(d%drives(k)%at, 'drive/'//d%drives(k)%name, 'direction', d%drives(k)%direction, .false.)
+      call look(d%drives(k)%at, 'direction', d%drives(k)%direction, .false.)
     end do
     do k = 1, size(d%springs)
-      if (d%springs(k)%type == 'torsional') call look(d%springs(k)%at, 'spring/'//d%springs(k)%name, 'free_angle', &
+      if (d%springs(k)%type == 'torsional') call look(d%springs(k)%at, 'free_angle', &
                                                       d%springs(k)%free, .true.)
     end do
     do k = 1, size(d%histories)
-      call look(d%histories(k)%at, 'history/'//d%histories(k)%name, 'phase', d%histories(k)%phase, .false.)
+      call look(d%histories(k)%at, 'phase', d%histories(k)%phase, .false.)
     end do
   contains
     !> One angle.
-    subroutine look(at, what, name, angle, may_turn)
+    subroutine look(at, name, angle, may_turn)
       type(origin), intent(in) :: at
-      character(*), intent(in) :: what, name   !! the group, its variable
+      character(*), intent(in) :: name         !! variable
       real(wp), intent(in) :: angle            !! [rad]
       logical, intent(in) :: may_turn          !! more than a turn may be meant
       if (abs(angle) <= 2*pi + 1.0e-9_wp) return
       if (may_turn .and. abs(angle/5 - anint(angle/5)) > 1.0e-9_wp) return
-      call warn(at, what, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
+      call warn(at, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
                 ' turns: degrees for radians?')
     end subroutine look
   end subroutine degrees
@@ -108,11 +109,11 @@ contains
     real(wp) :: g, size_of, reach(0:size(d%bodies))   ! of the points that are named on each body [m]
     integer :: k
     g = norm2(d%scene%gravity)
-    if (g > 1000.0_wp) call warn(d%scene%at, 'scene', 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
+    if (g > 1000.0_wp) call warn(d%scene%at, 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
     if (g < 1.0_wp .or. g > 30.0_wp) return
     do k = 1, size(d%sections)
       size_of = sqrt(12*d%sections(k)%inertia/d%sections(k)%area)
-      if (size_of > deepest) call warn(d%sections(k)%at, 'section/'//d%sections(k)%name, 'a depth of about '// &
+      if (size_of > deepest) call warn(d%sections(k)%at, 'a depth of about '// &
                                        to_text(size_of)//' m beside gravity in m/s2: mm for m?')
     end do
     call reach_of(d, reach)
@@ -120,7 +121,7 @@ contains
       size_of = max(reach(k), d%bodies(k)%length)
       if (size_of <= longest .and. .not. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
                                           d%bodies(k)%mass < thin*size_of)) cycle
-      call warn(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'it reaches '//to_text(size_of)// &
+      call warn(d%bodies(k)%at, 'it reaches '//to_text(size_of)// &
                 ' m beside gravity in m/s2: mm for m?')
     end do
   end subroutine millimetres
@@ -156,20 +157,16 @@ contains
   !> Bodies beside others that nothing holds, touches or sets in motion.
   subroutine loose_bodies(d)
     type(deck), intent(in) :: d
+    type(acting_marker), allocatable :: acting(:)
     logical :: held(0:size(d%bodies))
     integer :: k
     if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
     held = .false.
-    held(d%joints%a%body) = .true.
-    held(d%joints%b%body) = .true.
-    held(d%drives%a%body) = .true.
-    held(d%drives%b%body) = .true.
-    held(d%springs%a%body) = .true.
-    held(d%springs%b%body) = .true.
-    held(d%forces%marker%body) = .true.
+    acting = list_acting(d)
+    held(acting%marker%body) = .true.
     do k = 1, size(d%bodies)
       if (held(k) .or. d%bodies(k)%velocity_stated .or. d%bodies(k)%angular_velocity_stated) cycle
-      call warn(d%bodies(k)%at, 'body/'//d%bodies(k)%name, 'no joint, drive, spring or force names it: it is left to itself')
+      call warn(d%bodies(k)%at, 'no joint, drive, spring or force names it: it is left to itself')
     end do
   end subroutine loose_bodies
 
@@ -204,7 +201,7 @@ contains
         end if
         j = earlier(j)
       end do
-      if (first > 0) call warn(at(k), kind//'/'//name(k), 'it holds the same as '//kind//' "'//trim(name(first))// &
+      if (first > 0) call warn(at(k), 'it holds the same as '//kind//' "'//trim(name(first))// &
                                '" in line '//to_text(at(first)%line)//': one of them is too many')
     end do
   end subroutine look_for_twins
@@ -237,7 +234,7 @@ contains
           worst = max(worst, miss)
         end do
         if (worst <= 0.01_wp*(maxval(r%values) - minval(r%values))) cycle
-        call warn(r%at, 'history/'//r%name, 'the spline leaves the dwell at t = '//to_text(at)//' s by '//to_text(worst)// &
+        call warn(r%at, 'the spline leaves the dwell at t = '//to_text(at)//' s by '//to_text(worst)// &
                   ': interpolation=''pchip'' keeps dwells')
       end associate
     end do
@@ -259,9 +256,9 @@ contains
   end subroutine leave
 
   !> A warning with its place in the deck.
-  subroutine warn(at, what, why)
+  subroutine warn(at, why)
     type(origin), intent(in) :: at
-    character(*), intent(in) :: what, why      !! the group, blanks at its end not shown; the reason
-    call tell(at%file//':'//to_text(at%line)//': '//trim(what)//': warning: '//why)
+    character(*), intent(in) :: why
+    call tell(at%file//':'//to_text(at%line)//': '//at%subject//': warning: '//why)
   end subroutine warn
 end module typical_slips

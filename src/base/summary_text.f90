@@ -15,7 +15,6 @@ module summary_text
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
   contains
-    procedure :: begin
     procedure :: line
     procedure :: open => open_bracket
     procedure :: close => close_bracket
@@ -28,15 +27,6 @@ module summary_text
   end type summary_record
 
 contains
-
-  !> Empties the summary.
-  subroutine begin(self)
-    class(summary_record), intent(inout) :: self
-    self%words = text_buffer()
-    self%members = text_buffer()
-    self%warnings = text_buffer()
-    self%open_brackets = ''
-  end subroutine begin
 
   !> Ends the present line of words.
   subroutine line(self, words)

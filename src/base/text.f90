@@ -151,21 +151,15 @@ contains
     distance = row(len(b), 0)
   end function edit_distance
 
-  !> Up to how many edits two words count as one misspelt: a third of the letters, at least one.
-  elemental integer function allowed_distance(letters) result(distance)
-    integer, intent(in) :: letters   !! letters of the misspelt word
-    distance = max(1, (letters + 1)/3)
-    if (letters < 3) distance = letters - 1
-  end function allowed_distance
-
-  !> Position in a list of the word nearest to a misspelt one, 0 if none is near enough to be meant.
+  !> Position in a list of the word nearest to a misspelt one, 0 if none is near enough to be meant: within a third of the
+  !> letters, at least one.
   pure integer function nearest_word(word, words) result(best)
     character(*), intent(in) :: word       !! misspelt word, any case
     character(*), intent(in) :: words(:)   !! known words, lower case
     integer :: k, distance, least, letters
     letters = len_trim(word)
     best = 0
-    least = allowed_distance(letters) + 1
+    least = merge(letters, max(1, (letters + 1)/3) + 1, letters < 3)
     do k = 1, size(words)
       if (abs(len_trim(words(k)) - letters) >= least) cycle
       distance = edit_distance(lower(trim(word)), lower(trim(words(k))))
@@ -178,12 +172,11 @@ contains
   !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
   pure integer function word_hash(word) result(hash)
     character(*), intent(in) :: word   !! lower case word
-    integer, parameter :: long = selected_int_kind(18)
-    integer(long) :: h
+    integer(ip) :: h
     integer :: i
-    h = 5381_long
+    h = 5381_ip
     do i = 1, len_trim(word)
-      h = iand(33_long*h + iachar(word(i:i)), 2147483647_long)
+      h = iand(33_ip*h + iachar(word(i:i)), 2147483647_ip)
     end do
     hash = int(h)
   end function word_hash

@@ -23,11 +23,17 @@ contains
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
     type(marker_table) :: markers
-    integer :: most
+    integer, allocatable :: first(:), lumps(:)   ! lumps by body
+    integer :: most, k
     s%title = d%scene%title
     s%gravity = d%scene%gravity
     call judge_laws(d, faults)
-    if (faults%count == 0) call build_all_bodies(d, s, faults)
+    if (faults%count > 0) return
+    call sort_by_number(d%lumps%marker%body, size(d%bodies), first, lumps)
+    allocate (s%bodies(size(d%bodies)))
+    do k = 1, size(d%bodies)
+      call build_body(d, k, lumps(first(k):first(k + 1) - 1), s%bodies(k), faults)
+    end do
     if (faults%count > 0) return
     most = 2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces)
     allocate (markers%items(most))
@@ -40,20 +46,6 @@ contains
     call list_loaded(s)
     call number_unknowns(d, s)
   end subroutine build
-
-  !> Bodies with their lumps.
-  subroutine build_all_bodies(d, s, faults)
-    type(deck), intent(in) :: d
-    type(scene), intent(inout) :: s
-    type(fault_list), intent(inout) :: faults
-    integer, allocatable :: first(:), list(:)
-    integer :: k
-    call sort_by_number(d%lumps%marker%body, size(d%bodies), first, list)
-    allocate (s%bodies(size(d%bodies)))
-    do k = 1, size(d%bodies)
-      call build_body(d, k, list(first(k):first(k + 1) - 1), s%bodies(k), faults)
-    end do
-  end subroutine build_all_bodies
 
   !> Offsets of all unknowns, and the deck's own start.
   subroutine number_unknowns(d, s)

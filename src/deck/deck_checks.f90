@@ -36,28 +36,18 @@ contains
   subroutine sort_faults(source, faults)
     type(deck_source), intent(in) :: source
     type(fault_list), intent(inout) :: faults      !! receives the faults
-    integer, allocatable :: file(:), first(:), by_line(:), by_file(:)
-    integer :: k
+    integer, allocatable :: first(:), by_line(:)
+    integer :: j, k
     if (source%faults%count == 0) return
     associate (found => source%faults%items(1:source%faults%count))
       call sort_by_number(found%line, maxval(found%line), first, by_line)
-      file = [(file_number(source, found(by_line(k))%file), k=1, size(found))]
-      call sort_by_number(file, source%parts%source_count, first, by_file)
     end associate
-    do k = 1, source%faults%count
-      associate (f => source%faults%items(by_line(by_file(k))))
-        call faults%add(f%file, f%line, f%subject, f%message)
-      end associate
+    do j = 1, source%parts%source_count
+      do k = 1, source%faults%count
+        associate (f => source%faults%items(by_line(k)))
+          if (f%file == source%parts%sources(j)%path) call faults%add(f%file, f%line, f%subject, f%message)
+        end associate
+      end do
     end do
   end subroutine sort_faults
-
-  !> Number of a file of the deck.
-  pure integer function file_number(source, path) result(number)
-    type(deck_source), intent(in) :: source
-    character(*), intent(in) :: path
-    do number = source%parts%source_count, 2, -1
-      if (source%parts%sources(number)%path == path) return
-    end do
-    number = 1
-  end function file_number
 end module deck_checks

@@ -162,7 +162,13 @@ contains
       logical :: removed(3, b%nodes)
       character(:), allocatable :: name, what
       integer :: k, dof, info
-      call node_markers(b, x, y)
+      if (b%kind == 'frame') then
+        x = b%node_x
+        y = b%node_y
+      else
+        x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
+        allocate (y(size(x)), source=0.0_wp)
+      end if
       extent = maxval(hypot(x - x(1), y - y(1)))
       if (extent <= 0.0_wp) return
       normal = 0.0_wp
@@ -237,18 +243,4 @@ contains
       t = 'translation along the direction '//to_text(motion(1)/norm2(motion))//','//to_text(motion(2)/norm2(motion))
     end if
   end function motion_text
-
-  !> Positions of the nodes in body axes.
-  pure subroutine node_markers(b, x, y)
-    type(body_record), intent(in) :: b
-    real(wp), allocatable, intent(out) :: x(:), y(:)   !! (nodes) [m]
-    integer :: k
-    if (b%kind == 'frame') then
-      x = b%node_x
-      y = b%node_y
-    else
-      x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
-      allocate (y(size(x)), source=0.0_wp)
-    end if
-  end subroutine node_markers
 end module deck_geometry

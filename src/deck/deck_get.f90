@@ -3,9 +3,9 @@
 !> (`kinds`, blanks between them; all where that is left out). The arguments of this name are the same in all modules of readers.
 module deck_get
   use kinds, only: wp
-  use text, only: to_text, quoted
+  use text, only: lower, to_text, quoted
   use deck_input, only: deck_source
-  use deck_numbers, only: read_real, read_integer, read_logical
+  use deck_numbers, only: read_real, read_integer
   use deck_syntax, only: value_token, bare_value, string_value, null_value
   implicit none (type, external)
   private
@@ -104,14 +104,19 @@ contains
     character(*), intent(in) :: name
     logical, intent(inout) :: x                   !! receives the value
     character(*), intent(in), optional :: kinds
-    character(:), allocatable :: problem
     integer :: assignment
     logical :: good
     call single_value(deck, name, .false., kinds, '.true. or .false.', assignment, good)
     if (good) call check_bare(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
     if (.not. good) return
-    call read_logical(deck%word(deck%token(assignment, 1)), x, problem)
-    call check_word(deck, name, deck%token(assignment, 1), problem, good)
+    select case (lower(deck%word(deck%token(assignment, 1))))
+    case ('.true.', 'true', '.t.', 't')
+      x = .true.
+    case ('.false.', 'false', '.f.', 'f')
+      x = .false.
+    case default
+      call check_word(deck, name, deck%token(assignment, 1), 'is not a logical value, expected .true. or .false.', good)
+    end select
     if (good) call deck%mark_good(assignment)
   end subroutine get_logical
 

@@ -121,7 +121,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
     integer :: k
-    call advice%text%begin()
+    advice%text = summary_record()
     call advice%text%line('stable steps of explicit methods')
     call advice%text%open('stable_steps', '{')
     do k = 1, size(method_names)

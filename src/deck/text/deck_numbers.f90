@@ -1,11 +1,11 @@
-!> Turns single words of a deck into numbers and logicals, strictly: what is not exactly a number is refused with a
+!> Turns single words of a deck into numbers, strictly: what is not exactly a number is refused with a
 !> reason, and no conversion can overflow.
 module deck_numbers
   use kinds, only: wp, ip
   use text, only: lower
   implicit none (type, external)
   private
-  public :: read_real, read_integer, read_logical
+  public :: read_real, read_integer
 
   character(*), parameter :: digits = '0123456789'
   integer, parameter :: decades = 60     !! magnitudes from 1e-60 to below 1e60: products of a few stay finite
@@ -17,13 +17,16 @@ contains
     character(*), intent(in) :: word                     !! without blanks
     real(wp), intent(inout) :: x                         !! unchanged if there is a problem [as the variable]
     character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
+    character(:), allocatable :: core
     integer :: decade, status
     logical :: number, zero
     problem = ''
     call analyse(word, number, zero, decade)
     if (.not. number) then
       problem = 'is not a number, expected one such as 1.5e-3'
-      if (is_endless(word)) problem = 'is not finite, expected a finite number'
+      core = lower(word(sign_length(word) + 1:))
+      if (index(core, 'nan(') == 1) core = 'nan'
+      if (any(core == [character(8) :: 'nan', 'inf', 'infinity'])) problem = 'is not finite, expected a finite number'
     else if (.not. zero .and. abs(decade) >= decades .and. decade /= -decades) then
       problem = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
     else if (zero) then
@@ -44,8 +47,7 @@ contains
     integer(ip) :: exponent
     decade = 0
     zero = .false.
-    start = 1
-    if (scan(word(1:min(1, len(word))), '+-') == 1) start = 2
+    start = sign_length(word) + 1
     mantissa_end = scan(lower(word), 'ed') - 1
     if (mantissa_end < 0) mantissa_end = len(word)
     number = .false.
@@ -71,8 +73,7 @@ contains
     integer(ip), intent(out) :: n
     logical, intent(out) :: whole          !! whether it is one
     integer :: start, i
-    start = 1
-    if (scan(word(1:min(1, len(word))), '+-') == 1) start = 2
+    start = sign_length(word) + 1
     whole = len(word) >= start
     if (whole) whole = verify(word(start:), digits) == 0
     n = 0
@@ -82,15 +83,6 @@ contains
     end do
     if (word(1:1) == '-') n = -n
   end subroutine read_digits
-
-  !> Whether a word means a number that is not finite: nan, nan(...), inf, infinity, with a sign or without.
-  pure logical function is_endless(word) result(yes)
-    character(*), intent(in) :: word    !! word of the deck
-    character(:), allocatable :: core
-    core = lower(word)
-    if (scan(core(1:min(1, len(core))), '+-') == 1) core = core(2:)
-    yes = core == 'nan' .or. index(core, 'nan(') == 1 .or. core == 'inf' .or. core == 'infinity'
-  end function is_endless
 
   !> A whole number. `problem` is empty if it is one.
   pure subroutine read_integer(word, n, problem)
@@ -113,19 +105,9 @@ contains
     end if
   end subroutine read_integer
 
-  !> A logical value. `problem` is empty if it is one.
-  pure subroutine read_logical(word, yes, problem)
-    character(*), intent(in) :: word                     !! without blanks
-    logical, intent(inout) :: yes                        !! unchanged if there is a problem
-    character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
-    problem = ''
-    select case (lower(word))
-    case ('.true.', 'true', '.t.', 't')
-      yes = .true.
-    case ('.false.', 'false', '.f.', 'f')
-      yes = .false.
-    case default
-      problem = 'is not a logical value, expected .true. or .false.'
-    end select
-  end subroutine read_logical
+  !> 1 for a word that begins with a sign, else 0.
+  pure integer function sign_length(word)
+    character(*), intent(in) :: word
+    sign_length = scan(word(:min(1, len(word))), '+-')
+  end function sign_length
 end module deck_numbers
