@@ -3,14 +3,14 @@ module modal_analysis
   use kinds, only: wp
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
-  use errors, only: failure, status_failed, status_no_output
+  use errors, only: failure, status_failed
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
   use mode_list, only: mode_set
   use pole_check, only: judge_completeness
   use posix, only: remove_file
-  use scene_run, only: run_state
+  use scene_run, only: run_state, no_output
   use summary, only: add_warnings
   use summary_text, only: json_text, summary_record
   use text, only: to_text
@@ -41,7 +41,7 @@ contains
       return
     end if
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
-    if (failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    if (failed) call no_output(run, fail)
     call modal_lines(modes, ds, run%d%modal%modes, text)
     call mind_missing(run, modes, text, fail)
   end subroutine run_modal

@@ -4,12 +4,12 @@ module response_analysis
   use kinds, only: wp, pi
   use column_names, only: suffixed
   use dynamic_stiffness, only: stiffness_system
-  use errors, only: failure, status_failed, status_no_output
+  use errors, only: failure, status_failed
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
   use evaluation_results, only: conditions_of
-  use scene_run, only: run_state
+  use scene_run, only: run_state, no_output
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
   use summary_text, only: summary_record
@@ -57,7 +57,7 @@ contains
       end do
       call file%close()
     end associate
-    if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    if (file%failed) call no_output(run, fail)
     call text%line('')
     call text%line('frequency response')
     call text%open('frequency_response', '{')

@@ -3,9 +3,9 @@
 module run_summary
   use kinds, only: wp
   use checkpoint, only: remove_checkpoint
-  use errors, only: failure, status_no_output
+  use errors, only: failure
   use posix, only: remove_file, replace_file
-  use scene_run, only: run_state
+  use scene_run, only: run_state, no_output
   use summary, only: version
   use summary_text, only: json_number, json_text, summary_record
   use text, only: fixed_text, read_file, to_text
@@ -45,8 +45,7 @@ contains
                   'may be missing, and biela --restart goes on from its checkpoint, if there is one')
     call text%member('outcome', json_text('running'))
     call write_summary(run, text, ok)
-    if (.not. ok) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder// &
-                                  '": the disk may be full or the folder protected')
+    if (.not. ok) call no_output(run, fail)
   end subroutine announce
 
   !> Writes the summary of a run that has ended: text, outcome, times, the deck.

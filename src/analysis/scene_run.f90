@@ -3,7 +3,7 @@
 module scene_run
   use kinds, only: wp
   use archive, only: value_archive
-  use errors, only: failure, fault_list
+  use errors, only: failure, fault_list, status_no_output
   use evaluation_settings, only: usual_options
   use deck_records, only: deck
   use build_scene, only: build
@@ -20,7 +20,7 @@ module scene_run
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, assemble_segment, relax, warn
+  public :: run_state, prepare_run, assemble_segment, relax, warn, no_output
 
   !> What analyses share.
   type :: run_state
@@ -87,6 +87,14 @@ contains
     call text%words%add('  ')
     call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
   end subroutine warn
+
+  !> Results that cannot be written.
+  subroutine no_output(run, fail)
+    type(run_state), intent(in) :: run
+    type(failure), intent(inout) :: fail
+    call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'": the disk may be full or the '// &
+                    'folder protected')
+  end subroutine no_output
 
   !> Relaxed internal variables: equal to the deformation they follow, at rest (theory.md, section 5).
   subroutine relax(sys, prestress, y)

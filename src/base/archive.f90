@@ -92,8 +92,19 @@ contains
     if (.not. self%saving) x = transfer(word, x)
   end subroutine exchange_real
 
+  !> Arrays of reals, up to four.
+  subroutine exchange_reals(self, x, x2, x3, x4)
+    class(value_archive), intent(inout) :: self
+    real(wp), intent(inout) :: x(:)           !! [any]
+    real(wp), intent(inout), optional :: x2(:), x3(:), x4(:)   !! [any]
+    call exchange_array(self, x)
+    if (present(x2)) call exchange_array(self, x2)
+    if (present(x3)) call exchange_array(self, x3)
+    if (present(x4)) call exchange_array(self, x4)
+  end subroutine exchange_reals
+
   !> An array of reals, with its size.
-  subroutine exchange_reals(self, x)
+  subroutine exchange_array(self, x)
     class(value_archive), intent(inout) :: self
     real(wp), intent(inout) :: x(:)           !! [any]
     integer :: k, n
@@ -104,7 +115,7 @@ contains
     do k = 1, n
       call self%exchange(x(k))
     end do
-  end subroutine exchange_reals
+  end subroutine exchange_array
 
   !> A table of reals, column by column.
   subroutine exchange_table(self, x)

@@ -15,7 +15,7 @@ module step_control
   type, public :: error_norm
     integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
     real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
-    logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values, moved in one step
+    logical, allocatable :: rate(:)           !! (groups) rates: their floor is what would move values by theirs in one step
     real(wp), allocatable :: bound(:)         !! (groups) values beyond it mean nothing any more [unit of the group]
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
@@ -57,14 +57,17 @@ contains
 
   !> Updates the largest derivatives, or the rounding error of derivatives, measured as their change when the state changes in
   !> its last digits. In an equilibrium, where large forces cancel, derivatives are nothing but this rounding.
-  pure subroutine watch_slopes(self, dy, largest)
-    class(error_norm), intent(in) :: self
+  pure subroutine watch_slopes(self, dy, rounding)
+    class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: dy(:)             !! (n) derivatives, or their change [unit/s]
-    real(wp), intent(inout) :: largest(:)     !! (groups) [unit/s]
+    logical, intent(in) :: rounding           !! their change is given
     integer :: k
     do k = 1, size(dy)
-      if (self%group(k) == 0 .or. .not. abs(dy(k)) < huge(1.0_wp)) cycle
-      if (self%slope(self%group(k))) largest(self%group(k)) = max(largest(self%group(k)), abs(dy(k)))
+      associate (g => self%group(k))
+        if (g == 0 .or. .not. abs(dy(k)) < huge(1.0_wp)) cycle
+        if (self%slope(g) .and. rounding) self%noise(g) = max(self%noise(g), abs(dy(k)))
+        if (self%slope(g) .and. .not. rounding) self%steepest(g) = max(self%steepest(g), abs(dy(k)))
+      end associate
     end do
   end subroutine watch_slopes
 

@@ -1,7 +1,7 @@
 !> Equilibrium of the elastic coordinates and of bodies at rest, under given loads, by Newton's method with the structured
 !> tangent. The frames keep their velocities as seen from themselves, as far as drives and joints let them, and have the
-!> accelerations that follow, so that centrifugal forces act and bodies held by springs on a turning one find the marker at
-!> which they turn with it; the elastic coordinates have neither. GHM is relaxed.
+!> accelerations that follow, so that centrifugal forces act and bodies held by springs on a turning one come to where
+!> they turn with it; the elastic coordinates have neither. GHM is relaxed.
 !>
 !> The residual is M (a - a_p): what the equations of motion would accelerate beyond the prescribed accelerations a_p. The tangent
 !> is that of the equilibrium: with a_p, and with the reactions that Newton's last step found for it. Those of the state out of

@@ -6,14 +6,14 @@ module static_analysis
   use dynamic_stiffness, only: stiffness_system
   use equilibrium, only: find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
-  use errors, only: failure, status_failed, status_bad_input, status_no_output
+  use errors, only: failure, status_failed, status_bad_input
   use evaluation_settings, only: evaluation_options
   use linear_state, only: linear_system_with, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
   use force_element, only: element_action, stage_static
   use interruption, only: stop_if_signalled
   use natural_modes, only: natural_subspace, rounding_level
-  use scene_run, only: run_state
+  use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
   use summary, only: add_warnings
   use summary_text, only: summary_record
@@ -139,7 +139,7 @@ contains
       call watch%look(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     end do
     call file%close()
-    if (file%failed) call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'"')
+    if (file%failed) call no_output(run, fail)
     call text%line('')
     call text%line('static')
     call text%open('static', '{')

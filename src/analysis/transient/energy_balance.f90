@@ -148,15 +148,11 @@ contains
   subroutine exchange(self, a)
     class(balance_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%row)
-    call a%exchange(self%start)
+    call a%exchange(self%row, self%start)
     call a%exchange(self%in_reach)
     call a%exchange(self%held)
-    call a%exchange(self%largest)
-    call a%exchange(self%low)
-    call a%exchange(self%high)
-    call a%exchange(self%strain_low)
-    call a%exchange(self%strain_high)
+    call a%exchange(self%largest, self%low, self%high)
+    call a%exchange(self%strain_low, self%strain_high)
     call a%exchange(self%largest_residual)
     call a%exchange(self%violation)
   end subroutine exchange

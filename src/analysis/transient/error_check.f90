@@ -192,11 +192,8 @@ contains
     if (.not. self%active) return
     call a%exchange(self%done)
     call a%exchange(self%lost_at)
-    call a%exchange(self%y)
-    call a%exchange(self%values)
-    call a%exchange(self%error)
-    call a%exchange(self%low)
-    call a%exchange(self%high)
+    call a%exchange(self%y, self%values)
+    call a%exchange(self%error, self%low, self%high)
     call self%balance%exchange(a)
     call self%method%exchange(a)
     call a%exchange(self%sys%ev%evaluations)

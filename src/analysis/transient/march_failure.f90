@@ -4,9 +4,8 @@ module march_failure
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
   use assembly_reports, only: too_uneven
-  use evaluation_results, only: evaluation
-  use mechanism, only: mechanism_model
   use projection, only: open_constraints
+  use scene_run, only: run_state
   use step_control, only: error_norm
   use text, only: es_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
@@ -18,6 +17,7 @@ module march_failure
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
 
   integer, parameter :: trouble_masses = -1    !! no stepper's own
+  real(wp), parameter :: hopeless = 1.0e-9_wp  !! a stable step of the run: what moves so fast is shaken by rounding [-]
 
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
                                             'the reach of the mechanism'
@@ -25,127 +25,126 @@ module march_failure
 contains
 
   !> A march that its method gave up.
-  subroutine explain_loss(m, ev, norm, march, adaptive, short, last, fail)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+  subroutine explain_loss(run, norm, march, last, fail)
+    type(run_state), intent(in) :: run
     type(error_norm), intent(in) :: norm
     class(stepper), intent(in) :: march
-    logical, intent(in) :: adaptive
-    real(wp), intent(in) :: short              !! stable step that is no more than rounding of the run's length, or 0 [s]
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
     real(wp) :: gap
     integer :: b
     b = 0
-    if (march%trouble == trouble_shape) b = out_of_shape(norm, size(m%s%bodies))
+    if (march%trouble == trouble_shape) b = out_of_shape(norm, size(run%sys%m%s%bodies))
     if (b > 0) then
-      call explain_shape(m, b, march%tried, last, adaptive, fail)
+      call explain_shape(run, b, march%tried, last, fail)
       return
     end if
-    select case (merge(trouble_masses, march%trouble, ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
+    select case (merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
     case (trouble_masses)
-      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(m, ev)
+      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(run)
     case (trouble_manifold)
-      call open_constraints(m, ev, names, gap)
+      call open_constraints(run%sys%m, run%sys%ev, names, gap)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
              ' m at t = '//number(march%tried)//' s)'//beyond_reach// &
              advice('or the step is too large: check the drive, or try a smaller step', &
-                    'check the drive and the geometry', adaptive)
+                    'check the drive and the geometry', run)
     case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             culprit(m, norm, march%trial)//strongest(m, ev)
-      if (short > 0.0_wp) then
-        text = text//'; light masses or stiff springs ask for steps below '//number(short)//' s, whose motion rounding '// &
-               'shakes: check them, or use radau'
+             culprit(run, norm, march%trial)//strongest(run)
+      if (run%stable_step < hopeless*run%d%transient%t_end) then
+        text = text//'; light masses or stiff springs ask for steps below '//number(run%stable_step)//' s, whose motion '// &
+               'rounding shakes: check them, or use radau'
       else
         text = text//'; the motion may be singular there: check loads, drives and near-singular positions, or try a larger '// &
                'tolerance'
       end if
     case (trouble_iteration)
-      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
-      if (m%s%rows > 0) then
+      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
+      if (run%sys%m%s%rows > 0) then
         text = text//beyond_reach//advice('or the step is too large: check the drive, or try a smaller step', &
-                                          'check the drive and the geometry', adaptive)
+                                          'check the drive and the geometry', run)
       else
-        text = text//advice('try a smaller step', 'try a larger tolerance', adaptive)
+        text = text//advice('try a smaller step', 'try a larger tolerance', run)
       end if
     case default      ! trouble_size
-      text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(m, norm, march%trial)
-      text = text//advice(too_large, 'no step is small enough: check the loads', adaptive)
+      text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
+      text = text//advice(too_large, 'no step is small enough: check the loads', run)
     end select
     call fail%raise(status_failed, text//'. '//kept(last))
   end subroutine explain_loss
 
   !> A march whose energies say that the solution is lost, though its numbers are finite.
-  subroutine explain_balance(m, ev, norm, y, t, last, residual, energy, adaptive, fail)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+  subroutine explain_balance(run, norm, t, last, residual, energy, fail)
+    type(run_state), intent(in) :: run         !! its state is that at t
     type(error_norm), intent(in) :: norm
-    real(wp), intent(in) :: y(:)               !! (n) state at t [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     real(wp), intent(in) :: residual, energy   !! at t; largest before [J]
-    logical, intent(in) :: adaptive
     type(failure), intent(inout) :: fail
     call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
-                    number(residual)//' J, where energies were up to '//number(energy)//' J'//culprit(m, norm, y)//strongest(m, &
-                           ev)// advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', &
-                           adaptive)// '. '//kept(last))
+                    number(residual)//' J, where energies were up to '//number(energy)//' J'// &
+                    culprit(run, norm, run%y)//strongest(run)//advice(too_large, 'check drives and near-singular positions, or '// &
+                                                                      'try a smaller tolerance', run)//'. '//kept(last))
   end subroutine explain_balance
 
   !> A body that deflects beyond all sense, though the equations are integrated well.
-  subroutine explain_shape(m, b, t, last, adaptive, fail)
-    type(mechanism_model), intent(in) :: m
+  subroutine explain_shape(run, b, t, last, fail)
+    type(run_state), intent(in) :: run
     integer, intent(in) :: b                   !! body
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
-    logical, intent(in) :: adaptive
     type(failure), intent(inout) :: fail
-    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: body "'//trim(m%s%bodies(b)%name)// &
-                    '" deflects by more than a thousand times the size of the scene'// &
-                    advice(too_large//'; or ', '', adaptive)//'the motion itself grows without bound: a beam that spins '// &
+    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: body '//name_of(run, b)// &
+                    ' deflects by more than a thousand times the size of the scene'// &
+                    advice(too_large//'; or ', '', run)//'the motion itself grows without bound: a beam that spins '// &
                     'faster than its first bending frequency needs stiffening=.true., loads may exceed a buckling load. '// &
                     kept(last))
   end subroutine explain_shape
 
   !> Joints that have drifted apart in a run that does not close them.
-  subroutine explain_drift(m, ev, t, last, fail)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+  subroutine explain_drift(run, t, last, fail)
+    type(run_state), intent(in) :: run
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: names
     real(wp) :: gap
-    call open_constraints(m, ev, names, gap)
+    call open_constraints(run%sys%m, run%sys%ev, names, gap)
     call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '//names//' (by '//number(gap)// &
                     ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
                     'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
   end subroutine explain_drift
 
   !> The body that grows most, as part of a sentence.
-  function culprit(m, norm, y) result(text)
-    type(mechanism_model), intent(in) :: m
+  function culprit(run, norm, y) result(text)
+    type(run_state), intent(in) :: run
     type(error_norm), intent(in) :: norm
     real(wp), intent(in) :: y(:)               !! (n) the state given up [m, rad], [m/s, rad/s], [J]
     character(:), allocatable :: text
     integer :: b
-    b = fastest_growth(norm, size(m%s%bodies), y)
+    b = fastest_growth(norm, size(run%sys%m%s%bodies), y)
     text = ''
-    if (b > 0) text = ', the coordinates of body "'//trim(m%s%bodies(b)%name)//'" grow most'
+    if (b > 0) text = ', the coordinates of body '//name_of(run, b)//' grow most'
   end function culprit
 
-  !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
-  function strongest(m, ev) result(text)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+  !> A body's name in quotes.
+  function name_of(run, b) result(text)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: b                   !! body
     character(:), allocatable :: text
-    real(wp) :: force(size(m%s%constraints))   !! [N]
+    text = '"'//trim(run%sys%m%s%bodies(b)%name)//'"'
+  end function name_of
+
+  !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
+  function strongest(run) result(text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable :: text
+    real(wp) :: force(size(run%sys%m%s%constraints))   !! [N]
     real(wp) :: largest
     integer :: k, n
     text = ''
     if (size(force) == 0) return
     do k = 1, size(force)
-      associate (c => m%s%constraints(k)%item)
-        force(k) = maxval(abs(ev%lambda(c%first:c%first + c%rows - 1)))
+      associate (c => run%sys%m%s%constraints(k)%item)
+        force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
       end associate
     end do
     largest = maxval(force)
@@ -153,22 +152,19 @@ contains
       k = maxloc(force, 1)
       if (n > 1 .and. force(k) < 1.0e-2_wp*largest) exit
       if (n > 1) text = text//','
-      text = text//' "'//trim(m%s%constraints(k)%item%name)//'"'
+      text = text//' "'//trim(run%sys%m%s%constraints(k)%item%name)//'"'
       force(k) = -1.0_wp
     end do
     text = ', the largest reactions are those of'//text
   end function strongest
 
   !> What to try, for fixed and for adaptive steps.
-  pure function advice(fixed, free, adaptive) result(text)
+  pure function advice(fixed, free, run) result(text)
     character(*), intent(in) :: fixed, free
-    logical, intent(in) :: adaptive
+    type(run_state), intent(in) :: run
     character(:), allocatable :: text
-    if (adaptive) then
-      text = '; '//free
-    else
-      text = '; '//fixed
-    end if
+    text = '; '//fixed
+    if (run%d%transient%adaptive) text = '; '//free
   end function advice
 
   !> Up to when results are complete.

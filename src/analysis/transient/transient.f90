@@ -9,7 +9,7 @@ module transient
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
-  use errors, only: failure, status_failed, status_bad_input, status_no_output, status_signal
+  use errors, only: failure, status_failed, status_bad_input, status_signal
   use force_scale, only: largest_force
   use linear_state, only: refuse_uneven
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
@@ -20,7 +20,7 @@ module transient
   use progress, only: progress_line
   use results, only: result_set
   use run_summary, only: announce
-  use scene_run, only: run_state
+  use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
   use step_control, only: error_norm
   use step_counts, only: step_count
@@ -31,7 +31,6 @@ module transient
   public :: run_transient
 
   integer, parameter :: steps_per_call = 64    !! steps between looks at signals and checkpoints
-  real(wp), parameter :: hopeless = 1.0e-9_wp  !! a stable step of the run: what moves so fast is shaken by rounding [-]
 
   !> A transient on its way, and what the summary says of it.
   type, public :: transient_march
@@ -176,8 +175,7 @@ contains
       end do
       if (outcome == lost) then
         if (march%method%trouble == trouble_shape) call march%norm%watch(march%method%trial)
-        call explain_loss(run%sys%m, run%sys%ev, march%norm, march%method, r%adaptive, &
-                          merge(run%stable_step, 0.0_wp, run%stable_step < hopeless*r%t_end), march%last, fail)
+        call explain_loss(run, march%norm, march%method, march%last, fail)
         return
       end if
       call write_state(run, march, to, march%done + 1, fail)
@@ -251,15 +249,15 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), parameter :: drift = 1.0e-2_wp   !! of the scene's size: joints that far open are none [-]
     integer :: b
-    associate (balance => march%balance, m => run%sys%m, ev => run%sys%ev, adaptive => run%d%transient%adaptive)
+    associate (balance => march%balance, s => run%sys%m%s)
       if (balance%lost()) then
-        call explain_balance(m, ev, march%norm, run%y, t, march%last, balance%row(5), balance%held, adaptive, fail)
-      else if (balance%row(6) > drift*m%s%size) then
-        call explain_drift(m, ev, t, march%last, fail)
+        call explain_balance(run, march%norm, t, march%last, balance%row(5), balance%held, fail)
+      else if (balance%row(6) > drift*s%size) then
+        call explain_drift(run, t, march%last, fail)
       else
         call march%norm%watch(run%y)
-        b = out_of_shape(march%norm, size(m%s%bodies))
-        if (b > 0) call explain_shape(m, b, t, march%last, adaptive, fail)
+        b = out_of_shape(march%norm, size(s%bodies))
+        if (b > 0) call explain_shape(run, b, t, march%last, fail)
       end if
     end associate
   end subroutine judge
@@ -321,12 +319,4 @@ contains
     call a%exchange(run%sys%ev%factorisations)
     call a%exchange(run%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
-
-  !> Results that cannot be written.
-  subroutine no_output(run, fail)
-    type(run_state), intent(in) :: run
-    type(failure), intent(inout) :: fail
-    call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'": the disk may be full or the '// &
-                    'folder protected')
-  end subroutine no_output
 end module transient

@@ -69,7 +69,7 @@ contains
     call self%norm%watch(y)
     call measure_noise(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
-    call self%norm%watch_slopes(self%stages%k(:, 1), self%norm%steepest)
+    call self%norm%watch_slopes(self%stages%k(:, 1), .false.)
   end subroutine begin
 
   !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system is left
@@ -81,7 +81,7 @@ contains
     call system%derivative(self%t, self%y, .false., self%last)
     call system%derivative(self%t, self%moved, .false., self%slope)
     self%slope = self%slope - self%last
-    call self%norm%watch_slopes(self%slope, self%norm%noise)
+    call self%norm%watch_slopes(self%slope, .true.)
   end subroutine measure_noise
 
   !> Moves the state in its last digits.
@@ -169,7 +169,7 @@ contains
     self%y = self%trial
     self%stages%k(:, 1) = self%last
     call self%norm%watch(self%y)
-    call self%norm%watch_slopes(self%last, self%norm%steepest)
+    call self%norm%watch_slopes(self%last, .false.)
     call self%count_step(self%tried, h)
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
@@ -301,10 +301,7 @@ contains
     call exchange_common(self, a)
     call a%exchange(self%h)
     call self%control%exchange(a)
-    call a%exchange(self%norm%largest)
-    call a%exchange(self%norm%steepest)
-    call a%exchange(self%norm%noise)
-    call a%exchange(self%stages%k(:, 1))
+    call a%exchange(self%norm%largest, self%norm%steepest, self%norm%noise, self%stages%k(:, 1))
     call a%exchange(self%dense)
     call a%exchange(self%dense_start)
     call a%exchange(self%dense_step)

@@ -16,9 +16,9 @@ module alpha_newton
   real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
   real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
   real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
-  real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections that positions do not show, of the scene's size [-]
+  real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections below the last digit of positions, of the scene's size [-]
   real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows near which every contraction is measured [-]
-  integer, parameter :: trust = 10                 !! steps between measurements of the contraction
+  integer, parameter :: trust = 10                 !! steps for which a contraction that was measured is believed
 
 contains
 

@@ -17,14 +17,14 @@ module implicit_march
   public :: exchange_march
 
   integer, parameter :: most_halvings = 30         !! of a fixed step that fails
-  integer, parameter :: hopeless_halvings = 16     !! of every fixed step: the run would never end
-  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! to the end of the run, in every step: likewise
-  integer, parameter :: most_hopeless = 20000      !! hopeless steps in a row
-  real(wp), parameter :: failed = 8.0_wp           !! error that a step counts with whose Newton iteration failed [-]
+  integer, parameter :: hopeless_halvings = 16     !! a fixed step divided so often is hopeless: a run of them would never end
+  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! so is a controlled one, so many of which are left to the end of the run
+  integer, parameter :: most_hopeless = 20000      !! hopeless steps in a row after which the run is given up
+  real(wp), parameter :: failed = 8.0_wp           !! error that stands for that of a step whose Newton iteration failed [-]
   real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
-  real(wp), parameter :: at_once = 2.0_wp          !! growth of a step that does not wait for them [-]
+  real(wp), parameter :: at_once = 2.0_wp          !! a step that may grow by more does so without waiting for other errors [-]
   real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
-  real(wp), parameter :: too_little = 1.2_wp       !! growth of a step that does not pay new matrices [-]
+  real(wp), parameter :: too_little = 1.2_wp       !! growth that is not worth the new matrices it asks for [-]
 
   !> Errors since the step last changed.
   type, public :: step_memory

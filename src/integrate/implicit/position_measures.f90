@@ -46,7 +46,6 @@ contains
   subroutine exchange(self, a)
     class(position_measure), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%scale)
-    call a%exchange(self%unit)
+    call a%exchange(self%scale, self%unit)
   end subroutine exchange
 end module position_measures

@@ -356,11 +356,8 @@ contains
   subroutine exchange_stages(self, a)
     type(radau_stage_values), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%q0)
-    call a%exchange(self%v0)
-    call a%exchange(self%a0)
-    call a%exchange(self%inner%z0)
-    call a%exchange(self%inner%zd0)
+    call a%exchange(self%q0, self%v0, self%a0)
+    call a%exchange(self%inner%z0, self%inner%zd0)
     call a%exchange(self%past)
     call a%exchange(self%past_lambda)
     call a%exchange(self%past_h)

@@ -119,7 +119,7 @@ contains
     call factor_rows(r, strong_shift)
   end subroutine hold_weak_rows
 
-  !> e <- e + x s, s the compliance of the row o markers further on.
+  !> e <- e + x s, s the compliance of the row that stands o positions behind.
   pure subroutine add_row(kd, o, x, s, e)
     integer, intent(in) :: kd, o
     real(number), intent(in) :: x, s(-kd:kd)   !! [N/m], [m/N]

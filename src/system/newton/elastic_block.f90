@@ -20,7 +20,7 @@ module elastic_block
     type(band_factor) :: base                !! of T0
     real(number), allocatable :: factor(:)   !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
     integer, allocatable :: row(:), col(:)   !! of T0's lower triangle
-    integer, allocatable :: entry(:)         !! these entries' markers on the even pattern of the operators
+    integer, allocatable :: entry(:)         !! where these entries stand on the even pattern of the operators
     real(number), allocatable :: value(:)    !! (even pattern) T0 [kg/s2, ...]
     real(number), allocatable :: lower(:)    !! its lower triangle [N/m, N, N m]
     integer :: kb = 0                        !! half band width of the whole block

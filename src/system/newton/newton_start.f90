@@ -28,33 +28,27 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
     real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
     logical, intent(out) :: bad               !! no tangent
-    real(wp), allocatable :: inertia(:), none(:)
-    integer :: b, i, n
-    allocate (inertia(size(a)), none(size(a)), source=0.0_wp)
+    real(wp) :: x(size(a)), none(size(a))
+    integer :: b
+    none = 0.0_wp
     call residual(self, m, ev, options, t, q, v, a, lambda)
-    do b = 1, size(self%eq)
-      i = m%s%qo(b)
-      n = self%eq(b)%n
-      inertia(i + 1:i + 3) = self%eq(b)%frame
-      if (n > 0) inertia(i + 4:i + 3 + n) = self%eq(b)%elastic(1:n)
-    end do
-    call residual(self, m, ev, options, t, q, v, none, lambda)
-    do b = 1, size(self%eq)                    ! -c1 M a
-      i = m%s%qo(b)
-      n = self%eq(b)%n
-      self%eq(b)%frame = self%t%c1*(self%eq(b)%frame - inertia(i + 1:i + 3))
-      if (n > 0) self%eq(b)%elastic(1:n) = self%t%c1*(self%eq(b)%elastic(1:n) - inertia(i + 4:i + 3 + n))
-    end do
     call take_residual(self)
+    call residual(self, m, ev, options, t, q, v, none, lambda)
+    do b = 1, size(self%eq)                    ! the difference of both is M a
+      associate (t => self%t%b(b), eq => self%eq(b))
+        t%force = self%t%c1*(eq%frame - t%force)
+        if (t%n > 0) t%elastic = self%t%c1*(eq%elastic(1:t%n) - t%elastic)
+      end associate
+    end do
     call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
     call hold_weak_rows(self%t%rows)
     call marker_kinematics(m, ev, q, a)
     call row_rates(m, ev, ev%schur%r)              ! rows of x as those of a
     ev%schur%r = ev%rows%phi_t - ev%schur%r
-    call correction(self%t, m, ev, ev%schur%r, inertia)
-    bad = .not. all(abs(inertia) < huge(1.0_wp))
-    if (.not. bad) a = inertia
+    call correction(self%t, m, ev, ev%schur%r, x)
+    bad = .not. all(abs(x) < huge(1.0_wp))
+    if (.not. bad) a = x
   end subroutine smooth_accelerations
 
   !> All rows, their first and second derivatives.
