@@ -51,7 +51,8 @@ contains
     allocate (omega2(spanned), x(ds%n, spanned), forces(ds%n, spanned))
     if (p == 0) return
     op%ds => ds
-    call op%set_shift(first_shift(ds))
+    noise = fastest(ds)                                ! a shift that is small beside it makes K regular where motions are rigid
+    call op%set_shift(merge(small_shift*noise, 1.0_wp, noise > 0.0_wp))
     noise = epsilon(1.0_wp)*op%shift/small_shift       ! rounding of the largest frequencies [rad2/s2]
     if (ds%n <= small .or. 2*spanned > free) then
       call dense_start(ds, spanned, omega2, x, ok)
@@ -91,7 +92,7 @@ contains
     class(constrained_operator), intent(inout) :: self
     real(wp), intent(in) :: shift             !! [rad2/s2]
     self%shift = shift
-    call self%ds%set_real(shift, .true.)
+    call self%ds%set_real(shift)
     call self%ds%factor()
   end subroutine set_shift
 
@@ -112,14 +113,6 @@ contains
     real(wp) :: y(size(x))                    !! [kg m, kg m2]
     y = real_product(self%ds, self%ds%m, x)
   end function mass_times
-
-  !> A shift that surely makes K + shift M regular where rigid motions are left: small beside the largest frequency.
-  pure function first_shift(ds) result(shift)
-    type(stiffness_system), intent(in) :: ds
-    real(wp) :: shift, ratio                  !! [rad2/s2]
-    ratio = fastest(ds)
-    shift = merge(small_shift*ratio, 1.0_wp, ratio > 0.0_wp)
-  end function first_shift
 
   !> A shift below the lowest frequency that is no rounding.
   pure real(wp) function better_shift(op, x) result(shift)

@@ -38,20 +38,13 @@ contains
       if (size(modes%unfound) > 0) modes%note_undamped = modes%note_undamped//', '//to_text(size(modes%unfound))//' not found'
       return
     end if
-    allocate (none(0))
+    allocate (none(0))                                 ! a rigid motion has two poles at zero
     call region_of(named, maxval([abs(modes%lambda), abs(modes%unfound)]), pi/2 + 0.3_wp, region, none, none)
-    call unnamed_poles(ds, 0.0_wp, region, doubled(named), none, [integer ::], missing, ok)
+    call unnamed_poles(ds, 0.0_wp, region, [named, pack(named, abs(named) <= 0.0_wp)], none, [integer ::], missing, ok)
     modes%verified = ok
     if (ok) modes%missing_undamped = (missing + 1)/2
     modes%note_undamped = modes%note_undamped//', '//verdict(region, .false., modes%missing_undamped, ok)
   end subroutine check_undamped
-
-  !> Rigid motions have two poles at zero.
-  pure function doubled(named) result(poles)
-    complex(wp), intent(in) :: named(:)                !! [1/s]
-    complex(wp), allocatable :: poles(:)
-    poles = [named, pack(named, abs(named) <= 0.0_wp)]
-  end function doubled
 
   !> Where all eigenvalues of the system were computed they are the poles, each listed or of a mode that was not asked for.
   subroutine check_whole(modes, expected, all_asked)
@@ -181,15 +174,14 @@ contains
     integer, intent(in) :: ranks(:)                    !! (groups)
     complex(wp), allocatable, intent(out) :: laws(:), ends(:)   !! [1/s]
     integer, allocatable, intent(out) :: orders(:), crowds(:)   !! known, about as many as there are beside these
-    complex(wp), allocatable :: own(:), tips(:)
+    complex(wp), allocatable :: own(:)
     integer :: r, j, deformed
     allocate (laws(0), ends(0), orders(0), crowds(0))
     do r = 1, size(ds%groups)
       associate (law => ds%groups(r)%law)
-        own = eigenvalues(chain(law, 0*law%alpha))
-        tips = eigenvalues(chain(law, law%alpha/(1 + sum(law%alpha))))
-        laws = [laws, own]
-        ends = [ends, tips]
+        own = law%rates()
+        laws = [laws, own(by_modulus(own))]
+        ends = [ends, chain_ends(law)]
         orders = [orders, [(ranks(r), j=1, size(own))]]
         deformed = count(ds%row(ds%groups(r)%entry) == ds%col(ds%groups(r)%entry))
         crowds = [crowds, [(max(0, deformed - ranks(r)), j=1, size(own))]]
@@ -197,14 +189,15 @@ contains
     end do
   end subroutine law_poles
 
-  !> The terms, of which each follows delta = sum_j share_j z_j, as equations of first order for z and, of second order, z'/omega.
-  pure function chain(law, share) result(a)
+  !> Zeros of the modulus by ascending modulus: eigenvalues of the terms, each of which follows delta = sum_j share_j z_j, as
+  !> equations of first order for z and, of second order, z'/omega.
+  function chain_ends(law) result(values)
     type(viscoelastic_terms), intent(in) :: law
-    real(wp), intent(in) :: share(:)                   !! [-]
-    real(wp) :: a(law%order(), law%order())            !! [1/s]
-    real(wp) :: omega                                  ! [rad/s]
-    integer :: k, n, i
-    n = size(share)
+    complex(wp) :: values(law%order())
+    real(wp), dimension(law%order(), law%order()) :: a                 ! [1/s]
+    real(wp) :: wr(size(values)), wi(size(values)), work(8*size(values)), v(1, 2), omega   ! [1/s], [1/s], [any], [-], [rad/s]
+    integer :: k, n, i, info
+    n = size(law%alpha)
     a = 0.0_wp
     do k = 1, n
       i = k                                            ! row in which z_k is drawn to delta
@@ -215,23 +208,14 @@ contains
         a(k, i) = omega
         a(i, i) = -law%viscosity(k)*omega**2
       end if
-      a(i, 1:n) = a(i, 1:n) + omega*share
+      a(i, 1:n) = a(i, 1:n) + omega*law%alpha/(1 + sum(law%alpha))
       a(i, k) = a(i, k) - omega
     end do
-  end function chain
-
-  !> Eigenvalues by ascending modulus.
-  function eigenvalues(matrix) result(values)
-    real(wp), intent(in) :: matrix(:, :)               !! [1/s]
-    complex(wp) :: values(size(matrix, 1))
-    real(wp) :: a(size(matrix, 1), size(matrix, 1)), wr(size(matrix, 1)), wi(size(matrix, 1)), work(8*size(matrix, 1)), v(1, 2)
-    integer :: n, info
-    n = size(matrix, 1)
-    a = matrix
+    n = size(values)
     call dgeev('N', 'N', n, a, n, wr, wi, v(:, 1:1), 1, v(:, 2:2), 1, work, size(work), info)
     values = cmplx(wr, wi, wp)
     values = values(by_modulus(values))
-  end function eigenvalues
+  end function chain_ends
 
   !> What is to be said of the list, nothing where it is complete.
   subroutine judge_completeness(modes, failed, words)

@@ -151,20 +151,14 @@ contains
     !> Labels all motions that couple to one, directly or through others.
     subroutine spread_label(start)
       integer, intent(in) :: start
-      integer :: queue(self%p), head, tail, m
-      self%label(start) = part
-      queue(1) = start
-      head = 1
-      tail = 1
-      do while (head <= tail)
-        do m = 1, self%p
-          if (self%label(m) > 0 .or. coupling(m, queue(head)) <= cut) cycle
-          self%label(m) = part
-          tail = tail + 1
-          queue(tail) = m
-        end do
-        head = head + 1
+      logical :: mine(self%p), new(self%p)
+      mine = .false.
+      new = [(i == start, i=1, self%p)]
+      do while (any(new))
+        mine = mine .or. new
+        new = self%label == 0 .and. .not. mine .and. [(any(coupling(:, i) > cut .and. new), i=1, self%p)]
       end do
+      where (mine) self%label = part
     end subroutine spread_label
   end subroutine take_apart
 
@@ -265,12 +259,8 @@ contains
     groups = merge(size(model%law), 0, damped)
     c = size(members)
     n = 2*c
+    if (damped) n = order_of(model, members)
     allocate (self%rank(groups), source=0)
-    do r = 1, groups
-      call deformation(model, members, r, f)
-      self%rank(r) = size(f, 2)
-      n = n + size(f, 2)*model%law(r)%order()
-    end do
     allocate (a(n, n), source=0.0_wp)
     do j = 1, c
       a(j, c + j) = model%scale(members(j))
@@ -282,6 +272,7 @@ contains
     do r = 1, groups
       call deformation(model, members, r, f)
       m = size(f, 2)
+      self%rank(r) = m
       whole = f
       do j = 1, m
         whole(:, j) = f(:, j)*model%scale(members)

@@ -4,6 +4,7 @@
 module fast_poles
   use kinds, only: wp
   use evaluation_results, only: evaluation
+  use linear_matrices, only: number_laws
   use mechanism, only: mechanism_model
   use reduced_system, only: reduced_model, reduced_poles
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
@@ -74,7 +75,7 @@ contains
     type(reduced_model), intent(inout) :: model
     integer, allocatable, intent(out) :: group(:)  !! (segments) number of its set, 0: it takes no part
     type(fast_mode) :: f
-    integer :: firsts(most_unknowns), sets, r, k
+    integer :: k
     logical :: takes_part(size(fast%lin%segments))
     takes_part = .false.
     do k = 1, size(x, 2)
@@ -82,20 +83,8 @@ contains
       call fast%quotients(m, ev, f)
       takes_part = takes_part .or. f%segments > no_part*(f%stiffness + sum(f%segments))
     end do
-    allocate (group(size(takes_part)), source=0)
-    sets = 0
-    do r = 1, size(group)
-      if (.not. takes_part(r)) cycle
-      do k = 1, sets
-        if (fast%lin%segments(firsts(k))%law%equals(fast%lin%segments(r)%law)) group(r) = k
-      end do
-      if (group(r) > 0) cycle
-      sets = sets + 1
-      firsts(sets) = r
-      group(r) = sets
-      if (sets == size(firsts)) exit               ! more than can be solved for
-    end do
-    model%law = [(fast%lin%segments(firsts(k))%law, k=1, sets)]
+    call number_laws(fast%lin%segments, takes_part, group)
+    model%law = [(fast%lin%segments(findloc(group, k, 1))%law, k=1, maxval([0, group]))]
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.

@@ -36,19 +36,16 @@ module spectrum
     logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
     real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors of their ends, negative: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
-    integer, allocatable :: first(:), col(:)   !! instantaneous stiffness of the bodies by rows
-    real(wp), allocatable :: value(:)          !! its entries [N/m, N, N m]
+    type(triplet_matrix) :: stiffness          !! of the bodies, instantaneous
     real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass [kg^-.5, kg^.5]
     real(wp), allocatable :: r(:), u(:)        !! (n) force and displacement of an iteration [N], [m]
     real(wp), allocatable :: start(:)          !! (n) first force of the iteration [N, N m]
     real(wp), allocatable :: alpha(:), beta(:) !! the tridiagonal matrix [rad2/s2]
     real(wp), allocatable :: t(:, :), e(:), off(:), work(:)   !! its eigenvectors and eigenvalues [rad2/s2]
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
-    integer :: only = 0                        !! GHM segment whose material or spring alone counts as stiffness, 0: everything
   contains
     procedure :: set_up
     procedure :: largest
-    procedure :: largest_of_segment
     procedure :: mode
     procedure :: quotients
     procedure :: products
@@ -62,10 +59,17 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the evaluated positions [m, rad]
-    integer :: n, k, most
+    integer :: n, k, r, most
     n = m%s%nq
     call elastic_matrices(m, ev, q, self%lin)
-    call gather_rows(self)
+    self%stiffness = self%lin%stiffness
+    do r = 1, size(self%lin%segments)
+      associate (segment => self%lin%segments(r)%stiffness, alpha => sum(self%lin%segments(r)%law%alpha))
+        do k = 1, segment%count
+          call self%stiffness%add(segment%rows(k), segment%cols(k), alpha*segment%values(k))
+        end do
+      end associate
+    end do
     self%spring_static = [(m%s%forces(k)%item%stiffness, k=1, size(m%s%forces))]
     self%spring_fast = self%spring_static
     do k = 1, size(m%s%forces)
@@ -85,58 +89,9 @@ contains
     end do
   end subroutine set_up
 
-  !> Instantaneous stiffness of the bodies in compressed rows.
-  subroutine gather_rows(self)
-    type(fast_spectrum), intent(inout) :: self
-    integer, allocatable :: fill(:)            !! (n) next entry of each row
-    integer :: n, k, r
-    n = self%lin%n
-    allocate (self%first(n + 1), source=0)
-    call count_rows(self%lin%stiffness, self%first)
-    do r = 1, size(self%lin%segments)
-      call count_rows(self%lin%segments(r)%stiffness, self%first)
-    end do
-    self%first(1) = 1
-    do k = 1, n
-      self%first(k + 1) = self%first(k + 1) + self%first(k)
-    end do
-    allocate (self%col(self%first(n + 1) - 1), self%value(self%first(n + 1) - 1))
-    fill = self%first(1:n)
-    call put_rows(self%lin%stiffness, 1.0_wp, fill, self%col, self%value)
-    do r = 1, size(self%lin%segments)
-      call put_rows(self%lin%segments(r)%stiffness, sum(self%lin%segments(r)%law%alpha), fill, self%col, self%value)
-    end do
-  end subroutine gather_rows
-
-  !> Adds the number of a matrix's entries in each row.
-  pure subroutine count_rows(a, first)
-    type(triplet_matrix), intent(in) :: a
-    integer, intent(inout) :: first(:)         !! (n+1) of row i in entry i+1
-    integer :: i
-    do i = 1, a%count
-      first(a%rows(i) + 1) = first(a%rows(i) + 1) + 1
-    end do
-  end subroutine count_rows
-
-  !> Puts a matrix's entries, times a factor, where the rows have room.
-  pure subroutine put_rows(a, factor, fill, col, value)
-    type(triplet_matrix), intent(in) :: a
-    real(wp), intent(in) :: factor             !! [-]
-    integer, intent(inout) :: fill(:)          !! (n) next entry of each row
-    integer, intent(inout) :: col(:)           !! (entries)
-    real(wp), intent(inout) :: value(:)        !! (entries) [N/m, N, N m]
-    integer :: i, j
-    do i = 1, a%count
-      j = a%rows(i)
-      col(fill(j)) = a%cols(i)
-      value(fill(j)) = factor*a%values(i)
-      fill(j) = fill(j) + 1
-    end do
-  end subroutine put_rows
-
   !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; joints held or released. m holds an
-  !> evaluation at the present configuration.
-  subroutine largest(self, m, ev, held, mix, most, lambda)
+  !> evaluation at the present configuration. Where asked K is the static stiffness of one segment's material or spring alone.
+  subroutine largest(self, m, ev, held, mix, most, lambda, segment)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -144,6 +99,7 @@ contains
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
     real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
+    integer, intent(in), optional :: segment !! of viscoelastic terms
     real(wp) :: b
     integer :: j, info
     logical :: last
@@ -158,7 +114,11 @@ contains
     self%w(:, 1) = self%r/b
     self%beta(0) = 0.0_wp
     do j = 1, min(most, size(self%alpha))
-      call multiply(self, m, ev, mix, self%v(:, j), self%r)
+      if (present(segment)) then
+        call multiply_segment(self, m, ev, segment, self%v(:, j), self%r)
+      else
+        call multiply(self, m, ev, mix, self%v(:, j), self%r)
+      end if
       self%alpha(j) = dot_product(self%v(:, j), self%r)
       self%r = self%r - self%alpha(j)*self%w(:, j) - self%beta(j - 1)*self%w(:, j - 1)
       call take_out(size(self%r), j, self%v, self%w(:, 1:), self%r)
@@ -195,19 +155,6 @@ contains
       r = r - (sum(sums) + dot_product(v(k:n, i), r(k:n)))*w(:, i)
     end do
   end subroutine take_out
-
-  !> Largest eigenvalue of K_r x = lambda M x, K_r the static stiffness of one GHM segment's material or spring [rad2/s2].
-  subroutine largest_of_segment(self, m, ev, held, segment, lambda)
-    class(fast_spectrum), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held              !! joints and drives held
-    integer, intent(in) :: segment
-    real(wp), intent(out) :: lambda         !! [rad2/s2]
-    self%only = segment
-    call self%largest(m, ev, held, only_stiffness, most_vectors, lambda)
-    self%only = 0
-  end subroutine largest_of_segment
 
   !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
   subroutine mode(self, m, ev, k, f)
@@ -291,25 +238,13 @@ contains
     real(wp), intent(out) :: y(:)              !! (n) [N, N m]
     real(wp) :: s
     integer :: i, k
-    if (self%only > 0) then
-      call multiply_segment(self, m, ev, x, y)
-      return
-    end if
     y = 0.0_wp
     if (abs(mix(1)) > 0.0_wp) call self%lin%damping%times(mix(1), x, y)
-    if (abs(mix(2)) > 0.0_wp) then
-      do i = 1, size(y)
-        s = 0.0_wp
-        do k = self%first(i), self%first(i + 1) - 1
-          s = s + self%value(k)*x(self%col(k))
-        end do
-        y(i) = y(i) + mix(2)*s
-      end do
-      do k = 1, size(self%turning)
-        i = m%s%qo(k) + 3
-        y(i) = y(i) + max(mix(2), 0.0_wp)*self%turning(k)*x(i)
-      end do
-    end if
+    if (abs(mix(2)) > 0.0_wp) call self%stiffness%times(mix(2), x, y)
+    do k = 1, size(self%turning)
+      i = m%s%qo(k) + 3
+      y(i) = y(i) + max(mix(2), 0.0_wp)*self%turning(k)*x(i)
+    end do
     do k = 1, size(m%s%forces)
       s = mix(1)*self%spring_damping(k) + mix(2)*self%spring_fast(k)
       if (all(self%ends(:, k) >= 0.0_wp)) s = max(s, 0.0_wp)
@@ -318,15 +253,16 @@ contains
   end subroutine multiply
 
   !> y = K_r x, the static stiffness of the chosen segment's material wherever it is, or of its spring.
-  subroutine multiply_segment(self, m, ev, x, y)
+  subroutine multiply_segment(self, m, ev, segment, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
+    integer, intent(in) :: segment
     real(wp), intent(in) :: x(:)            !! (n) [m, rad]
     real(wp), intent(out) :: y(:)           !! (n) [N, N m]
     integer :: k
     y = 0.0_wp
-    associate (segments => self%lin%segments, r => self%lin%segments(self%only))
+    associate (segments => self%lin%segments, r => self%lin%segments(segment))
       if (r%element > 0) then
         call spring_pull(m, ev, r%element, self%spring_static(r%element), self%ends(:, r%element), x, y)
         return

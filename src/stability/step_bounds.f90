@@ -211,7 +211,7 @@ contains
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
       if (all(least(:, k) >= bound%step)) cycle
-      call fast%largest_of_segment(m, ev, held, firsts(k), lambda)
+      call fast%largest(m, ev, held, only_stiffness, 100, lambda, firsts(k))
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
       call segment_poles(fast%lin%segments(firsts(k)), lambda, roots)

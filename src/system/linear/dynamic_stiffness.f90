@@ -17,8 +17,6 @@ module dynamic_stiffness
   private
   public :: stiffness_system
 
-  integer, parameter :: whole = 0, static_part = 1, symmetric_part = 2   !! T(s); K + shift M; its symmetric part
-
   !> The system.
   type, extends(symmetric_pattern) :: stiffness_system
     integer :: n = 0                           !! mechanical unknowns
@@ -42,7 +40,7 @@ module dynamic_stiffness
     integer :: factorisations = 0
     complex(wp), private :: s = (0.0_wp, 0.0_wp)        !! present s [1/s]
     real(wp), private :: damping = 0.0_wp      !! present fraction of damping [-]
-    integer, private :: part = whole           !! what is set: one of the three below
+    logical, private :: symmetrised = .false.  !! the symmetric part of K alone is set
   contains
     procedure :: build
     procedure :: set
@@ -128,7 +126,7 @@ contains
     integer :: r, k
     self%s = s
     self%damping = damping
-    self%part = whole
+    self%symmetrised = .false.
     s2 = s**2
     do k = 1, size(self%values)
       c = self%gyro(k) + damping*(self%c(k) - self%gyro(k))
@@ -149,17 +147,15 @@ contains
     end do
   end subroutine set
 
-  !> Sets a real combination: stiffness (its symmetric part where asked) + shift M, with the joints.
-  subroutine set_real(self, shift, symmetric)
+  !> Sets the symmetric part of the stiffness + shift M, with the joints.
+  subroutine set_real(self, shift)
     class(stiffness_system), intent(inout) :: self
     real(wp), intent(in) :: shift              !! [1/s2]
-    logical, intent(in) :: symmetric
     self%s = sqrt(cmplx(shift, 0.0_wp, wp))
     self%damping = 0.0_wp
-    self%part = merge(symmetric_part, static_part, symmetric .and. .not. self%conservative)
+    self%symmetrised = .not. self%conservative
     self%inertia = shift*self%m + self%joint
-    self%values = self%inertia + self%k
-    if (self%part == symmetric_part) self%values = self%inertia + 0.5_wp*(self%k + self%k(self%mirror))
+    self%values = self%inertia + 0.5_wp*(self%k + self%k(self%mirror))
   end subroutine set_real
 
   !> Factors the matrix that was set last.
@@ -219,7 +215,7 @@ contains
     else
       y = self%times(self%inertia, x)
     end if
-    if (self%part == symmetric_part) then
+    if (self%symmetrised) then
       call add_stiffness(self, .false., (0.5_wp, 0.0_wp), x, y)
       call add_stiffness(self, .true., (0.5_wp, 0.0_wp), x, y)
     else

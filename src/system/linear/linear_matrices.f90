@@ -1,11 +1,12 @@
 !> The matrices of the linearised mechanism (see `linearisation` for the equations and unknowns).
 module linear_matrices
+  use, intrinsic :: iso_fortran_env, only: int64
   use mechanism, only: mechanism_model
   use triplets, only: triplet_matrix
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: linear_mechanism, linear_segment, count_segments
+  public :: linear_mechanism, linear_segment, count_segments, number_laws
 
   !> Stiffness that one set of viscoelastic terms multiplies.
   type :: linear_segment
@@ -60,4 +61,36 @@ contains
       lin%segments(n)%law = m%s%forces(k)%item%law
     end do
   end subroutine count_segments
+
+  !> Numbers the laws of some segments, the same one for segments with the same terms, found by a number that is made of their
+  !> values.
+  subroutine number_laws(segments, counts, number)
+    type(linear_segment), intent(in) :: segments(:)
+    logical, intent(in) :: counts(:)                  !! (segments)
+    integer, allocatable, intent(out) :: number(:)    !! (segments) 0: does not count
+    integer :: starts(size(segments)), bucket(size(segments)), other(size(segments))
+    integer :: k, g, n, b
+    allocate (number(size(segments)), source=0)
+    bucket = 0
+    n = 0
+    do k = 1, size(number)
+      if (.not. counts(k)) cycle
+      associate (law => segments(k)%law)
+        b = 1 + int(modulo(transfer(sum(law%alpha) + sum(law%viscosity) + sum(law%inertia), 1_int64), size(bucket, kind=int64)))
+        g = bucket(b)
+        do while (g > 0)
+          if (segments(starts(g))%law%equals(law)) exit
+          g = other(g)
+        end do
+      end associate
+      if (g == 0) then
+        n = n + 1
+        g = n
+        starts(g) = k
+        other(g) = bucket(b)
+        bucket(b) = g
+      end if
+      number(k) = g
+    end do
+  end subroutine number_laws
 end module linear_matrices

@@ -1,10 +1,9 @@
 !> The matrices of the linearised mechanism on one sparse pattern: the union of their patterns with the joints' rows, entries
 !> summed on it, and the stiffness of viscoelastic segments with the same terms summed to one group.
 module linear_pattern
-  use, intrinsic :: iso_fortran_env, only: int64
   use counting_sort, only: sort_by_number
   use kinds, only: wp
-  use linear_matrices, only: linear_mechanism
+  use linear_matrices, only: linear_mechanism, number_laws
   use sparse_pattern, only: symmetric_pattern
   use triplets, only: triplet_matrix
   use viscoelastic_law, only: viscoelastic_terms
@@ -89,7 +88,7 @@ contains
     integer, allocatable :: number(:), entry(:), owner(:), first(:), sorted(:), filled(:)
     real(wp), allocatable :: value(:)       ! [N/m ...]
     integer :: j, i, n
-    call number_groups(lin, number)
+    call number_laws(lin%segments, [(.true., j=1, size(lin%segments))], number)
     n = 0
     do j = 1, size(number)
       n = n + lin%segments(j)%stiffness%count
@@ -141,33 +140,4 @@ contains
     end if
     call add(value, group%value(filled), group%rounded_off(filled))
   end subroutine put
-
-  !> Numbers the groups of segments with the same terms, found by a number that is made of their values.
-  subroutine number_groups(lin, number)
-    type(linear_mechanism), intent(in) :: lin
-    integer, allocatable, intent(out) :: number(:)    !! (segments)
-    integer :: starts(size(lin%segments)), bucket(size(lin%segments)), other(size(lin%segments))
-    integer :: k, g, n, b
-    allocate (number(size(lin%segments)))
-    bucket = 0
-    n = 0
-    do k = 1, size(number)
-      associate (law => lin%segments(k)%law)
-        b = 1 + int(modulo(transfer(sum(law%alpha) + sum(law%viscosity) + sum(law%inertia), 1_int64), size(bucket, kind=int64)))
-        g = bucket(b)
-        do while (g > 0)
-          if (lin%segments(starts(g))%law%equals(law)) exit
-          g = other(g)
-        end do
-      end associate
-      if (g == 0) then
-        n = n + 1
-        g = n
-        starts(g) = k
-        other(g) = bucket(b)
-        bucket(b) = g
-      end if
-      number(k) = g
-    end do
-  end subroutine number_groups
 end module linear_pattern
