@@ -5,6 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 PROBE = os.environ.get("PROBE", "bin/probe")
 
@@ -143,3 +144,54 @@ def test_matrices_against_finite_differences(name, tmp_path):
         assert np.abs(residual).max() < 2e-7 * scale
 
 
+
+
+def element(length, mass, young, area, inertia):
+    """Mass and stiffness (6, 6) of an Euler-Bernoulli element along x: u, v, rotation of both nodes."""
+    m, k, bend = np.zeros((6, 6)), np.zeros((6, 6)), [1, 2, 4, 5]
+    s = np.diag([1.0, length, 1.0, length])
+    m[np.ix_([0, 3], [0, 3])] = mass / 6 * np.array([[2, 1], [1, 2]])
+    m[np.ix_(bend, bend)] = mass / 420 * s @ [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]] @ s
+    k[np.ix_([0, 3], [0, 3])] = young * area / length * np.array([[1, -1], [-1, 1]])
+    k[np.ix_(bend, bend)] = young * inertia / length**3 * s @ [[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]] @ s
+    return m, k
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stiffness_of_each_material_of_a_body_in_modes(seed, tmp_path):
+    """Each is the sum over its elements, reduced to the modes: equal but for the signs of modes."""
+    rng = np.random.default_rng(seed)
+    ne, modes, area, inertia = int(rng.integers(6, 12)), 4, 6.0e-5, 2.0e-10
+    density, young = rng.uniform(1e3, 3e3, 4), rng.uniform(1e9, 5e9, 4)
+    names = rng.permutation([*range(4), *rng.integers(0, 4, ne - 4)])  # the last material is elastic
+    deck = tmp_path / "deck.nml"
+    text = f"&section name='s' area={area} inertia={inertia} /\n"
+    for k in range(4):
+        law = f"ghm_alpha={0.1 * (k + 1):.1f} ghm_zeta=1.0 ghm_omega=500.0" if k < 3 else ""
+        text += f"&material name='m{k}' density={density[k]} young={young[k]} {law} /\n"
+    listed = ",".join(f"'m{k}'" for k in names)
+    deck.write_text(
+        text + f"&body name='b' kind='beam' length=0.6 elements={ne} element_material={listed} section='s' "
+        f"reference='clamped' modes={modes} /\n"
+    )
+    mass, parts = np.zeros((3 * ne + 3, 3 * ne + 3)), np.zeros((4, 3 * ne + 3, 3 * ne + 3))
+    for e, k in enumerate(names):
+        at = np.ix_(*[range(3 * e, 3 * e + 6)] * 2)
+        m, stiffness = element(0.6 / ne, density[k] * area * 0.6 / ne, young[k], area, inertia)
+        mass[at] += m
+        parts[k][at] += stiffness
+    _, x = eigh(parts.sum(0)[3:, 3:], mass[3:, 3:], subset_by_index=[0, modes - 1])
+    expected = {0.1 * (k + 1): x.T @ parts[k][3:, 3:] @ x for k in range(3)}
+    nq, nz, _, _ = layout(str(deck))
+    found, alpha = {}, None
+    for key, value in evaluate(str(deck), [np.zeros(1 + 2 * nq + 2 * nz)], "linear")[0]:
+        if key == "run":
+            alpha = value[0]
+        elif key == "run_stiffness":
+            found[alpha] = value.reshape(nq, nq)[3:, 3:]
+    assert sorted(found) == pytest.approx(sorted(expected)), f"seed {seed}"
+    for one, other in zip(sorted(found), sorted(expected)):
+        k = expected[other]
+        np.testing.assert_allclose(np.abs(found[one]), np.abs(k), rtol=0, atol=1e-8 * np.abs(k).max(), err_msg=f"seed {seed}")
+        loop = [m[0, 1] * m[1, 2] * m[2, 0] for m in (found[one], k)]  # signs of modes cancel
+        assert loop[0] == pytest.approx(loop[1], rel=1e-6), f"seed {seed}"

@@ -5,7 +5,7 @@
 !> ends, positions near a singular one), the mass-orthogonal correction serves.
 module frame_closing
   use kinds, only: wp
-  use joint_response, only: solve_frames, turn_back
+  use joint_response, only: solve_frames, turn_frames
   use joint_system, only: add_frame_compliance
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -58,25 +58,16 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(inout), contiguous :: phi(:)      !! (rows) [m], then the multipliers of the correction
     real(wp), intent(inout), contiguous :: q(:)        !! (nq) [m, rad]
+    integer :: b
     call ev%closing%solve(phi)
     call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
-                      ev%side%rigid_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, phi, ev%frame%push)
-    call turn_back(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(ev%a), ev%a)
-    call add_frames(size(ev%frame%cos), self%s%qo, size(q), ev%a, q)
-  end subroutine close_frames
-
-  !> Adds the corrections of the frames, and of nothing else.
-  pure subroutine add_frames(nb, offset, nq, dq, q)
-    integer, intent(in) :: nb, nq
-    integer, intent(in) :: offset(nb)          !! of each body's coordinates
-    real(wp), intent(in) :: dq(nq)             !! elastic entries are not used [m, rad]
-    real(wp), intent(inout) :: q(nq)           !! [m, rad]
-    integer :: b, i
-    do b = 1, nb
-      i = offset(b)
-      q(i + 1) = q(i + 1) + dq(i + 1)
-      q(i + 2) = q(i + 2) + dq(i + 2)
-      q(i + 3) = q(i + 3) + dq(i + 3)
+                      ev%side%rigid_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, phi, 0.0_wp, ev%frame%rhs, &
+                      ev%frame%push)
+    call turn_frames(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(ev%a), ev%a)
+    do b = 1, size(ev%frame%cos)
+      associate (i => self%s%qo(b))
+        q(i + 1:i + 3) = q(i + 1:i + 3) + ev%a(i + 1:i + 3)
+      end associate
     end do
-  end subroutine add_frames
+  end subroutine close_frames
 end module frame_closing

@@ -4,8 +4,8 @@
 !> differences of fourth order. Rows that are redundant everywhere are not of this kind and keep their minimum norm.
 module singular
   use kinds, only: wp
-  use dynamics, only: evaluate, evaluate_regular
-  use evaluation_settings, only: evaluation_options
+  use dynamics, only: evaluate
+  use evaluation_settings, only: evaluation_options, regular
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use projection, only: project
@@ -72,7 +72,7 @@ contains
       if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
-      call evaluate_regular(m, ev, options, t, q, v, z, zd)
+      call evaluate(m, ev, regular(options), t, q, v, z, zd)
       return
     end if
     call evaluate(m, ev, options, t, q, v, z, zd)
@@ -105,7 +105,7 @@ contains
     if (.not. yes .or. m%s%rows < m%s%nq) return
     yes = maxval(abs(ev%rows%acceleration_bias)) < most*maxval(abs(ev%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
-    call evaluate_regular(m, ev, options, t, q, v, z, zd)
+    call evaluate(m, ev, regular(options), t, q, v, z, zd)
     yes = ev%schur%singular .or. steadily(m, ev, rate, most)
   end function passes
 

@@ -4,7 +4,7 @@ module marker
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: turn
+  public :: add_modes, turn
 
   !> A marker on a body.
   type, public :: marker_model
@@ -60,6 +60,19 @@ contains
     end if
   end function elastic
 
+  !> The same of a modal body, in a loop that an evaluation takes: u <- u + Psi x.
+  pure subroutine add_modes(n, psi, x, u)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: psi(3, n), x(n)  !! displacements in each mode [1/kg^.5, 1/(kg^.5 m)], amplitudes [m kg^.5]
+    real(wp), intent(inout) :: u(3)          !! [m, m, rad]
+    integer :: c
+    do c = 1, n
+      u(1) = u(1) + psi(1, c)*x(c)
+      u(2) = u(2) + psi(2, c)*x(c)
+      u(3) = u(3) + psi(3, c)*x(c)
+    end do
+  end subroutine add_modes
+
   !> What the marker sees of small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md, section 6).
   pure function shift(self, rho, frame, x) result(u)
     class(marker_model), intent(in) :: self
@@ -67,18 +80,7 @@ contains
     real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle [m, m, rad]
     real(wp), intent(in) :: x(:)             !! (nf) [m, rad]
     real(wp) :: u(3)                         !! body axes: u, v, rotation
-    integer :: c
-    u(1:2) = frame(1:2) + frame(3)*turn(rho)
-    u(3) = frame(3)
-    if (allocated(self%psi)) then
-      do c = 1, size(x)
-        u = u + self%psi(:, c)*x(c)
-      end do
-    else
-      do c = 1, 3
-        if (self%dof(c) > 0) u(c) = u(c) + x(self%dof(c))
-      end do
-    end if
+    u = [frame(1:2) + frame(3)*turn(rho), frame(3)] + self%elastic(x)
   end function shift
 
   !> The transpose of `shift`: adds the generalised forces of a wrench on the marker.

@@ -20,7 +20,7 @@ module evaluation_results
     real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it [1/kg], [1/kg], [1/(kg m2)]
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes [N, N, N m]
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes [m/s2, rad/s2]
-    real(wp), allocatable :: push(:, :)         !! (3, nb) what the multipliers take from them [m/s2, rad/s2]
+    real(wp), allocatable :: push(:, :)         !! (3, nb) accelerations with multipliers, or corrections, body axes [m/s2, rad/s2]
     real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
   end type frame_results
 

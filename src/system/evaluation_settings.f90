@@ -5,7 +5,7 @@ module evaluation_settings
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: evaluation_options, usual_options, at_side
+  public :: evaluation_options, usual_options, at_side, regular
 
   !> What acts, and from which side of a jump.
   type :: evaluation_options
@@ -34,4 +34,11 @@ contains
     same = options
     same%left_limit = left_limit
   end function at_side
+
+  !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
+  pure type(evaluation_options) function regular(options) result(same)
+    type(evaluation_options), intent(in) :: options
+    same = options
+    same%accept_weak_pivots = .true.
+  end function regular
 end module evaluation_settings

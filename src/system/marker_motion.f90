@@ -3,7 +3,7 @@ module marker_motion
   use kinds, only: wp
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_model, marker_states
+  use marker, only: add_modes, marker_model, marker_states
   implicit none (type, external)
   private
   public :: set_frames, marker_kinematics, one_marker
@@ -30,23 +30,19 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n
-    if (size(self%markers%rigid) > 0) call rigid_markers(size(self%markers%rigid), self%markers%rigid, size(self%markers%body), &
-                                                  size(ev%frame%cos), self%markers%body, self%s%qo, ev%frame%cos, &
-                                                      ev%frame%sin, size(q), q, v, &
-                                                  ev%p%rho, ev%p%r, ev%p%v, ev%p%bias, ev%p%angle, ev%p%rate)
-    if (size(self%markers%nodal) > 0) call nodal_markers(size(self%markers%nodal), self%markers%nodal, size(self%markers%body), &
-                                                  size(ev%frame%cos), self%markers%body, self%s%qo, self%markers%dof, &
-                                                      self%markers%x, &
-                                                  ev%frame%cos, ev%frame%sin, size(q), q, v, ev%p%rho, ev%p%r, ev%p%v, &
-                                                  ev%p%bias, ev%p%angle, ev%p%rate)
+    associate (at => self%markers, f => ev%frame, p => ev%p)
+      if (size(at%rigid) > 0) call rigid_markers(size(at%rigid), at%rigid, size(at%body), size(f%cos), at%body, self%s%qo, f%cos, &
+                                                 f%sin, size(q), q, v, p%rho, p%r, p%v, p%bias, p%angle, p%rate)
+      if (size(at%nodal) > 0) call nodal_markers(size(at%nodal), at%nodal, size(at%body), size(f%cos), at%body, self%s%qo, at%dof, &
+                                                 at%x, f%cos, f%sin, size(q), q, v, p%rho, p%r, p%v, p%bias, p%angle, p%rate)
+    end associate
     do j = 1, size(self%markers%modal)
       k = self%markers%modal(j)
       b = self%markers%body(k)
       i = self%s%qo(b)
       n = self%s%bodies(b)%nf
-      call one_marker(self%s%markers(k), ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, q(i + 4:i + 3 &
-          + n), &
-                      v(i + 4:i + 3 + n), ev%p, k)
+      call one_marker(self%s%markers(k), ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
+                      q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), ev%p, k)
     end do
   end subroutine marker_kinematics
 
@@ -145,43 +141,16 @@ contains
     type(marker_states), intent(inout) :: p
     integer, intent(in) :: k                !! entry of p to fill
     real(wp) :: u(3), ud(3)
-    call marker_displacement(marker, nf, qf, vf, u, ud)
+    if (allocated(marker%psi)) then
+      u = 0.0_wp
+      ud = 0.0_wp
+      call add_modes(nf, marker%psi, qf, u)
+      call add_modes(nf, marker%psi, vf, ud)
+    else
+      u = marker%elastic(qf)
+      ud = marker%elastic(vf)
+    end if
     p%rho(:, k) = marker%x + u(1:2)
     call move_marker(c, s, q, v, p%rho(:, k), u(3), ud, p%r(:, k), p%v(:, k), p%bias(:, k), p%angle(k), p%rate(k))
   end subroutine one_marker
-
-  !> Elastic displacement of a marker and its rate: u, v, rotation in body axes.
-  pure subroutine marker_displacement(marker, nf, qf, vf, u, ud)
-    type(marker_model), intent(in) :: marker
-    integer, intent(in) :: nf
-    real(wp), intent(in) :: qf(nf), vf(nf)  !! elastic coordinates and rates [m, rad], [m/s, rad/s]
-    real(wp), intent(out) :: u(3), ud(3)    !! [m, m, rad] and per second
-    integer :: i
-    u = 0.0_wp
-    ud = 0.0_wp
-    if (allocated(marker%psi)) then
-      call modal_displacement(nf, marker%psi, qf, u)
-      call modal_displacement(nf, marker%psi, vf, ud)
-    else
-      do i = 1, 3
-        if (marker%dof(i) == 0) cycle
-        u(i) = qf(marker%dof(i))
-        ud(i) = vf(marker%dof(i))
-      end do
-    end if
-  end subroutine marker_displacement
-
-  !> u = Psi q.
-  pure subroutine modal_displacement(nf, psi, q, u)
-    integer, intent(in) :: nf
-    real(wp), intent(in) :: psi(3, nf), q(nf)   !! displacements in each mode, amplitudes [m, rad, over their unit], [kg^.5 m]
-    real(wp), intent(out) :: u(3)               !! [m, m, rad]
-    integer :: i
-    u = 0.0_wp
-    do i = 1, nf
-      u(1) = u(1) + psi(1, i)*q(i)
-      u(2) = u(2) + psi(2, i)*q(i)
-      u(3) = u(3) + psi(3, i)*q(i)
-    end do
-  end subroutine modal_displacement
 end module marker_motion

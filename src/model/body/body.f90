@@ -136,7 +136,7 @@ module body
       import :: elastic_basis, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
-      real(wp), intent(in) :: d(:, :)                 !! [m, rad]
+      real(wp), intent(in), contiguous :: d(:, :)     !! [m, rad]
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
       real(wp) :: energy                              !! [J]
     end function to_energy
@@ -155,7 +155,7 @@ module body
       import :: elastic_basis, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
-      real(wp), intent(in) :: d(:, :)                 !! [m, rad]
+      real(wp), intent(in), contiguous :: d(:, :)     !! [m, rad]
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
       real(wp) :: force                               !! [N]
     end function to_largest

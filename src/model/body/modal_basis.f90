@@ -71,7 +71,7 @@ contains
   pure function strain_energy(self, b, d, q) result(energy)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: d(:, :)                 !! (nf, segments) [kg^.5 m]
+    real(wp), intent(in), contiguous :: d(:, :)     !! (nf, segments) [kg^.5 m]
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
     real(wp) :: energy                              !! [J]
     energy = 0.5_wp*sum(self%omega2*q**2)
@@ -90,7 +90,7 @@ contains
   pure function largest_force(self, b, d, q) result(force)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: d(:, :)                 !! (nf, segments) [kg^.5 m]
+    real(wp), intent(in), contiguous :: d(:, :)     !! (nf, segments) [kg^.5 m]
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
     real(wp) :: force                               !! [N]
     force = maxval(abs(self%omega2*q))*sqrt(b%mass)

@@ -7,6 +7,7 @@ module nodal_basis
   use body, only: body_model, elastic_basis, elastic_work, operator_forces
   use chain_kernel, only: chain_deformations, chain_forces
   use marker, only: marker_model
+  use segment_model, only: strain_product
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
@@ -196,7 +197,7 @@ contains
   pure function strain_energy(self, b, d, q) result(energy)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
     real(wp) :: energy                              !! [J]
     energy = 0.5_wp*sum(energies(b, d))
@@ -216,15 +217,12 @@ contains
   !> Twice the energies of extensions and of bending.
   pure function energies(b, d) result(parts)
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
     real(wp) :: parts(2)                            !! [J]
     integer :: e
     parts = 0.0_wp
     do e = 1, b%ne
-      if (b%nd == 3) parts(1) = parts(1) + b%elements(e)%ea_l*d(1, e)**2
-      associate (p1 => d(b%nd - 1, e), p2 => d(b%nd, e))
-        parts(2) = parts(2) + 4*b%elements(e)%ei_l*(p1**2 + p1*p2 + p2**2)
-      end associate
+      parts = parts + strain_product(1, b%nd, [b%elements(e)%ea_l], [b%elements(e)%ei_l], d(:, e), d(:, e))
     end do
   end function energies
 
@@ -232,7 +230,7 @@ contains
   pure function largest_force(self, b, d, q) result(force)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: d(:, :)                 !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
     real(wp) :: force                               !! [N]
     real(wp) :: s(4)

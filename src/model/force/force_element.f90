@@ -41,7 +41,6 @@ module force_element
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
   contains
     procedure :: product => elastic_product
-    procedure :: dissipation => term_dissipation
     procedure(state_to_action), deferred :: act
     procedure :: tangent => no_tangent
     procedure :: components => no_components      !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
@@ -87,17 +86,6 @@ contains
     real(wp) :: total                       !! [J]
     total = self%stiffness*x(1)*y(1)
   end function elastic_product
-
-  !> What terms on it dissipate [W].
-  pure function term_dissipation(self, n, m, alpha, viscosity, zd) result(power)
-    class(force_model), intent(in) :: self
-    integer, intent(in) :: n, m
-    real(wp), intent(in) :: alpha(m)        !! [-]
-    real(wp), intent(in) :: viscosity(m)    !! [s]
-    real(wp), intent(in) :: zd(n, m)        !! [m/s] or [rad/s]
-    real(wp) :: power                       !! [W]
-    power = self%stiffness*sum(alpha*viscosity*zd(1, :)**2)
-  end function term_dissipation
 
   !> Forces that are constant in global axes have no tangent. Kinds set k%k, and k%c if they damp: minus the wrenches' derivatives
   !> by displacements and turns of the markers (global axes) and by their rates.

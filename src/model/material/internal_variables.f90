@@ -15,7 +15,6 @@ module internal_variables
     type(viscoelastic_terms) :: law
   contains
     procedure(two_to_energy), deferred :: product
-    procedure(rates_to_power), deferred :: dissipation
     procedure :: start
     procedure :: follow
     procedure :: stored
@@ -30,16 +29,6 @@ module internal_variables
       real(wp), intent(in) :: x(n), y(n)      !! deformations, internal variables or their rates [m, rad, ...]
       real(wp) :: total                       !! [J]
     end function two_to_energy
-    !> Sum over m terms of alpha viscosity z'^T D z'.
-    pure function rates_to_power(self, n, m, alpha, viscosity, zd) result(power)
-      import :: internal_state, wp
-      class(internal_state), intent(in) :: self
-      integer, intent(in) :: n, m
-      real(wp), intent(in) :: alpha(m)        !! [-]
-      real(wp), intent(in) :: viscosity(m)    !! [s]
-      real(wp), intent(in) :: zd(n, m)        !! [m/s, rad/s]
-      real(wp) :: power                       !! [W]
-    end function rates_to_power
   end interface
 
 contains
@@ -66,12 +55,13 @@ contains
       do k = 1, m
         o = self%offset + (k - 1)*n + 1
         call follow_with_inertia(n, law%alpha(k), law%viscosity(k), law%inertia(k), d, z(o), zd(o), zdd(o), ds)
+        power = power + law%alpha(k)*law%viscosity(k)*self%product(n, zd(o), zd(o))
       end do
-      if (m > 0) power = power + self%dissipation(n, m, law%alpha, law%viscosity, zd(self%offset + 1))
-      if (first == 0) return
-      o = self%first_order + 1
-      call follow_without(n, first, law%alpha(m + 1), law%viscosity(m + 1), d, z(o), zdd(o), ds)
-      power = power + self%dissipation(n, first, law%alpha(m + 1), law%viscosity(m + 1), zdd(o))
+      do k = m + 1, m + first
+        o = self%first_order + (k - m - 1)*n + 1
+        call follow_without(n, law%alpha(k), law%viscosity(k), d, z(o), zdd(o), ds)
+        power = power + law%alpha(k)*law%viscosity(k)*self%product(n, zdd(o), zdd(o))
+      end do
     end associate
   end subroutine follow
 
@@ -95,45 +85,22 @@ contains
     end do
   end subroutine follow_with_inertia
 
-  !> Those of first order, viscosity z' = d - z: three in one pass, which reads the deformations and adds to their sum once.
-  pure subroutine follow_without(n, m, alpha, viscosity, d, z, zd, ds)
-    integer, intent(in) :: n, m               !! coordinates of one term, terms
-    real(wp), intent(in) :: alpha(m)          !! [-]
-    real(wp), intent(in) :: viscosity(m)      !! [s]
-    real(wp), intent(in) :: d(n), z(n, m)     !! [m, rad]
-    real(wp), intent(inout) :: zd(n, m)       !! [m/s, rad/s]
-    real(wp), intent(inout) :: ds(n)          !! [m, rad]
-    real(wp) :: r1, r2, r3, w1, w2, w3        ! rates [1/s], weights of z' [s]
-    integer :: k, i
-    do k = 1, m - 2, 3
-      call factors(alpha(k), viscosity(k), r1, w1)
-      call factors(alpha(k + 1), viscosity(k + 1), r2, w2)
-      call factors(alpha(k + 2), viscosity(k + 2), r3, w3)
-      do i = 1, n
-        zd(i, k) = r1*(z(i, k) - d(i))
-        zd(i, k + 1) = r2*(z(i, k + 1) - d(i))
-        zd(i, k + 2) = r3*(z(i, k + 2) - d(i))
-        ds(i) = ((ds(i) + w1*zd(i, k)) + w2*zd(i, k + 1)) + w3*zd(i, k + 2)
-      end do
-    end do
-    do k = m - mod(m, 3) + 1, m
-      call factors(alpha(k), viscosity(k), r1, w1)
-      do i = 1, n
-        zd(i, k) = r1*(z(i, k) - d(i))
-        ds(i) = ds(i) + w1*zd(i, k)
-      end do
-    end do
-  end subroutine follow_without
-
-  !> Of a term of first order: z' = rate (z - d), alpha (d - z) = weight z'.
-  elemental subroutine factors(alpha, viscosity, rate, weight)
+  !> One of first order, viscosity z' + z = d.
+  pure subroutine follow_without(n, alpha, viscosity, d, z, zd, ds)
+    integer, intent(in) :: n
     real(wp), intent(in) :: alpha             !! [-]
     real(wp), intent(in) :: viscosity         !! [s]
-    real(wp), intent(out) :: rate             !! [1/s]
-    real(wp), intent(out) :: weight           !! [s]
-    rate = -1/viscosity
-    weight = alpha*viscosity
-  end subroutine factors
+    real(wp), intent(in) :: d(n), z(n)        !! [m, rad]
+    real(wp), intent(inout) :: zd(n)          !! [m/s, rad/s]
+    real(wp), intent(inout) :: ds(n)          !! [m, rad]
+    real(wp) :: rate                          ! [1/s]
+    integer :: i
+    rate = 1/viscosity
+    do i = 1, n
+      zd(i) = rate*(d(i) - z(i))
+      ds(i) = ds(i) + alpha*(d(i) - z(i))
+    end do
+  end subroutine follow_without
 
   !> Energy stored beside that of the static stiffness, alpha/2 ((d - z)^T D (d - z) + inertia z'^T D z') of every term [J].
   pure real(wp) function stored(self, n, d, z, zd) result(energy)

@@ -3,7 +3,7 @@
 module mass_solve
   use kinds, only: wp
   use frame_axes, only: turn_to_body
-  use joint_response, only: apply_multipliers
+  use joint_response, only: apply_multipliers, solve_frame
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -70,11 +70,7 @@ contains
         end do
         call body%basis%solve_mass(n, ev%work, u(4:))
       end if
-      x(2) = x(2) - ev%frame%l(1, b)*x(1)
-      x(3) = x(3) - ev%frame%l(2, b)*x(1) - ev%frame%l(3, b)*x(2)
-      x = x*ev%frame%dinv(:, b)
-      x(2) = x(2) - ev%frame%l(3, b)*x(3)
-      x(1) = x(1) - ev%frame%l(1, b)*x(2) - ev%frame%l(2, b)*x(3)
+      call solve_frame(ev%frame%l(:, b), ev%frame%dinv(:, b), x(1), x(2), x(3))
       u(1:3) = x
       do k = 1, n
         u(3 + k) = u(3 + k) - shape%pmat(k, 1)*x(1) - shape%pmat(k, 2)*x(2) - coupling(k)*x(3)
