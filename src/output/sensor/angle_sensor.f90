@@ -1,33 +1,21 @@
 !> Angle of a section or frame, its rate or its acceleration.
 module angle_sensor
   use kinds, only: wp
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion
   implicit none (type, external)
   private
 
-  !> A section's turn.
+  !> An angle or a derivative of it.
   type, extends(sensor_model), public :: angle_sensor_model
     integer :: order = 0                      !! derivative: 0 angle, 1 angular velocity, 2 angular acceleration
   contains
-    procedure :: columns
     procedure :: read => read_angle
     procedure :: respond
   end type angle_sensor_model
 
-  character(*), parameter :: units(0:2) = [character(8) :: '[rad]', '[rad/s]', '[rad/s2]']
-
 contains
 
-  !> One column under the sensor's own name.
-  subroutine columns(self, m, list)
-    class(angle_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: units(self%order)]
-  end subroutine columns
-
-  !> Frame and elastic rotation.
+  !> Of the frame and the elastic rotation together.
   subroutine read_angle(self, at, x)
     class(angle_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
@@ -41,7 +29,7 @@ contains
     if (self%marker%body > 0) x(1) = x(1) + at%ev%a(at%m%s%qo(self%marker%body) + 3)
   end subroutine read_angle
 
-  !> In a plane, turns are the same in all axes.
+  !> A rotation in the plane is the same in all axes.
   subroutine respond(self, at, motion, x)
     class(angle_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at

@@ -1,8 +1,7 @@
 !> An elastic coordinate of a body with its rate and acceleration.
 module coordinate_sensor
   use kinds, only: wp
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
 
@@ -10,28 +9,13 @@ module coordinate_sensor
   type, extends(sensor_model), public :: coordinate_sensor_model
     integer :: index = 0                      !! number of the coordinate of the body
   contains
-    procedure :: columns
     procedure :: read => read_coordinate
     procedure :: respond
   end type coordinate_sensor_model
 
 contains
 
-  !> Metres, radians, or modal.
-  subroutine columns(self, m, list)
-    class(coordinate_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    character(:), allocatable :: unit
-    associate (b => m%s%bodies(self%marker%body))
-      unit = 'm'
-      if (b%basis%rotation(self%index)) unit = 'rad'
-      if (b%basis%reduced_from > 0) unit = 'kg^.5*m'
-    end associate
-    list = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
-  end subroutine columns
-
-  !> From the state.
+  !> Coordinate and rate from the state, acceleration from the evaluation.
   subroutine read_coordinate(self, at, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
@@ -41,7 +25,7 @@ contains
     end associate
   end subroutine read_coordinate
 
-  !> From the unknowns.
+  !> The unknown of the linearisation and its derivatives.
   subroutine respond(self, at, motion, x)
     class(coordinate_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at

@@ -1,28 +1,18 @@
 !> Elastic displacement and rotation of a node, in the axes of its body.
 module deflection_sensor
   use kinds, only: wp
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, elastic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, elastic_motion
   implicit none (type, external)
   private
 
   !> A node's deflection.
   type, extends(sensor_model), public :: deflection_sensor_model
   contains
-    procedure :: columns
     procedure :: read => read_deflection
     procedure :: respond
   end type deflection_sensor_model
 
 contains
-
-  !> Two displacements and a rotation.
-  subroutine columns(self, m, list)
-    class(deflection_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: '.u[m]', '.v[m]', '.r[rad]']
-  end subroutine columns
 
   !> From the elastic coordinates.
   subroutine read_deflection(self, at, x)
@@ -32,7 +22,7 @@ contains
     x(1:3) = self%elastic_part(at%m, at%y)
   end subroutine read_deflection
 
-  !> Linear in them.
+  !> The same, of the unknowns of the linearisation.
   subroutine respond(self, at, motion, x)
     class(deflection_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at

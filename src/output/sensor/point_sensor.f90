@@ -2,9 +2,8 @@
 !> linear response contain the turn of its axes.
 module point_sensor
   use kinds, only: wp
-  use mechanism, only: mechanism_model
   use marker, only: turn
-  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, suffix_length, vector_to_global
+  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, vector_to_global
   implicit none (type, external)
   private
 
@@ -12,24 +11,13 @@ module point_sensor
   type, extends(sensor_model), public :: point_sensor_model
     integer :: order = 0                      !! derivative: 0 position, 1 velocity, 2 acceleration
   contains
-    procedure :: columns
     procedure :: read => read_point
     procedure :: respond
   end type point_sensor_model
 
-  character(*), parameter :: units(0:2) = [character(6) :: '[m]', '[m/s]', '[m/s2]']
-
 contains
 
-  !> Two components.
-  subroutine columns(self, m, list)
-    class(point_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: '.x'//units(self%order), '.y'//units(self%order)]
-  end subroutine columns
-
-  !> Of the moving point.
+  !> At the present place of the point.
   subroutine read_point(self, at, x)
     class(point_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at

@@ -2,8 +2,7 @@
 module reaction_sensor
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
   implicit none (type, external)
   private
 
@@ -11,20 +10,11 @@ module reaction_sensor
   type, extends(sensor_model), public :: reaction_sensor_model
     integer :: constraint = 0                 !! its number, joints before drives
   contains
-    procedure :: columns
     procedure :: read => read_reaction
     procedure :: respond
   end type reaction_sensor_model
 
 contains
-
-  !> Force and moment.
-  subroutine columns(self, m, list)
-    class(reaction_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
-  end subroutine columns
 
   !> From the multipliers.
   subroutine read_reaction(self, at, x)
@@ -41,7 +31,7 @@ contains
     end associate
   end subroutine read_reaction
 
-  !> With the change of its direction.
+  !> By changes of the multipliers and of the direction in which they act.
   subroutine respond(self, at, motion, x)
     class(reaction_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at

@@ -4,8 +4,7 @@ module section_sensor
   use kinds, only: wp
   use beam_element, only: deformation_matrix
   use body, only: body_model
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
 
@@ -13,21 +12,11 @@ module section_sensor
   type, extends(sensor_model), public :: section_sensor_model
     integer :: element = 0
   contains
-    procedure :: columns
     procedure :: read => read_section
     procedure :: respond
   end type section_sensor_model
 
 contains
-
-  !> Forces, moments, and the stress.
-  subroutine columns(self, m, list)
-    class(section_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]']
-    if (m%s%bodies(self%marker%body)%elements(self%element)%fibre > 0.0_wp) list = [list, [character(suffix_length) :: '.s[Pa]']]
-  end subroutine columns
 
   !> From the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
   subroutine read_section(self, at, x)

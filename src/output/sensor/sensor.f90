@@ -1,5 +1,5 @@
-!> What all sensors have in common: columns with units, their values at an evaluated state, and their complex amplitudes in the
-!> linear response about it.
+!> What all sensors have in common: the values of their columns at an evaluated state, and their complex amplitudes in the linear
+!> response about it.
 module sensor
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -7,9 +7,7 @@ module sensor
   use marker, only: marker_model, marker_states
   implicit none (type, external)
   private
-  public :: elastic_motion, marker_motion, scene_motion, vector_to_global, suffix_length
-
-  integer, parameter :: suffix_length = 20
+  public :: elastic_motion, marker_motion, scene_motion, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
@@ -32,7 +30,6 @@ module sensor
     integer :: number = 0                     !! of it among all sensors: its marker's in the list of their states
     type(marker_model) :: marker              !! the marker where it measures; the ground's origin where it has none
   contains
-    procedure(columns_of), deferred :: columns
     procedure(values_at), deferred :: read
     procedure(amplitudes_of), deferred :: respond
     procedure :: elastic_part
@@ -44,13 +41,6 @@ module sensor
   end type sensor_box
 
   abstract interface
-    !> What follows the sensor's name in the name of each column: component and unit.
-    subroutine columns_of(self, m, list)
-      import :: sensor_model, mechanism_model, suffix_length
-      class(sensor_model), intent(in) :: self
-      type(mechanism_model), intent(in) :: m
-      character(suffix_length), allocatable, intent(out) :: list(:)
-    end subroutine columns_of
     !> Values of the columns.
     subroutine values_at(self, at, x)
       import :: sensor_model, observation, wp

@@ -14,11 +14,13 @@ module sensors
   use point_sensor, only: point_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use section_sensor, only: section_sensor_model
-  use sensor, only: observation, sensor_box, sensor_model, harmonic_motion, suffix_length
+  use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
   use spring_sensor, only: spring_sensor_model
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
+
+  integer, parameter :: suffix_length = 20
 
   !> All sensors of a scene.
   type :: sensor_list
@@ -42,12 +44,11 @@ contains
     allocate (list%sensors(n), list%first(n), list%names(4*n))
     call list%p%allocate(n)
     do k = 1, n
-      call make_sensor(d%sensors(k), m, list%sensors(k)%item)
+      call make_sensor(d%sensors(k), m, list%sensors(k)%item, suffix)
       associate (s => list%sensors(k)%item)
         s%name = d%sensors(k)%name
         s%number = k
         s%marker = make_marker(m%s, d%sensors(k)%marker)
-        call s%columns(m, suffix)
       end associate
       list%first(k) = list%columns + 1
       if (list%columns + size(suffix) > size(list%names)) list%names = [list%names, list%names]
@@ -58,27 +59,48 @@ contains
     end do
   end subroutine set_up_sensors
 
-  !> The factory of sensors: the deck's word into the kind.
-  subroutine make_sensor(r, m, item)
+  !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
+  subroutine make_sensor(r, m, item, suffixes)
     type(sensor_record), intent(in) :: r
     type(mechanism_model), intent(in) :: m
     class(sensor_model), allocatable, intent(out) :: item
+    character(suffix_length), allocatable, intent(out) :: suffixes(:)
+    character(*), parameter :: points(0:2) = [character(12) :: 'position', 'velocity', 'acceleration']
+    character(*), parameter :: angles(0:2) = [character(20) :: 'angle', 'angular_velocity', 'angular_acceleration']
+    character(*), parameter :: per(0:2) = [character(4) :: ']', '/s]', '/s2]']
+    character(:), allocatable :: unit
+    integer :: order                               ! derivative
     select case (r%quantity)
     case ('position', 'velocity', 'acceleration')
-      item = point_sensor_model(order=findloc([character(12) :: 'position', 'velocity', 'acceleration'], r%quantity, 1) - 1)
+      order = findloc(points, r%quantity, 1) - 1
+      item = point_sensor_model(order=order)
+      suffixes = [character(suffix_length) :: '.x[m'//per(order), '.y[m'//per(order)]
     case ('angle', 'angular_velocity', 'angular_acceleration')
-      item = angle_sensor_model(order=findloc([character(20) :: 'angle', 'angular_velocity', 'angular_acceleration'], &
-                                              r%quantity, 1) - 1)
+      order = findloc(angles, r%quantity, 1) - 1
+      item = angle_sensor_model(order=order)
+      suffixes = [character(suffix_length) :: '[rad'//per(order)]
     case ('deflection')
       item = deflection_sensor_model()
+      suffixes = [character(suffix_length) :: '.u[m]', '.v[m]', '.r[rad]']
     case ('coordinate')
       item = coordinate_sensor_model(index=r%index)
+      associate (basis => m%s%bodies(r%marker%body)%basis)
+        unit = 'm'
+        if (basis%rotation(r%index)) unit = 'rad'
+        if (basis%reduced_from > 0) unit = 'kg^.5*m'
+      end associate
+      suffixes = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
     case ('reaction')
       item = reaction_sensor_model(constraint=merge(r%joint, m%s%joints + r%drive, r%joint > 0))
+      suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('internal')
       item = section_sensor_model(element=r%element)
+      suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
+      if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) suffixes = suffixes(:4)   ! no shape, no stress
     case default
       item = spring_sensor_model(element=r%spring)
+      suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']
+      if (m%s%forces(r%spring)%item%angular) suffixes = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
     end select
   end subroutine make_sensor
 

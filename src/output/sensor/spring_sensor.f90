@@ -1,8 +1,7 @@
 !> Force and deformation of a spring.
 module spring_sensor
   use kinds, only: wp
-  use mechanism, only: mechanism_model
-  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion, suffix_length
+  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
   implicit none (type, external)
   private
 
@@ -10,21 +9,11 @@ module spring_sensor
   type, extends(sensor_model), public :: spring_sensor_model
     integer :: element = 0                    !! its number among the force elements
   contains
-    procedure :: columns
     procedure :: read => read_spring
     procedure :: respond
   end type spring_sensor_model
 
 contains
-
-  !> Force and stretch, or moment and angle.
-  subroutine columns(self, m, list)
-    class(spring_sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    character(suffix_length), allocatable, intent(out) :: list(:)
-    list = [character(suffix_length) :: '.f[N]', '.d[m]']
-    if (m%s%forces(self%element)%item%angular) list = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
-  end subroutine columns
 
   !> As evaluated.
   subroutine read_spring(self, at, x)
