@@ -1,5 +1,6 @@
 !> Sparse products summed in twice the working precision (Dekker 1971, Knuth: error-free product and sum). The stiffness of a
-!> fine mesh cancels almost wholly in K x: plain sums lose n^4 roundings of the lowest mode of n elements, these lose none.
+!> fine mesh cancels almost wholly in K x: with plain sums the error of the lowest mode grows with
+!> the fourth power of the number of elements, with these it does not.
 module accurate_product
   use kinds, only: wp
   implicit none (type, external)

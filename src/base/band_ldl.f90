@@ -1,4 +1,4 @@
-!> L D L^T of symmetric band matrices whose pivots tell whether rows depend on others: kept by columns, s(i, j) = S(j+i, j),
+!> L D L^T of symmetric band matrices, where a small pivot shows that a row depends on others. Kept by columns, s(i, j) = S(j+i, j),
 !> L below the diagonal and 1/D on it. Half band width 3, a chain of revolute joints, has loops of its own.
 module band_ldl
   use kinds, only: wp
@@ -22,7 +22,7 @@ contains
     end if
   end subroutine eliminate
 
-  !> Any half band width. Columns beyond n are zero, so no row needs a bound.
+  !> Any half band width. Columns beyond n are zero, so loops need not end at the last row.
   pure subroutine factor_band(n, kd, f, s, tol, good)
     integer, intent(in) :: n, kd
     real(wp), intent(inout) :: f(0:kd, n + kd)   !! the matrix on entry, its factor on return: L [-] and 1/D [1/any]
@@ -76,7 +76,7 @@ contains
     end do
   end subroutine factor_band3
 
-  !> The inverse of a pivot; good is false where it is below tol of its diagonal entry.
+  !> The inverse of a pivot; good is false where the pivot is below tol times its diagonal entry.
   pure subroutine invert_pivot(pivot, diagonal, tol, inverse, good)
     real(wp), intent(in) :: pivot, diagonal   !! of the factored and of the given matrix [any]
     real(wp), intent(in) :: tol               !! [-]

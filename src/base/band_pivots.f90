@@ -27,8 +27,8 @@ contains
     end do
   end subroutine factor_real
 
-  !> Complex, where all x^H A x keep to a sector of less than 135 degrees above the positive axis, as those of a dynamic stiffness
-  !> do: pivots keep to it, too, and none is small beside its column.
+  !> Complex symmetric. For a dynamic stiffness x^H A x lies between 0 and less than 135 degrees from the positive axis, for every
+  !> x; so does each pivot then, and none is small beside its column: they need not be chosen.
   subroutine factor_complex(n, kd, a, info)
     integer, intent(in) :: n, kd               !! rows, half band width
     complex(wp), intent(inout) :: a(0:kd, n)   !! matrix, then L [-] and D [any]

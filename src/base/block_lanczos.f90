@@ -1,4 +1,4 @@
-!> The lowest solutions of K x = omega2 M x from a Krylov space, for any K and M that are given by what they do to a vector.
+!> The lowest solutions of K x = omega2 M x from a Krylov space, for any K and M whose products with a vector are given.
 module block_lanczos
   use kinds, only: wp
   use lapack, only: dsyev
@@ -10,7 +10,7 @@ module block_lanczos
   integer, parameter :: width = 3              !! vectors in a block: a chain of beams has no frequency more often
   integer, parameter :: most_gram_schmidt = 6
 
-  !> K + shift M and M on the motions that are looked for.
+  !> The products, within the space of motions whose modes are sought.
   type, abstract, public :: inertia_operator
     real(wp) :: shift = 0.0_wp                 !! [rad2/s2]
   contains
@@ -65,7 +65,7 @@ contains
     end do
     call dsyev('V', 'U', n, t(1:n, 1:n), n, theta, work, size(work), info)
     ok = info == 0
-    below = 0                                  ! motions that grow
+    below = 0                                  ! number of growing motions
     do j = 1, p
       if (-theta(below + 1) > theta(n - (j - 1 - below))) below = below + 1
     end do

@@ -75,7 +75,7 @@ contains
     end do
   end subroutine condense
 
-  !> Rows, then columns of a band matrix to size one by powers of two: forces, moments and lengths stand side by side in it.
+  !> Scales rows, then columns of a band matrix to size one, by powers of two: forces, moments and lengths stand side by side in it.
   subroutine equilibrate(n, kd, ab, row_scale, col_scale)
     integer, intent(in) :: n, kd                      !! order, half band width
     complex(wp), intent(inout) :: ab(3*kd + 1, n)     !! band matrix [any]
@@ -108,7 +108,7 @@ contains
     magnitude = abs(real(z)) + abs(aimag(z))
   end function magnitude
 
-  !> The power of two that brings a size to one; nothing changes a row or column of zeros.
+  !> The power of two that brings a size to one; 1 for a row or column of zeros.
   elemental real(wp) function scale_of(largest)
     real(wp), intent(in) :: largest   !! [any]
     scale_of = 1.0_wp

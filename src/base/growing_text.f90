@@ -1,5 +1,5 @@
-!> A text that is written piece by piece: its buffer doubles when it is full, so that a long one costs no more a piece than a
-!> short one.
+!> A text that is written piece by piece: its buffer doubles when it is full, so that a piece costs as little in a long text as
+!> in a short one.
 module growing_text
   implicit none (type, external)
   private

@@ -1,6 +1,6 @@
 !> Explicit interfaces to the few LAPACK and BLAS routines used, and the one place that keeps their threads from
-!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j). A wrong argument, which these libraries answer by ending the
-!> program with status 0, is noted instead: whoever runs an analysis asks for it (`refused_routine`).
+!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j). Where an argument is wrong these
+!> libraries end the program with status 0; here that is noted instead, and asked for after each analysis (`refused_routine`).
 module lapack
   use kinds, only: wp
   use text, only: to_text
@@ -12,7 +12,7 @@ module lapack
   public :: zgbtrf, zgbtrs, gbtrf, gbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
-  character(32) :: refused = ''                !! the first routine with a wrong argument since the last question
+  character(32) :: refused = ''                !! the first routine with a wrong argument since `refused_routine` was called
 
   interface
     !> Cholesky factor of a symmetric positive definite band matrix.
@@ -190,7 +190,7 @@ contains
     refused = trim(refused)//', argument '//to_text(int(argument))
   end subroutine note_refusal
 
-  !> The first routine that has refused its arguments since the last question, and which argument; empty: none.
+  !> The first routine that has refused its arguments since this was last asked, and which argument; empty: none.
   function refused_routine() result(text)
     character(:), allocatable :: text
     text = trim(refused)

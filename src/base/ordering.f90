@@ -28,7 +28,7 @@ contains
       root = last_level_vertex(k, first, neighbour, n)     ! two sweeps lead to one end (George & Liu)
       root = last_level_vertex(root, first, neighbour, n)
       call visit(root, first, neighbour, done, order, count)
-      if (order(count) < order(starts(blocks))) order(starts(blocks):count) = order(count:starts(blocks):-1)   ! chains keep theirs
+      if (order(count) < order(starts(blocks))) order(starts(blocks):count) = order(count:starts(blocks):-1)   ! as given
     end do
     starts(blocks + 1) = n + 1
     block_start = starts(1:blocks + 1)

@@ -162,7 +162,7 @@ contains
     ok = c_rename(from//c_null_char, to//c_null_char) == 0
   end function replace_file
 
-  !> Removes a file; nothing happens where there is none, or a pipe, which is somebody's.
+  !> Removes an ordinary file, if there is one; a pipe of that name belongs to somebody else and stays.
   subroutine remove_file(path)
     character(*), intent(in) :: path
     integer(c_int) :: status
@@ -182,7 +182,7 @@ contains
     handle = c_creat(path//c_null_char, int(o'666'))
   end function create_file
 
-  !> Opens an empty file that no folder lists and that goes when it is closed; negative where that fails.
+  !> Opens a temporary file without a name, which the system removes when it is closed; negative where that fails.
   integer function nameless_file() result(handle)
     character(18, c_char) :: name
     integer(c_int) :: status

@@ -130,7 +130,7 @@ contains
     self%open_brackets = part%open_brackets
   end subroutine append
 
-  !> A warning in the list of warnings; the words are the caller's.
+  !> Adds a sentence to the list of warnings of summary.json; into the words the caller writes it.
   subroutine warning(self, sentence)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: sentence

@@ -32,11 +32,11 @@ contains
     allocate (s%constraints(size(d%joints) + size(d%drives)))
     do k = 1, size(s%constraints)
       if (k <= s%joints) then
-        call make_joint(d, d%joints(k), s%constraints(k)%item)
+        call make_joint(d%joints(k), s%constraints(k)%item)
         call find_ends(d%joints(k)%a, d%joints(k)%b, s%constraints(k)%item)
       else
         n = k - s%joints
-        call make_drive(d, d%drives(n), s%constraints(k)%item, faults)
+        call make_drive(d%drives(n), s%constraints(k)%item)
         call find_ends(d%drives(n)%a, d%drives(n)%b, s%constraints(k)%item)
       end if
       s%constraints(k)%item%first = s%rows + 1
@@ -51,75 +51,69 @@ contains
       c%ia = find_marker(s, markers, a)
       c%ib = find_marker(s, markers, b)
     end subroutine find_ends
+
+    !> The factory of joints: the deck's word into the kind.
+    subroutine make_joint(r, item)
+      type(joint_record), intent(in) :: r
+      class(constraint_model), allocatable, intent(out) :: item
+      real(wp) :: angle                         ! between the bodies [rad]
+      angle = deck_angle(r%a%body) - deck_angle(r%b%body)
+      select case (r%type)
+      case ('revolute')
+        item = pin_model(rows=2)
+      case ('weld')
+        item = pin_model(rows=3, welded=.true., angle=angle)
+      case ('slider')
+        item = line_model(rows=1, direction=r%direction + pi/2, fixed=r%b%body == 0)
+      case ('prismatic')
+        item = line_model(rows=2, direction=r%direction + pi/2, fixed=r%b%body == 0, prismatic=.true., angle=angle)
+      case default
+        item = distance_model(rows=1, length=r%length, pending=.not. r%has_length)
+      end select
+      item%name = r%name
+    end subroutine make_joint
+
+    !> Angle of a body in the deck, 0 for the ground [rad].
+    pure function deck_angle(k) result(angle)
+      integer, intent(in) :: k
+      real(wp) :: angle
+      angle = 0.0_wp
+      if (k > 0) angle = d%bodies(k)%angle
+    end function deck_angle
+
+    !> The factory of drives.
+    subroutine make_drive(r, item)
+      type(drive_record), intent(in) :: r
+      class(constraint_model), allocatable, intent(out) :: item
+      class(history_model), allocatable :: h
+      call make_history(d, r%history, h)
+      call check_smooth(r, h)
+      if (r%type == 'rotation') then
+        item = rotation_model(rows=1, drive=.true., rate=r%rate, target=h)
+      else
+        item = line_model(rows=1, drive=.true., rate=r%rate, target=h, direction=r%direction, fixed=r%b%body == 0)
+      end if
+      item%name = r%name
+    end subroutine make_drive
+
+    !> A drive cannot follow a jump, nor a jump of slope where the quantity itself is driven.
+    subroutine check_smooth(r, h)
+      type(drive_record), intent(in) :: r
+      class(history_model), intent(in) :: h
+      type(breakpoint), allocatable :: breakpoints(:)
+      character(:), allocatable :: remedy
+      integer :: k
+      if (.not. d%transient%present) return            ! nothing else looks beyond t = 0
+      breakpoints = h%breakpoints(d%transient%t_end)
+      breakpoints = pack(breakpoints, breakpoints%order <= merge(0, 1, r%rate))
+      remedy = ''
+      if (len(h%remedy) > 0) remedy = ': '//h%remedy
+      do k = 1, min(size(breakpoints), most_shown)
+        call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
+                        trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
+                        trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
+                        'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
+      end do
+    end subroutine check_smooth
   end subroutine build_all_constraints
-
-  !> The factory of joints: the deck's word into the kind.
-  subroutine make_joint(d, r, item)
-    type(deck), intent(in) :: d
-    type(joint_record), intent(in) :: r
-    class(constraint_model), allocatable, intent(out) :: item
-    real(wp) :: angle                         ! between the bodies [rad]
-    angle = deck_angle(d, r%a%body) - deck_angle(d, r%b%body)
-    select case (r%type)
-    case ('revolute')
-      item = pin_model(rows=2)
-    case ('weld')
-      item = pin_model(rows=3, welded=.true., angle=angle)
-    case ('slider')
-      item = line_model(rows=1, direction=r%direction + pi/2, fixed=r%b%body == 0)
-    case ('prismatic')
-      item = line_model(rows=2, direction=r%direction + pi/2, fixed=r%b%body == 0, prismatic=.true., angle=angle)
-    case default
-      item = distance_model(rows=1, length=r%length, pending=.not. r%has_length)
-    end select
-    item%name = r%name
-  end subroutine make_joint
-
-  !> Angle of a body in the deck, 0 for the ground [rad].
-  pure function deck_angle(d, k) result(angle)
-    type(deck), intent(in) :: d
-    integer, intent(in) :: k
-    real(wp) :: angle
-    angle = 0.0_wp
-    if (k > 0) angle = d%bodies(k)%angle
-  end function deck_angle
-
-  !> The factory of drives.
-  subroutine make_drive(d, r, item, faults)
-    type(deck), intent(in) :: d
-    type(drive_record), intent(in) :: r
-    class(constraint_model), allocatable, intent(out) :: item
-    type(fault_list), intent(inout) :: faults
-    class(history_model), allocatable :: h
-    call make_history(d, r%history, h)
-    call check_smooth(d, r, h, faults)
-    if (r%type == 'rotation') then
-      item = rotation_model(rows=1, drive=.true., rate=r%rate, target=h)
-    else
-      item = line_model(rows=1, drive=.true., rate=r%rate, target=h, direction=r%direction, fixed=r%b%body == 0)
-    end if
-    item%name = r%name
-  end subroutine make_drive
-
-  !> A drive cannot follow a jump, nor a jump of slope where the quantity itself is driven.
-  subroutine check_smooth(d, r, h, faults)
-    type(deck), intent(in) :: d
-    type(drive_record), intent(in) :: r
-    class(history_model), intent(in) :: h
-    type(fault_list), intent(inout) :: faults
-    type(breakpoint), allocatable :: breakpoints(:)
-    character(:), allocatable :: remedy
-    integer :: k
-    if (.not. d%transient%present) return            ! nothing else looks beyond t = 0
-    breakpoints = h%breakpoints(d%transient%t_end)
-    breakpoints = pack(breakpoints, breakpoints%order <= merge(0, 1, r%rate))
-    remedy = ''
-    if (len(h%remedy) > 0) remedy = ': '//h%remedy
-    do k = 1, min(size(breakpoints), most_shown)
-      call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
-                      trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
-                      trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
-                      'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
-    end do
-  end subroutine check_smooth
 end module build_constraints

@@ -82,7 +82,7 @@ contains
     list = [breakpoint(r%start, order), breakpoint(r%finish, order)]
   end function ends
 
-  !> A table.
+  !> A table, with the slopes of the curve through its points.
   subroutine make_table(r, h)
     type(history_record), intent(in) :: r
     class(history_model), allocatable, intent(out) :: h
@@ -129,7 +129,7 @@ contains
     call move_alloc(total, h)
   end subroutine make_sum
 
-  !> One after another.
+  !> A sequence of histories, one after another.
   recursive subroutine make_sequence(d, r, h)
     type(deck), intent(in) :: d
     type(history_record), intent(in) :: r

@@ -77,7 +77,7 @@ contains
     type(scene), intent(inout) :: s
     integer :: k, r, pass
     s%nzd = 0
-    do pass = 1, 2                  ! the first one counts those of second order, behind which the others begin
+    do pass = 1, 2                  ! the first one counts those of second order, which come before the others
       s%nz = s%nzd
       s%nzd = 0
       do k = 1, size(s%bodies)

@@ -1,6 +1,6 @@
-!> Whether double precision can carry what a deck's numbers make: masses, stiffness and squared frequencies of a size of which
-!> products of several stay finite, masses of one body that are not lost beside each other, markers not so far from a body that
-!> its rounding moves them. What is not so is a fault of the deck, told before anything is computed.
+!> Refuses decks whose numbers double precision cannot carry: masses, stiffness or squared frequencies so large or small that
+!> products of several overflow, masses of one body so uneven that some are lost in rounding, markers so far from a body that
+!> rounding of its angle moves them. They are reported as faults of the deck, before anything is computed.
 module number_range
   use kinds, only: wp
   use body, only: body_model
@@ -47,7 +47,7 @@ contains
     end do
   end subroutine judge_law
 
-  !> Reports the first value of a body that is out of range. Each is computed from those that have been judged.
+  !> Reports the first value of a body that is out of range; each is computed from values that have been checked before it.
   subroutine judge_values(d, r, b, faults)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r

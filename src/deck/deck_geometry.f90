@@ -89,7 +89,7 @@ contains
       ' more faults of this kind, expected none')
   end subroutine report_rest
 
-  !> Smallest node of the tree that a node belongs to; the way to it is made shorter.
+  !> Smallest node of the tree that a node belongs to; the path to it is shortened for later searches.
   pure subroutine find_root(parent, node, root)
     integer, intent(inout) :: parent(:)   !! (nodes) next node towards the root
     integer, intent(in) :: node

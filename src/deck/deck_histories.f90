@@ -121,7 +121,7 @@ contains
       end do
     end subroutine check_times
 
-    !> What holds at the ends of a table fits its interpolation.
+    !> Conditions at the ends of a table have to suit its interpolation, and a periodic table has to close.
     subroutine check_ends()
       integer :: n
       if (.not. deck%is_choice('table') .or. .not. deck%is_clean()) return
@@ -143,7 +143,7 @@ contains
     end subroutine check_ends
   end subroutine read_history
 
-  !> Sums and sequences may not lead back to themselves, nor be made of more parts than any deck means.
+  !> Reports sums and sequences that contain themselves or too many others, and periodic histories with too short a period.
   subroutine check_histories(deck, list, t_end)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(in) :: list(:)

@@ -1,6 +1,7 @@
 !> Reads a deck: splits it and its included files into groups, registers all names, reads every group into its record,
 !> and reports all faults at once, sorted by file and line.
 module deck_reader
+  use kinds, only: wp
   use text, only: nearest_word, joined, quoted
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
@@ -11,7 +12,7 @@ module deck_reader
   use deck_paths, only: deck_name
   use deck_words, only: valid_name
   use deck_records, only: deck
-  use deck_checks, only: check_inertia, sort_faults
+  use counting_sort, only: sort_by_number
   use deck_properties, only: read_scene, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
   use deck_bodies, only: read_body
@@ -51,11 +52,11 @@ contains
     call classify()
     call allocate_records()
     call read_groups()
-    call check_inertia(source, d)
+    call check_inertia()
     call check_histories(source, d%histories, d%transient%t_end)
     d%text = d%text//table_files(d%histories)
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
-    call sort_faults(source, faults)
+    call sort_faults()
   contains
     !> Finds the kind of every group, counts them and registers the names.
     subroutine classify()
@@ -87,7 +88,7 @@ contains
       end do
     end subroutine classify
 
-    !> Registers the name of the open group; reports one that is taken. A name that cannot be read may be any.
+    !> Registers the name of the open group; reports one that is taken. Where it cannot be read, any reference may mean it.
     subroutine register(kind, number, group)
       integer, intent(in) :: kind     !! kind of the group
       integer, intent(in) :: number   !! what the name stands for
@@ -192,5 +193,41 @@ contains
         call read_transient(source, d%transient)
       end select
     end subroutine read_group
+
+    !> A rigid body needs inertia about its mass centre, its own or that of lumps.
+    subroutine check_inertia()
+      logical, allocatable :: turns(:)      ! bodies whose rotation has inertia
+      integer :: k
+      if (source%faults%count > 0) return
+      allocate (turns(size(d%bodies)))
+      turns = d%bodies%kind /= 'rigid' .or. d%bodies%inertia > 0.0_wp
+      do k = 1, size(d%lumps)
+        associate (l => d%lumps(k), i => d%lumps(k)%marker%body)
+          turns(i) = turns(i) .or. l%inertia > 0.0_wp
+          if (l%mass > 0.0_wp) turns(i) = turns(i) .or. any(abs(l%marker%point - d%bodies(i)%com) > 0.0_wp)
+        end associate
+      end do
+      do k = 1, size(d%bodies)
+        if (.not. turns(k)) call d%bodies(k)%at%blame(source%faults, 'inertia=0 and no lump away from the '// &
+          'mass centre: its rotation has no inertia, expected inertia > 0')
+      end do
+    end subroutine check_inertia
+
+    !> The faults by file, in the order in which the files were read, and by line; those of one line as they were found.
+    subroutine sort_faults()
+      integer, allocatable :: first(:), by_line(:)
+      integer :: j, k
+      if (source%faults%count == 0) return
+      associate (found => source%faults%items(1:source%faults%count))
+        call sort_by_number(found%line, maxval(found%line), first, by_line)
+      end associate
+      do j = 1, source%parts%source_count
+        do k = 1, source%faults%count
+          associate (f => source%faults%items(by_line(k)))
+            if (f%file == source%parts%sources(j)%path) call faults%add(f%file, f%line, f%subject, f%message)
+          end associate
+        end do
+      end do
+    end subroutine sort_faults
   end subroutine read_deck
 end module deck_reader

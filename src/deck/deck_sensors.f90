@@ -15,7 +15,7 @@ module deck_sensors
   character(*), parameter :: points = 'position velocity acceleration'
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
   character(*), parameter :: elastic = 'deflection coordinate internal'
-  character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! beside those of sensors
+  character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! of no sensor
 
 contains
 

@@ -82,7 +82,7 @@ contains
       complex(wp), allocatable :: d(:)
       complex(wp) :: w(2), u(3), largest
       real(wp) :: rho(2), now(3), weight
-      real(wp) :: re(size(x)), im(size(x))      ! taken apart once: a section of them costs nothing
+      real(wp) :: re(size(x)), im(size(x))      ! apart, so that sections of them need no copy
       integer :: b, i, k, j
       re = real(x, wp)
       im = aimag(x)

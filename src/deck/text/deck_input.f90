@@ -212,7 +212,7 @@ contains
     self%parts%assignments(self%head + assignment)%state = usable
   end subroutine mark_good
 
-  !> Takes back that the value of a variable is good.
+  !> Notes that the value of a variable is faulty after all.
   subroutine mark_faulty(self, name)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name   !! the variable, which the group gives
@@ -230,7 +230,7 @@ contains
     self%choice = choice
     self%choice_known = known
     if (.not. known .or. self%is_given(name)) return
-    do k = 1, self%count                 ! `knd='beam'` is one fault, not ten
+    do k = 1, self%count                 ! where it is misspelt (`knd='beam'`) that alone is reported
       associate (a => self%parts%assignments(self%head + k))
         if (nearest_word(lower(self%raw(a%first, a%last)), [name]) > 0) self%choice_known = .false.
       end associate

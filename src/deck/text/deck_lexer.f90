@@ -7,13 +7,27 @@ module deck_lexer
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer
   use deck_syntax, only: group, setting, value_token, bare_value, string_value, null_value, bad_value, shown
-  use deck_scanner, only: scanner, is_letter, lf, tab, single, double
   implicit none (type, external)
   private
   public :: split_groups
 
   character(*), parameter :: digits = '0123456789'
   integer, parameter :: most_repeats = 10000000   !! a larger repeat count is a slip of the pen
+  character(*), parameter :: lf = achar(10), tab = achar(9), single = '''', double = '"'
+  character(*), parameter :: word_end = ' ,;=/!&'//single//double//tab//lf   !! characters that end a word
+
+  !> A position in the text of one file.
+  type :: scanner
+    character(:), allocatable :: text
+    character(:), allocatable :: path
+    integer :: file = 0              !! number of the file
+    integer :: position = 1          !! next character
+    integer :: line = 1              !! its line
+    integer :: slash_line = 0        !! line of the last closing slash
+    logical :: open = .false.        !! an assignment takes values
+    logical :: semicolon = .false.   !! a semicolon of the group was reported
+    logical :: expecting = .false.   !! a value is due: after `=` and after a comma
+  end type scanner
 
 contains
 
@@ -27,15 +41,15 @@ contains
     s%path = deck%parts%sources(file)%path
     s%file = file
     do
-      call s%skip_blanks()
-      if (s%at_end()) exit
-      if (s%next() == '&') then
+      call skip_blanks()
+      if (at_end()) exit
+      if (next() == '&') then
         s%position = s%position + 1
         call read_group()
         cycle
       end if
-      if (s%next() == '$') s%position = s%position + 1
-      word = s%word_ahead()
+      if (next() == '$') s%position = s%position + 1
+      word = word_ahead()
       if (group_number(word) > 0) then
         call deck%faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
         call read_group()
@@ -48,7 +62,7 @@ contains
     subroutine read_group()
       type(group) :: new
       character(:), allocatable :: word
-      word = s%word_ahead()
+      word = word_ahead()
       new%file = s%file
       new%line = s%line
       new%first = s%position
@@ -64,16 +78,16 @@ contains
         call deck%faults%add(s%path, s%line, '', '& without the name of a group, expected one such as &body')
       end if
       do
-        call s%skip_blanks()
-        if (s%at_end()) then
+        call skip_blanks()
+        if (at_end()) then
           call missing_slash('the end of the file')
           exit
         end if
-        if (s%next() == '/') then
+        if (next() == '/') then
           s%slash_line = s%line
           s%position = s%position + 1
           exit
-        else if (s%next() == '&') then
+        else if (next() == '&') then
           call close_at_group()
           exit
         end if
@@ -83,7 +97,7 @@ contains
 
     !> Reads the next part of a group: a comma, a string, or a word, which is a value or the name of a variable.
     subroutine read_part()
-      select case (s%next())
+      select case (next())
       case (',')
         s%position = s%position + 1
         if (.not. s%open) return
@@ -112,7 +126,7 @@ contains
       integer, intent(in) :: repeats             !! repeat count in front of it
       character(1) :: quote
       integer :: first, i
-      quote = s%next()
+      quote = next()
       first = s%position + 1
       i = first
       do
@@ -139,12 +153,12 @@ contains
       type(setting) :: new
       integer :: first, line
       logical :: equals
-      word = s%word_ahead()
+      word = word_ahead()
       first = s%position
       line = s%line
       s%position = first + len(word)
       equals = .false.
-      if (is_letter(word(1:1))) equals = s%skip_equals()
+      if (is_letter(word(1:1))) equals = skip_equals()
       if (equals .or. begins_assignment(word)) then
         new = setting(first=first, last=first + len(word) - 1, line=line, equals=equals)
         new%name = lower(word)
@@ -177,7 +191,7 @@ contains
             new%repeats = 1
           else if (star == len(word)) then
             new%form = null_value
-            if (scan(s%next(), single//double) > 0) then
+            if (scan(next(), single//double) > 0) then
               call read_string(new%repeats)
               return
             end if
@@ -227,7 +241,7 @@ contains
     subroutine close_at_group()
       character(:), allocatable :: word
       s%position = s%position + 1
-      word = s%word_ahead()
+      word = word_ahead()
       if (lower(word) == 'end') then
         s%position = s%position + len(word)
         s%slash_line = s%line
@@ -244,15 +258,83 @@ contains
       call deck%faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
         ''', expected a group such as &body or a comment after !')
       if (s%line == s%slash_line) deck%parts%groups(deck%current)%whole = .false.   ! its slash came too early
-      do while (.not. s%at_end())
-        if (s%next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
-        if (s%next() == '!') then
-          call s%skip_line()
+      do while (.not. at_end())
+        if (next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
+        if (next() == '!') then
+          call skip_line()
         else
-          if (s%next() == lf) s%line = s%line + 1
+          if (next() == lf) s%line = s%line + 1
           s%position = s%position + 1
         end if
       end do
     end subroutine skip_stray
+
+    !> Whether all characters have been read.
+    pure logical function at_end() result(yes)
+      yes = s%position > len(s%text)
+    end function at_end
+
+    !> The next character.
+    pure character(1) function next() result(c)
+      c = s%text(s%position:s%position)
+    end function next
+
+    !> Moves over blanks, line ends and comments.
+    subroutine skip_blanks()
+      do while (.not. at_end())
+        select case (next())
+        case (' ', tab)
+          s%position = s%position + 1
+        case (lf)
+          s%position = s%position + 1
+          s%line = s%line + 1
+        case ('!')
+          call skip_line()
+        case default
+          exit
+        end select
+      end do
+    end subroutine skip_blanks
+
+    !> Moves to the end of the line, before its line feed.
+    subroutine skip_line()
+      s%position = s%position + index(s%text(s%position:), lf) - 1
+    end subroutine skip_line
+
+    !> The word at the scanner's position, with a subscript in brackets if it has one; may be empty.
+    pure function word_ahead() result(word)
+      character(:), allocatable :: word
+      integer :: last, bracket, closing
+      last = s%position + scan(s%text(s%position:), word_end) - 2
+      bracket = 0
+      if (is_letter(next())) bracket = index(s%text(s%position:last), '(')
+      if (bracket > 0 .and. index(s%text(s%position:last), ')') == 0) then
+        closing = scan(s%text(last + 1:), ')'//lf//'='//single//double)
+        if (s%text(last + closing:last + closing) == ')') last = last + closing
+      end if
+      word = s%text(s%position:last)
+    end function word_ahead
+
+    !> Whether the next character that is not blank or comment is an equals sign; if so the scanner moves behind it.
+    logical function skip_equals() result(yes)
+      integer :: position, line
+      position = s%position
+      line = s%line
+      call skip_blanks()
+      yes = .false.
+      if (.not. at_end()) yes = next() == '='
+      if (yes) then
+        s%position = s%position + 1
+      else
+        s%position = position
+        s%line = line
+      end if
+    end function skip_equals
   end subroutine split_groups
+
+  !> Whether a character is an ASCII letter.
+  pure logical function is_letter(c) result(yes)
+    character(1), intent(in) :: c
+    yes = lge(lower(c), 'a') .and. lle(lower(c), 'z')
+  end function is_letter
 end module deck_lexer

@@ -12,7 +12,7 @@ module deck_words
   public :: get_word, get_choice, get_name, get_reference, get_references, get_letters, get_input, &
     valid_name
 
-  !> Words that users try, and those of the deck.
+  !> Words that users try, each with the deck's word for it.
   character(12), parameter :: synonyms(2, 14) = reshape([character(12) :: 'rotation', 'angle', 'displacement', 'position', &
     'force', 'reaction', 'stress', 'internal', 'strain', 'internal', 'mode', 'coordinate', &
     'pin', 'revolute', 'fixed', 'weld', 'clamp', 'weld', 'translation', 'prismatic', &
@@ -209,7 +209,7 @@ contains
     end if
   end subroutine get_input
 
-  !> Finds what a reference names; one that names nothing is faulty, and reported where it cannot name what could not be read.
+  !> Finds what a reference names. One that names nothing is faulty, and reported unless it may name what could not be read.
   subroutine resolve(deck, name, value, kind, number, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
