@@ -166,13 +166,10 @@ contains
     complex(wp), intent(in) :: s   !! [1/s]
     complex(wp), intent(inout) :: x(:)   !! (nq + rows) right-hand side of the linearisation [N, N m], [m]
     complex(wp) :: value
-    real(wp) :: amplitude                    ! [m]
-    logical :: rate
     integer :: row
     associate (c => run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item)
-      call c%input(amplitude, rate)
-      value = amplitude
-      if (rate) value = value/s
+      value = merge(c%size, 1.0_wp, c%angular)
+      if (c%rate) value = value/s
       row = findloc(ds%active, c%first, 1)
       x(ds%n + row) = value
     end associate

@@ -3,8 +3,7 @@
 module assembly
   use kinds, only: wp
   use assembly_reports, only: assembly_report
-  use directions, only: require_directions
-  use errors, only: failure
+  use errors, only: failure, status_bad_input
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: set_frames, marker_kinematics
@@ -49,4 +48,26 @@ contains
     if (fail%happened()) return
     call count_freedoms(self, ev, q, v, report)
   end subroutine assemble
+
+  !> Refuses an assembled scene in which the ends of such a line coincide, by name.
+  subroutine require_directions(self, ev, gap, fail)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: gap              !! distance up to which markers coincide [m]
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: text
+    integer :: k
+    do k = 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        text = c%fault(gap)
+        if (len(text) > 0) call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": '//text)
+      end associate
+    end do
+    do k = 1, size(self%s%forces)
+      associate (f => self%s%forces(k)%item)
+        text = f%fault(ev%p, gap)
+        if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
+      end associate
+    end do
+  end subroutine require_directions
 end module assembly

@@ -47,7 +47,6 @@ module body
     procedure(to_forces), deferred :: add_stress
     procedure :: add_forces => operator_forces
     procedure(to_accelerations), deferred :: solve_mass
-    procedure(to_energy), deferred :: strain_energy
     procedure(to_parts), deferred :: strain_parts
     procedure(to_largest), deferred :: largest_force
     procedure(to_element), deferred :: element_strain
@@ -131,22 +130,13 @@ module body
       real(wp), intent(inout), optional :: y(n)       !! likewise [N, N m]
     end subroutine to_accelerations
 
-    !> Strain energy at E_R of deformations and coordinates.
-    pure function to_energy(self, b, d, q) result(energy)
-      import :: elastic_basis, body_model, wp
-      class(elastic_basis), intent(in) :: self
-      type(body_model), intent(in) :: b
-      real(wp), intent(in), contiguous :: d(:, :)     !! [m, rad]
-      real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-      real(wp) :: energy                              !! [J]
-    end function to_energy
-
-    !> Twice the linear strain energy at E_R, axial and in bending; of modes all of it counts as bending.
-    pure function to_parts(self, b, q) result(parts)
+    !> Twice the strain energy at E_R, axial and in bending, of deformations or else of the linear strain; of modes all is bending.
+    pure function to_parts(self, b, q, d) result(parts)
       import :: elastic_basis, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+      real(wp), intent(in), contiguous, optional :: d(:, :)   !! [m, rad]
       real(wp) :: parts(2)                            !! [J]
     end function to_parts
 

@@ -43,7 +43,7 @@ contains
     integer :: r
     energy = 0.0_wp
     if (.not. b%flexible) return
-    energy = b%basis%strain_energy(b, w%d, qf)
+    energy = 0.5_wp*sum(b%basis%strain_parts(b, qf, w%d))
     do r = 1, size(b%segments)
       energy = energy + b%segments(r)%stored(b%segments(r)%width, w%d(1, b%segments(r)%first), z, zd)
     end do

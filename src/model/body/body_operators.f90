@@ -11,109 +11,92 @@ module body_operators
 
 contains
 
-  !> Nodes: sums over the elements and lumps.
+  !> Nodes: sums over the elements and lumps. All entries that are not zero are listed, then added up on the patterns they make.
   subroutine nodal_operators(body, op)
     type(body_model), intent(in) :: body
     type(elastic_operator), intent(out) :: op
+    integer, allocatable :: even(:, :), odd(:, :)      ! (2, entries) row and column
+    integer, allocatable :: segment(:), p(:)           ! of entries: GHM segment or 0, number in the pattern
+    real(wp), allocatable :: a(:, :), az(:)            ! (3, entries) of m, k, c; of Z [kg, kg m, ...]
     real(wp) :: m(6, 6), k(6, 6), z(6, 6)
-    integer :: e, r, n, i, j, p, segment
-    call nodal_patterns(body, op)
-    n = size(op%even%row)
-    allocate (op%m(n), op%j(n), op%c(n), op%k(n), op%z(size(op%odd%row)), source=0.0_wp)
-    allocate (op%entry(36*body%ne), op%segment(36*body%ne), op%part(36*body%ne))
+    integer :: e, r, n, nz, i, j, at(2), of_element
+    allocate (even(2, 36*body%ne), segment(36*body%ne), a(3, 36*body%ne))
+    allocate (odd(2, 36*body%ne + 2*size(body%lumps)), az(36*body%ne + 2*size(body%lumps)))
     n = 0
+    nz = 0
     do e = 1, body%ne
       m = element_mass(body%elements(e))
       k = element_stiffness(body%elements(e))
       z = element_gyroscopic(body%elements(e))
-      segment = 0
+      of_element = 0
       do r = 1, size(body%segments)
-        if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) segment = r
+        if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) of_element = r
       end do
       do j = 1, 6
         do i = 1, 6
-          if (body%edof(i, e) == 0 .or. body%edof(j, e) == 0) cycle
-          if (abs(z(i, j)) > 0.0_wp) then
-            p = op%odd%entry(body%edof(j, e), body%edof(i, e))
-            op%z(p) = op%z(p) + z(i, j)
-          end if
+          at = body%edof([i, j], e)
+          if (any(at == 0)) cycle
+          if (abs(z(i, j)) > 0.0_wp) call note(at, z(i, j))
           if (.not. (abs(m(i, j)) > 0.0_wp .or. abs(k(i, j)) > 0.0_wp)) cycle
-          p = op%even%entry(body%edof(j, e), body%edof(i, e))
-          op%m(p) = op%m(p) + m(i, j)
-          op%k(p) = op%k(p) + k(i, j)
-          op%c(p) = op%c(p) + body%elements(e)%ray_m*m(i, j) + body%elements(e)%ray_k*k(i, j)
-          if (segment == 0) cycle
           n = n + 1
-          op%entry(n) = p
-          op%segment(n) = segment
-          op%part(n) = k(i, j)
+          even(:, n) = at
+          segment(n) = of_element
+          a(:, n) = [m(i, j), k(i, j), body%elements(e)%ray_m*m(i, j) + body%elements(e)%ray_k*k(i, j)]
         end do
       end do
     end do
-    op%entry = op%entry(1:n)
-    op%segment = op%segment(1:n)
-    op%part = op%part(1:n)
+    do r = 1, size(body%lumps)
+      at = body%dof(1:2, body%lumps(r)%node)
+      if (any(at == 0)) cycle
+      call note(at, body%lumps(r)%mass)
+      call note(at([2, 1]), -body%lumps(r)%mass)
+    end do
+    call op%even%make(body%nf, even(1, 1:n), even(2, 1:n))
+    call op%odd%make(body%nf, odd(1, 1:nz), odd(2, 1:nz))
+    allocate (p(n))
+    allocate (op%m(size(op%even%row)), op%z(size(op%odd%row)), source=0.0_wp)
+    op%j = op%m
+    op%c = op%m
+    op%k = op%m
+    do e = 1, n
+      p(e) = op%even%entry(even(2, e), even(1, e))
+      op%m(p(e)) = op%m(p(e)) + a(1, e)
+      op%k(p(e)) = op%k(p(e)) + a(2, e)
+      op%c(p(e)) = op%c(p(e)) + a(3, e)
+    end do
+    do e = 1, nz
+      i = op%odd%entry(odd(2, e), odd(1, e))
+      op%z(i) = op%z(i) + az(e)
+    end do
+    op%entry = pack(p, segment(1:n) > 0)
+    op%segment = pack(segment(1:n), segment(1:n) > 0)
+    op%part = pack(a(2, 1:n), segment(1:n) > 0)
     call add_lumps(body, op)
     op%rotary = any(abs(op%j) > 0.0_wp)
+  contains
+    !> Appends an entry of Z.
+    subroutine note(at, x)
+      integer, intent(in) :: at(2)
+      real(wp), intent(in) :: x                        !! [kg, kg m]
+      nz = nz + 1
+      odd(:, nz) = at
+      az(nz) = x
+    end subroutine note
   end subroutine nodal_operators
 
-  !> The markers of all entries that are not zero.
-  subroutine nodal_patterns(body, op)
-    type(body_model), intent(in) :: body
-    type(elastic_operator), intent(inout) :: op
-    integer, allocatable :: r(:), c(:), zr(:), zc(:)
-    real(wp) :: a(6, 6), z(6, 6)
-    integer :: e, i, j, n, nz, l
-    allocate (r(36*body%ne), c(36*body%ne), zr(36*body%ne + size(body%lumps)), zc(36*body%ne + size(body%lumps)))
-    n = 0
-    nz = 0
-    do e = 1, body%ne
-      a = abs(element_mass(body%elements(e))) + abs(element_stiffness(body%elements(e)))
-      z = element_gyroscopic(body%elements(e))
-      do j = 1, 6
-        do i = 1, 6
-          if (body%edof(i, e) == 0 .or. body%edof(j, e) == 0) cycle
-          if (a(i, j) > 0.0_wp) call note(body%edof(i, e), body%edof(j, e), n, r, c)
-          if (abs(z(i, j)) > 0.0_wp) call note(body%edof(i, e), body%edof(j, e), nz, zr, zc)
-        end do
-      end do
-    end do
-    do l = 1, size(body%lumps)
-      associate (d => body%dof(:, body%lumps(l)%node))
-        if (d(1) > 0 .and. d(2) > 0) call note(d(1), d(2), nz, zr, zc)
-      end associate
-    end do
-    call op%even%make(body%nf, r(1:n), c(1:n))
-    call op%odd%make(body%nf, zr(1:nz), zc(1:nz))
-  contains
-    !> Appends a marker.
-    pure subroutine note(row, col, n, r, c)
-      integer, intent(in) :: row, col
-      integer, intent(inout) :: n, r(:), c(:)
-      n = n + 1
-      r(n) = row
-      c(n) = col
-    end subroutine note
-  end subroutine nodal_patterns
-
-  !> What lumps add.
+  !> Masses and inertias of lumps on the diagonal.
   pure subroutine add_lumps(body, op)
     type(body_model), intent(in) :: body
     type(elastic_operator), intent(inout) :: op
-    integer :: l, i, j, p
+    integer :: l, i, p
     do l = 1, size(body%lumps)
-      associate (d => body%dof(:, body%lumps(l)%node), mu => body%lumps(l)%mass)
+      associate (d => body%dof(:, body%lumps(l)%node))
         do i = 1, 3
           if (d(i) == 0) cycle
           p = op%even%entry(d(i), d(i))
-          if (i < 3) op%m(p) = op%m(p) + mu
+          if (i < 3) op%m(p) = op%m(p) + body%lumps(l)%mass
           if (i == 3) op%j(p) = op%j(p) + body%lumps(l)%inertia
         end do
-        if (d(1) == 0 .or. d(2) == 0) cycle
-        i = op%odd%entry(d(2), d(1))
-        j = op%odd%entry(d(1), d(2))
-        op%z(i) = op%z(i) + mu
-        op%z(j) = op%z(j) - mu
       end associate
     end do
   end subroutine add_lumps

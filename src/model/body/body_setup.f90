@@ -7,6 +7,7 @@ module body_setup
   use segment_model, only: viscoelastic_segment
   use chain_kernel, only: element_factors
   use elastic_operators, only: factor_entries
+  use marker, only: turn
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
@@ -75,7 +76,7 @@ contains
         j = b%edof(k, e)
         sb(:, j) = sb(:, j) + s(:, k)
         f1(j) = f1(j) + dot_product(xi, s(:, k)) + dot_product(d, sx(:, k))
-        cc(j) = cc(j) + dot_product(turned(xi), s(:, k)) + dot_product(turned(d), sx(:, k))
+        cc(j) = cc(j) + dot_product(turn(xi), s(:, k)) + dot_product(turn(d), sx(:, k))
       end do
     end do
     do k = 1, size(b%lumps)
@@ -86,13 +87,6 @@ contains
     b%shape%c0 = cc(1:)
   end subroutine elastic_integrals
 
-  !> H x: a vector turned by +90 degrees.
-  pure function turned(x) result(y)
-    real(wp), intent(in) :: x(2)             !! [any]
-    real(wp) :: y(2)
-    y = [-x(2), x(1)]
-  end function turned
-
   !> A lump's part of S-bar, I1f and c0.
   pure subroutine add_elastic_lump(l, dof, sb, f1, cc)
     type(lump), intent(in) :: l
@@ -101,7 +95,7 @@ contains
     real(wp), intent(inout) :: f1(0:), cc(0:)   !! [kg m], rotations [kg m2]
     real(wp) :: hx(2)
     integer :: c
-    hx = turned(l%x)
+    hx = turn(l%x)
     do c = 1, 2
       sb(c, dof(c)) = sb(c, dof(c)) + l%mass
       f1(dof(c)) = f1(dof(c)) + l%mass*l%x(c)

@@ -17,7 +17,6 @@ module modal_basis
     procedure :: deform
     procedure :: add_stress
     procedure :: solve_mass
-    procedure :: strain_energy
     procedure :: strain_parts
     procedure :: largest_force
     procedure :: element_strain
@@ -67,21 +66,12 @@ contains
     real(wp), intent(inout), optional :: y(n)       !! [kg^.5 m/s2]
   end subroutine solve_mass
 
-  !> q^T Omega2 q/2.
-  pure function strain_energy(self, b, d, q) result(energy)
-    class(modal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (nf, segments) [kg^.5 m]
-    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
-    real(wp) :: energy                              !! [J]
-    energy = 0.5_wp*sum(self%omega2*q**2)
-  end function strain_energy
-
   !> All of it in bending.
-  pure function strain_parts(self, b, q) result(parts)
+  pure function strain_parts(self, b, q, d) result(parts)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp), intent(in), contiguous, optional :: d(:, :)   !! (nf, segments) [kg^.5 m]
     real(wp) :: parts(2)                            !! [J]
     parts = [0.0_wp, sum(self%omega2*q**2)]
   end function strain_parts

@@ -23,7 +23,6 @@ module nodal_basis
     procedure :: add_stress
     procedure :: add_forces
     procedure :: solve_mass
-    procedure :: strain_energy
     procedure :: strain_parts
     procedure :: largest_force
     procedure :: element_strain
@@ -193,25 +192,21 @@ contains
     end if
   end subroutine solve_mass
 
-  !> Of all elements.
-  pure function strain_energy(self, b, d, q) result(energy)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
-    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: energy                              !! [J]
-    energy = 0.5_wp*sum(energies(b, d))
-  end function strain_energy
-
-  !> Axial, and in bending, of the linear strain.
-  pure function strain_parts(self, b, q) result(parts)
+  !> Axial, and in bending.
+  pure function strain_parts(self, b, q, d) result(parts)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp), intent(in), contiguous, optional :: d(:, :)   !! (nd, ne) [m, rad, rad]
     real(wp) :: parts(2)                            !! [J]
-    real(wp) :: d(b%nd, b%ne)
-    call element_deformations(self, b, .false., [0.0_wp, q], d)
-    parts = energies(b, d)
+    real(wp), allocatable :: linear(:, :)           ! of the linear strain [m, rad, rad]
+    if (present(d)) then
+      parts = energies(b, d)
+    else
+      allocate (linear(b%nd, b%ne))
+      call element_deformations(self, b, .false., [0.0_wp, q], linear)
+      parts = energies(b, linear)
+    end if
   end function strain_parts
 
   !> Twice the energies of extensions and of bending.

@@ -4,8 +4,7 @@ module history
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_breakpoints, drive_values, evaluate_shifted, rounding_of, reached, &
-      merged, breakpoint_order
+  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, rounding_of, reached, merged, breakpoint_order
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -62,16 +61,6 @@ contains
     list = [((breakpoint(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
     list = pack(list, list%time > 0.0_wp .and. list%time < until)
   end function repeated_breaks
-
-  !> Breakpoints of what a drive imposes: the accelerations jump two orders below the quantity, one below its rate.
-  pure function drive_breakpoints(self, rate, until) result(list)
-    class(history_model), intent(in) :: self
-    logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
-    real(wp), intent(in) :: until       !! end of the run [s]
-    type(breakpoint), allocatable :: list(:)
-    list = self%breakpoints(until)
-    list%order = max(0, list%order - merge(1, 2, rate))
-  end function drive_breakpoints
 
   !> What a drive imposes: the history, or by rate the deck's own value plus the integral since t = 0, with two derivatives.
   pure subroutine drive_values(self, rate, origin, t, left_limit, h)

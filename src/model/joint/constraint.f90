@@ -3,7 +3,7 @@
 !> metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
-  use history, only: breakpoint
+  use history, only: breakpoint, history_model
   use marker, only: marker_states
   implicit none (type, external)
   private
@@ -35,15 +35,18 @@ module constraint
     integer :: rows = 0                   !! number of rows
     logical :: drive = .false.            !! depends on time
     real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
+    class(history_model), allocatable :: target   !! of drives
+    logical :: rate = .false.             !! drives: the history gives the rate
+    real(wp) :: origin = 0.0_wp           !! drives by rate: the deck's own value of the quantity [m] or [rad]
+    logical :: angular = .false.          !! drives: the quantity is an angle
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
     procedure :: acts_on => both_positions    !! whether rows can act on x, y, section angle of marker a, then of b
     procedure :: init_from_deck => keep_as_is !! told the markers as the deck states them
     procedure :: init_from_assembly => keep_as_is !! told the markers as assembled
-    procedure :: breakpoints => no_breakpoints !! times at which accelerations are not smooth, with the order of their jump
+    procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
     procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
-    procedure :: input => no_input             !! what a unit of its history adds to its row
     procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
@@ -91,15 +94,6 @@ contains
     allocate (list(0))
   end function no_components
 
-  !> Joints follow no history.
-  pure subroutine no_input(self, value, rate)
-    class(constraint_model), intent(in) :: self
-    real(wp), intent(out) :: value                !! of a unit of the history [m]
-    logical, intent(out) :: rate                  !! the history gives the rate
-    value = 0.0_wp
-    rate = .false.
-  end subroutine no_input
-
   !> Most constraints can hold wherever their markers are.
   pure function no_fault(self, gap) result(text)
     class(constraint_model), intent(in) :: self
@@ -114,13 +108,16 @@ contains
     type(marker_states), intent(in) :: p
   end subroutine keep_as_is
 
-  !> Joints do not depend on time.
-  pure function no_breakpoints(self, until) result(list)
+  !> Those of a drive's history: accelerations jump two orders below the quantity, one below its rate. Joints have none.
+  pure function drive_breakpoints(self, until) result(list)
     class(constraint_model), intent(in) :: self
     real(wp), intent(in) :: until                 !! end of the run [s]
     type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-  end function no_breakpoints
+    if (.not. self%drive) return
+    list = self%target%breakpoints(until)
+    list%order = max(0, list%order - merge(1, 2, self%rate))
+  end function drive_breakpoints
 
   !> Most constraints keep no relative angle.
   subroutine holds_none(self, released)

@@ -3,7 +3,7 @@
 module line_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, marker_stiffness
-  use history, only: history_model, breakpoint, drive_breakpoints, drive_values
+  use history, only: drive_values
   use marker, only: marker_states, turn
   implicit none (type, external)
   private
@@ -15,18 +15,13 @@ module line_joint
     real(wp) :: normal(2) = 0.0_wp        !! n where it never turns [-]
     logical :: prismatic = .false.
     real(wp) :: angle = 0.0_wp            !! prismatic: angle of section a minus that of section b [rad]
-    logical :: rate = .false.             !! position drive: the history gives the rate
-    real(wp) :: origin = 0.0_wp           !! position drive by rate: the deck's own value of the distance [m]
-    class(history_model), allocatable :: target   !! position drive only
   contains
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
     procedure :: init_from_deck => line_begin
     procedure :: components => line_components
-    procedure :: input => line_input
     procedure :: release_angle => prismatic_release
     procedure :: acts_on => line_acts_on
-    procedure :: breakpoints => line_breakpoints
   end type line_model
 
 contains
@@ -94,15 +89,6 @@ contains
     if (grounded) list = list(:0)
   end function line_components
 
-  !> A position drive's distance, or its rate.
-  pure subroutine line_input(self, value, rate)
-    class(line_model), intent(in) :: self
-    real(wp), intent(out) :: value        !! [m]
-    logical, intent(out) :: rate
-    value = 1.0_wp
-    rate = self%rate
-  end subroutine line_input
-
   !> The line turns with section b; a prismatic joint keeps section a's angle.
   pure function line_acts_on(self) result(yes)
     class(line_model), intent(in) :: self
@@ -119,16 +105,4 @@ contains
     self%normal = [cos(angle), sin(angle)]
     self%origin = dot_product(self%normal, p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine line_begin
-
-  !> Breakpoints of a position drive's history; joints have none.
-  pure function line_breakpoints(self, until) result(list)
-    class(line_model), intent(in) :: self
-    real(wp), intent(in) :: until         !! end of the run [s]
-    type(breakpoint), allocatable :: list(:)
-    if (self%drive) then
-      list = drive_breakpoints(self%target, self%rate, until)
-    else
-      allocate (list(0))
-    end if
-  end function line_breakpoints
 end module line_joint

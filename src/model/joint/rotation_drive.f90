@@ -2,34 +2,20 @@
 module rotation_drive
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows
-  use history, only: history_model, breakpoint, drive_breakpoints, drive_values
+  use history, only: drive_values
   use marker, only: marker_states
   implicit none (type, external)
   private
 
   !> size (angle_a - angle_b - target(t)) = 0.
   type, extends(constraint_model), public :: rotation_model
-    logical :: rate = .false.             !! the history gives the rate
-    real(wp) :: origin = 0.0_wp           !! by rate: the deck's own value of the angle [rad]
-    class(history_model), allocatable :: target
   contains
     procedure :: evaluate => rotation_rows
     procedure :: init_from_deck => rotation_begin
     procedure :: acts_on => rotation_acts_on
-    procedure :: breakpoints => rotation_breakpoints
-    procedure :: input => rotation_input
   end type rotation_model
 
 contains
-
-  !> The angle, or its rate.
-  pure subroutine rotation_input(self, value, rate)
-    class(rotation_model), intent(in) :: self
-    real(wp), intent(out) :: value        !! [m]
-    logical, intent(out) :: rate
-    value = self%size
-    rate = self%rate
-  end subroutine rotation_input
 
   !> The row.
   pure subroutine rotation_rows(self, t, p, r)
@@ -59,12 +45,4 @@ contains
     type(marker_states), intent(in) :: p
     if (self%rate) self%origin = p%angle(self%ia) - p%angle(self%ib)
   end subroutine rotation_begin
-
-  !> Breakpoints of its history.
-  pure function rotation_breakpoints(self, until) result(list)
-    class(rotation_model), intent(in) :: self
-    real(wp), intent(in) :: until         !! end of the run [s]
-    type(breakpoint), allocatable :: list(:)
-    list = drive_breakpoints(self%target, self%rate, until)
-  end function rotation_breakpoints
 end module rotation_drive

@@ -16,7 +16,6 @@ contains
     call count_sides(self)
     call list_sides(self)
     call order_rows(self, schur)
-    call find_entries(self, schur)
   end subroutine collect_incidence
 
   !> First side of each body.
@@ -69,52 +68,34 @@ contains
     end do
   end subroutine list_sides
 
-  !> Orders S by the pairs of rows that meet on a body.
+  !> Orders S by the pairs of rows that meet on a body, and finds the entry of each pair of sides, themselves included.
   subroutine order_rows(self, schur)
-    type(mechanism_model), intent(in) :: self
+    type(mechanism_model), intent(inout) :: self
     type(multiplier_system), intent(inout) :: schur
     integer, allocatable :: rows(:), cols(:)    !! (pairs)
-    integer :: n, body, e, f
-    n = 0
-    do body = 1, size(self%s%bodies)
-      n = n + (self%incidence%first(body + 1) - self%incidence%first(body))**2/2
-    end do
-    allocate (rows(n), cols(n))
-    n = 0
-    do body = 1, size(self%s%bodies)
-      do e = self%incidence%first(body), self%incidence%first(body + 1) - 1
-        do f = self%incidence%first(body), e - 1
-          n = n + 1
-          rows(n) = self%incidence%row(e)
-          cols(n) = self%incidence%row(f)
-        end do
-      end do
-    end do
-    call schur%set_up(self%s%rows, rows(1:n), cols(1:n))
-  end subroutine order_rows
-
-  !> Entries of S for all pairs of sides.
-  pure subroutine find_entries(self, schur)
-    type(mechanism_model), intent(inout) :: self
-    type(multiplier_system), intent(in) :: schur
+    logical, allocatable :: same(:)             !! (pairs) a side with itself
     integer :: n, b, e, f, i, j
-    n = 0
-    do b = 1, size(self%s%bodies)
-      i = self%incidence%first(b + 1) - self%incidence%first(b)
-      n = n + i*(i + 1)/2
-    end do
-    allocate (self%incidence%entry(n))
-    n = 0
-    do b = 1, size(self%s%bodies)
-      do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-        i = schur%position(self%incidence%row(e))
-        do f = self%incidence%first(b), e
-          n = n + 1
-          j = schur%position(self%incidence%row(f))
-          self%incidence%entry(n) = 1 + abs(i - j) + (schur%kd + 1)*(min(i, j) - 1)
-          if (i == j .and. f < e) self%incidence%entry(n) = -self%incidence%entry(n)
+    associate (at => self%incidence)
+      n = sum([((at%first(b + 1) - at%first(b))*(at%first(b + 1) - at%first(b) + 1)/2, b=1, size(self%s%bodies))])
+      allocate (rows(n), cols(n), same(n), at%entry(n))
+      n = 0
+      do b = 1, size(self%s%bodies)
+        do e = at%first(b), at%first(b + 1) - 1
+          do f = at%first(b), e
+            n = n + 1
+            rows(n) = at%row(e)
+            cols(n) = at%row(f)
+            same(n) = e == f
+          end do
         end do
       end do
-    end do
-  end subroutine find_entries
+      call schur%set_up(self%s%rows, pack(rows, .not. same), pack(cols, .not. same))
+      do n = 1, size(rows)
+        i = schur%position(rows(n))
+        j = schur%position(cols(n))
+        at%entry(n) = 1 + abs(i - j) + (schur%kd + 1)*(min(i, j) - 1)
+        if (i == j .and. .not. same(n)) at%entry(n) = -at%entry(n)
+      end do
+    end associate
+  end subroutine order_rows
 end module incidence

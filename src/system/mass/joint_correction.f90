@@ -86,7 +86,6 @@ contains
     end do
   end subroutine joint_residual
 
-
   !> Acceleration of a marker without its velocity-dependent part, and of its section's angle, body axes.
   pure function marker_acceleration(self, ev, b, k) result(x)
     type(mechanism_model), intent(in) :: self
