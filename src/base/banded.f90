@@ -168,8 +168,6 @@ contains
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))
         select case (blk%kd)
-        case (0)
-          call solve_diagonal(blk%first, blk%last, factor%dinv, w)
         case (1)
           call solve_band1(blk%first, blk%last, blk%l, factor%dinv, w)
         case (3)
@@ -180,17 +178,6 @@ contains
       end associate
     end do
   end subroutine solve_blocks
-
-  !> Diagonal block.
-  pure subroutine solve_diagonal(first, last, dinv, w)
-    integer, intent(in) :: first, last
-    real(number), intent(in) :: dinv(:)   !! (n) 1 over the diagonal matrix D [1/any]
-    real(number), intent(inout) :: w(:, :)   !! (2, n) right-hand sides, then solutions [any]
-    integer :: j
-    do j = first, last
-      w(:, j) = w(:, j)*dinv(j)
-    end do
-  end subroutine solve_diagonal
 
   !> Tridiagonal block (axial coordinates of a straight beam).
   pure subroutine solve_band1(first, last, l, dinv, w)

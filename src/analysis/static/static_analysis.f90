@@ -112,8 +112,10 @@ contains
     nq = run%sys%m%s%nq
     run%sys%options%stage = stage_static
     call watch%begin(run%sys%m)
-    do k = 1, nq
-      if (elastic(run, k)) run%y(nq + k) = 0.0_wp
+    do k = 1, size(run%sys%m%s%bodies)               ! elastic coordinates are at rest
+      associate (i => nq + run%sys%m%s%qo(k) + 3)
+        run%y(i + 1:i + run%sys%m%s%bodies(k)%nf) = 0.0_wp
+      end associate
     end do
     call file%open(run%folder//'/static.txt')
     call write_header(run, file)
@@ -173,17 +175,6 @@ contains
     part%prestress = factor
     part%gravity = factor*full%gravity
   end function fraction_of
-
-  !> Whether an unknown is an elastic coordinate.
-  pure logical function elastic(run, k) result(yes)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: k
-    integer :: b
-    yes = .true.
-    do b = 1, size(run%sys%m%s%bodies)
-      if (k > run%sys%m%s%qo(b) .and. k <= run%sys%m%s%qo(b) + 3) yes = .false.
-    end do
-  end function elastic
 
   !> First lines of the file.
   subroutine write_header(run, file)

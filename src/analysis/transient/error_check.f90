@@ -38,7 +38,6 @@ module error_check
     procedure :: behind
     procedure :: advance
     procedure :: compare
-    procedure :: estimate
     procedure :: ranges
     procedure :: exchange
   end type error_watch
@@ -127,13 +126,6 @@ contains
     self%high = max(self%high, values)
     if (self%lost_at < 0.0_wp) self%error = max(self%error, abs(values - self%values))
   end subroutine compare
-
-  !> Estimated largest error of each column [of the column].
-  pure function estimate(self) result(e)
-    class(error_watch), intent(in) :: self
-    real(wp) :: e(size(self%error))
-    e = self%factor*self%error
-  end function estimate
 
   !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
   !> motion over the scene's size within the run [of the column].

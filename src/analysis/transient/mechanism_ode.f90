@@ -7,23 +7,23 @@ module mechanism_ode
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
+  use newton_condensation, only: condense
+  use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
   use newton_equations, only: prepare, give_terms, let_terms_follow, residual, take_body_residuals => take_residual, renew
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
-  use newton_start, only: smooth_accelerations, row_gaps, along_rows, closing_rates
+  use newton_start, only: smooth_accelerations, row_gaps, along_rows
   use newton_system, only: newton_matrix, set_up_newton
   use ode_system, only: largest_value, is_bounded
   use position_measures, only: position_measure
   use projection, only: project
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
-  use stage_equations, only: stage_residual, factor_stages, stage_tangents, condense_stages
+  use stage_equations, only: stage_residual, factor_stages, stage_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
   implicit none (type, external)
   private
-
-  integer, parameter, public :: stabilise_none = 0, stabilise_projection = 1, stabilise_baumgarte = 2
 
   real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
 
@@ -32,10 +32,10 @@ module mechanism_ode
     type(mechanism_model) :: m                !! constant once assembled
     type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
-    integer :: stabilisation = stabilise_projection
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
+    real(wp), allocatable, private :: gap(:, :)   !! (rows, 0:2) work: rows and their derivatives [m], [m/s], [m/s2]
   contains
     procedure :: start_implicit
     procedure :: prepare => mechanism_prepare
@@ -101,7 +101,7 @@ contains
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(out) :: ok
     ok = is_bounded(y) .and. .not. self%ev%broken
-    if (.not. ok .or. self%stabilisation /= stabilise_projection) return
+    if (.not. ok .or. .not. self%has_manifold) return
     associate (ev => self%ev, nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd)
       call project(self%m, ev, ev%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), &
                    y(2*nq + nz + 1:2*nq + nz + nzd), ok)
@@ -124,6 +124,8 @@ contains
     allocate (self%t)
     self%closed = spread(0.0_wp, 1, self%nq)
     self%closed_rates = self%closed
+    if (allocated(self%gap)) deallocate (self%gap)
+    allocate (self%gap(self%rows, 0:2))
     call set_up_newton(self%t, self%m)
     if (stages) then
       allocate (self%stages)
@@ -269,7 +271,9 @@ contains
     options = at_side(self%options, end_of_step)
     self%closed_rates = v
     if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
-      call closing_rates(self%t, self%m, self%ev, options, t, q, v, self%closed)
+      self%ev%options = options
+      call self%gaps(t, q, v, v, self%gap)
+      call self%along_rows(q, self%gap(:, 1), self%closed)
       self%closed_rates = v + self%closed
     end if
     call evaluate(self%m, self%ev, options, t, q, self%closed_rates, z, zd)
@@ -381,7 +385,8 @@ contains
     ok = .not. bad
     if (bad) return
     call stage_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
-    call condense_stages(self%stages, self%t, self%m, self%ev, v, a, lambda, whole, shift, bad)
+    call condense(self%t%t, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
+    if (.not. bad) call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
     ok = .not. bad
   end subroutine renew_stages
 

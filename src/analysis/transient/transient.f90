@@ -15,7 +15,6 @@ module transient
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use mechanism_ode, only: stabilise_none, stabilise_projection, stabilise_baumgarte
   use process, only: caught_signal
   use progress, only: progress_line
   use results, only: result_set
@@ -83,7 +82,8 @@ contains
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
     associate (r => run%d%transient, s => run%sys%m%s)
-      call choose_stabilisation(run)
+      run%sys%has_manifold = r%stabilization == 'projection' .and. s%rows > 0
+      if (r%stabilization == 'baumgarte') run%sys%options%baumgarte = [r%baumgarte_alpha, r%baumgarte_beta]
       run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
       call run%monitor%begin(run%d, run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
@@ -104,21 +104,6 @@ contains
                                                   run%list%columns)
     end associate
   end subroutine prepare
-
-  !> How the deck wants constraints kept.
-  subroutine choose_stabilisation(run)
-    type(run_state), intent(inout) :: run
-    select case (run%d%transient%stabilization)
-    case ('projection')
-      run%sys%stabilisation = stabilise_projection
-    case ('baumgarte')
-      run%sys%stabilisation = stabilise_baumgarte
-      run%sys%options%baumgarte = [run%d%transient%baumgarte_alpha, run%d%transient%baumgarte_beta]
-    case default
-      run%sys%stabilisation = stabilise_none
-    end select
-    run%sys%has_manifold = run%sys%stabilisation == stabilise_projection .and. run%sys%m%s%rows > 0
-  end subroutine choose_stabilisation
 
   !> Opens the result files and writes the row of t = 0.
   subroutine start_run(run, march, fail)

@@ -5,7 +5,7 @@ module alpha_error
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: error_vector, own_error, remember_error
+  public :: error_vector, remember_error
 
 contains
 
@@ -13,30 +13,30 @@ contains
   !> change of that change (Geradin & Cardona, Flexible Multibody Dynamics). What elastic and internal variables do faster than
   !> the step resolves is filtered out (Hairer & Wanner, Solving Ordinary Differential Equations II, IV.8). Energies are not
   !> measured. The accelerations are those of the equations at the ends of the step: the method's own ones carry, where
-  !> constraints hold, the rounding of phi = 0 over h2 and what a change of the step leaves.
-  subroutine error_vector(self, system, t1, e)
+  !> constraints hold, the rounding of phi = 0 over h2 and what a change of the step leaves. Next to singular positions these are a
+  !> second opinion: there those of the equations amplify the rounding of positions without bound.
+  subroutine error_vector(self, system, t1, own, e)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! end of the step [s]
+    logical, intent(in) :: own                !! by the method's own accelerations
     real(wp), intent(inout), contiguous :: e(:)   !! (n) error [unit of each unknown]
     real(wp) :: powers(2)
     associate (m => self%error, nq => self%nq)
-      call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., m%next, &
-                                self%dlambda, powers)
-      call differences(self, m%next, m%now, m%before, e)
+      if (own) then
+        call differences(self, self%vd1, self%vd, m%before_own, e)
+      else
+        call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., m%next, &
+                                  self%dlambda, powers)
+        call differences(self, m%next, m%now, m%before, e)
+      end if
     end associate
-    call filter(self, system, e)
+    associate (nq => self%nq, nz => self%nz, nzd => self%nzd, z => 2*self%nq)
+      call system%resolve(e(1:nq), e(nq + 1:2*nq))
+      e(z + 1:z + nz) = self%resolved*e(z + 1:z + nz)
+      e(z + nz + 1:z + nz + nzd) = self%resolved(1:nzd)*e(z + nz + 1:z + nz + nzd)
+    end associate
   end subroutine error_vector
-
-  !> The same estimate with the method's own accelerations, a second opinion next to singular positions: there those of the
-  !> equations amplify the rounding of positions without bound.
-  subroutine own_error(self, system, e)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(inout), contiguous :: e(:)   !! (n) [unit of each unknown]
-    call differences(self, self%vd1, self%vd, self%error%before_own, e)
-    call filter(self, system, e)
-  end subroutine own_error
 
   !> The estimate before it is filtered, from accelerations at both ends and their last change.
   pure subroutine differences(self, a1, a, before, e)
@@ -65,18 +65,6 @@ contains
       e(2*nq + nz + self%nzd + 1:) = 0.0_wp
     end associate
   end subroutine differences
-
-  !> Takes out what the step does not resolve.
-  subroutine filter(self, system, e)
-    type(alpha_solver), intent(in) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(inout), contiguous :: e(:)   !! (n) [m, rad] and per second
-    associate (nq => self%nq, nz => self%nz, nzd => self%nzd, z => 2*self%nq)
-      call system%resolve(e(1:nq), e(nq + 1:2*nq))
-      e(z + 1:z + nz) = self%resolved*e(z + 1:z + nz)
-      e(z + nz + 1:z + nz + nzd) = self%resolved(1:nzd)*e(z + nz + 1:z + nz + nzd)
-    end associate
-  end subroutine filter
 
   !> The estimate's memory of an accepted step.
   subroutine remember_error(self)

@@ -2,7 +2,7 @@
 module alpha_stepper
   use kinds, only: wp
   use archive, only: value_archive
-  use alpha_error, only: error_vector, own_error, remember_error
+  use alpha_error, only: error_vector, remember_error
   use alpha_newton, only: solve_trial, take_trial
   use alpha_start, only: start_method, change_step
   use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, exchange_alpha
@@ -83,11 +83,11 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: error            !! [-]
-    call error_vector(self%solver, system, self%tried, self%error)
+    call error_vector(self%solver, system, self%tried, .false., self%error)
     call pack(self%solver, self%solver%x1, self%solver%v1, [0.0_wp, 0.0_wp], self%trial)
     error = self%norm%measure(self%error, self%trial, h, aim*self%settings%tolerance)
     if (error > 1.0_wp) then
-      call own_error(self%solver, system, self%error)
+      call error_vector(self%solver, system, self%tried, .true., self%error)
       error = min(error, self%norm%measure(self%error, self%trial, h, aim*self%settings%tolerance))
     end if
     if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)

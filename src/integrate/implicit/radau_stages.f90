@@ -169,14 +169,6 @@ contains
       n%h = self%h
       c2 = m%mu/self%h
       do i = 1, self%nz
-        if (i > 1) then                       ! neighbours are mostly of one term
-          if (abs(n%viscosity(i) - n%viscosity(i - 1)) + abs(n%inertia(i) - n%inertia(i - 1)) <= 0.0_wp) then
-            n%real_gain(i) = n%real_gain(i - 1)
-            n%gain(i, :, :) = n%gain(i - 1, :, :)
-            n%start(i, :) = n%start(i - 1, :)
-            cycle
-          end if
-        end if
         g = 1/(1 + n%viscosity(i)*c2 + n%inertia(i)*c2**2)
         n%real_gain(i) = real(g(1), wp)
         do j = 1, 3

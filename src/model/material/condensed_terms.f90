@@ -23,8 +23,6 @@ module condensed_terms
     real(wp) :: viscosity = 0.0_wp           !! [s]
     real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
     real(wp) :: g = 1.0_wp                   !! dz/d(deformation) in the present step [-]
-  contains
-    procedure :: set
   end type condensed_term
 
 contains
@@ -73,14 +71,6 @@ contains
       end do
     end associate
   end subroutine add_terms
-
-  !> Takes the constants of a method's step.
-  elemental subroutine set(self, c1, c2)
-    class(condensed_term), intent(inout) :: self
-    real(wp), intent(in) :: c1               !! dz''/dz [1/s2]
-    real(wp), intent(in) :: c2               !! dz'/dz [1/s]
-    self%g = 1.0_wp/(1.0_wp + self%viscosity*c2 + self%inertia*c1)
-  end subroutine set
 
   !> x^T D y with the stiffness D at E_R that the term multiplies, over its coordinates alone [J for x, y in m, rad].
   pure real(wp) function term_product(t, s, x, y) result(total)

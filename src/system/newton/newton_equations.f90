@@ -25,7 +25,7 @@ contains
     real(wp), intent(in) :: c2               !! [1/s]
     logical, intent(out) :: bad
     integer :: b
-    call self%terms%set(c1, c2)
+    self%terms%g = 1/(1 + self%terms%viscosity*c2 + self%terms%inertia*c1)
     call factor_blocks(self%t, m, self%terms, c1, c2, bad)
     do b = 1, size(self%eq)
       if (self%eq(b)%n > 0) self%eq(b)%factor = self%t%b(b)%block%factor

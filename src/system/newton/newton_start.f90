@@ -12,7 +12,7 @@ module newton_start
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: smooth_accelerations, row_gaps, along_rows, closing_rates
+  public :: smooth_accelerations, row_gaps, along_rows
 
 contains
 
@@ -91,20 +91,4 @@ contains
     end do
     call correction(self%t, m, ev, gap, dq)
   end subroutine along_rows
-
-  !> x such that v + x satisfies the rates of all rows, by the tangent that stands.
-  subroutine closing_rates(self, m, ev, options, t, q, v, x)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                             !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and rates
-    real(wp), intent(out) :: x(:)                         !! (nq) [m/s, rad/s]
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
-    call constraint_values(m, ev, options, t)
-    call row_rates(m, ev, ev%schur%r)
-    call along_rows(self, m, ev, q, ev%schur%r, x)
-  end subroutine closing_rates
 end module newton_start

@@ -4,17 +4,17 @@ module stage_equations
   use kinds, only: wp
   use complex_condensed_system, only: complex_matrix => condensed_matrix
   use complex_elastic_columns, only: factor_complex => factor_blocks
-  use complex_newton_condensation, only: add_complex => add_tangent, condense_complex => condense
+  use complex_newton_condensation, only: add_complex => add_tangent
   use dynamics, only: row_rates
   use evaluation_results, only: evaluation
   use elastic_columns, only: factor_blocks
   use mechanism, only: mechanism_model
-  use newton_condensation, only: add_tangent, condense
+  use newton_condensation, only: add_tangent
   use newton_equations, only: body_tangents
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: stage_residual, factor_stages, stage_tangents, condense_stages
+  public :: stage_residual, factor_stages, stage_tangents
 
 contains
 
@@ -73,19 +73,4 @@ contains
       call add_complex(t%b(b), newton%eq(b), (0.0_wp, 1.0_wp), .false.)
     end do
   end subroutine stage_tangents
-
-  !> Condenses both, together with the residuals that were taken.
-  subroutine condense_stages(t, newton, m, ev, v, a, lambda, whole, shift, bad)
-    type(complex_matrix), intent(inout) :: t
-    type(newton_matrix), intent(inout) :: newton
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in), contiguous :: v(:), a(:)         !! (nq) rates, accelerations [m/s, rad/s] and per second
-    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-    logical, intent(in) :: whole             !! factors the whole elastic blocks
-    real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
-    logical, intent(out) :: bad
-    call condense(newton%t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
-    if (.not. bad) call condense_complex(t, m, ev, newton%eq, v, a, lambda, whole, shift, bad)
-  end subroutine condense_stages
 end module stage_equations
