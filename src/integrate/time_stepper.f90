@@ -4,6 +4,7 @@ module time_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
   use ode_system, only: ode
+  use step_control, only: error_norm
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -28,6 +29,8 @@ module time_stepper
 
   !> A method with its state.
   type, abstract, public :: stepper
+    type(step_settings) :: settings
+    type(error_norm) :: norm                  !! scales of errors, bounds of what means anything
     real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]
     integer(ip) :: steps = 0                  !! accepted
     integer(ip) :: rejected = 0               !! tried and given up

@@ -25,7 +25,7 @@ program toy_tableau
   if (faults%count == 0) call prepare_run(run, faults, fail)
   if (faults%count > 0 .or. fail%happened()) error stop 2, quiet=.true.
   march%method = heun()
-  march%step = step
+  march%settings%step = step
   call march%begin(run%sys, 0.0_wp, run%y)
   call march%advance(run%sys, 0.0_wp, steps*step, steps, run%y, outcome)
   if (outcome /= reached) error stop 3, quiet=.true.

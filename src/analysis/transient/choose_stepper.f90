@@ -8,11 +8,10 @@ module choose_stepper
   use error_groups, only: group_unknowns
   use fixed_step, only: fixed_stepper
   use history, only: breakpoint
-  use implicit_march, only: implicit_stepper
   use radau_stepper, only: radau_march
   use scene_model, only: scene
   use tableaux, only: tableau, method_tableau
-  use time_stepper, only: stepper, step_settings
+  use time_stepper, only: stepper
   implicit none (type, external)
   private
   public :: make_stepper, method_order
@@ -40,15 +39,6 @@ contains
     type(scene), intent(in) :: s
     real(wp), intent(in) :: fastest            !! largest frequency of the scene, where it is known [rad/s]
     class(stepper), allocatable, intent(out) :: march
-    type(step_settings) :: settings
-    settings%adaptive = r%adaptive
-    settings%step = r%step
-    settings%tolerance = r%tolerance
-    settings%first_step = r%first_step
-    if (r%max_step > 0.0_wp) settings%max_step = r%max_step
-    if (r%adaptive .or. r%method == 'generalized_alpha' .or. r%method == 'radau') then
-      call stop_times(r, s, settings%stops, settings%jumps)
-    end if
     if (r%method == 'generalized_alpha') then
       allocate (alpha_march :: march)
     else if (r%method == 'radau') then
@@ -58,23 +48,24 @@ contains
     else
       allocate (fixed_stepper :: march)
     end if
-    select type (march)
-    class is (implicit_stepper)
-      march%settings = settings
-      call group_unknowns(s, march%norm)
-      if (r%method == 'generalized_alpha' .and. r%adaptive) march%norm%floor = march%norm%floor*max(1.0_wp, finest/r%tolerance)
-    type is (adaptive_stepper)
-      march%method = method_tableau(r%method)
-      march%settings = settings
-      call group_unknowns(s, march%norm)
-      march%norm%fastest = fastest
-    type is (fixed_stepper)
-      march%method = method_tableau(r%method)
-      march%step = r%step
-    end select
+    associate (settings => march%settings)
+      settings%adaptive = r%adaptive
+      settings%step = r%step
+      settings%tolerance = r%tolerance
+      settings%first_step = r%first_step
+      if (r%max_step > 0.0_wp) settings%max_step = r%max_step
+      call stop_times(r, s, settings%stops, settings%jumps)
+    end associate
+    call group_unknowns(s, march%norm)
+    march%norm%fastest = fastest
+    if (r%method == 'generalized_alpha' .and. r%adaptive) march%norm%floor = march%norm%floor*max(1.0_wp, finest/r%tolerance)
     select type (march)
     type is (alpha_march)
       march%spectral_radius = r%spectral_radius
+    type is (adaptive_stepper)
+      march%method = method_tableau(r%method)
+    type is (fixed_stepper)
+      march%method = method_tableau(r%method)
     end select
   end subroutine make_stepper
 

@@ -13,9 +13,9 @@ module adaptive_pair
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
-  use step_control, only: error_norm, step_controller
+  use step_control, only: step_controller
   use tableaux, only: tableau
-  use time_stepper, only: stepper, step_settings, step_end, exchange_common, reached, paused, lost, trouble_size, &
+  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, &
                           trouble_manifold, trouble_accuracy
   implicit none (type, external)
   private
@@ -32,8 +32,6 @@ module adaptive_pair
   !> The method.
   type, extends(stepper), public :: adaptive_stepper
     type(tableau) :: method                   !! with weights of the error and the extension
-    type(step_settings) :: settings
-    type(error_norm) :: norm
     real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
     type(step_controller) :: control
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y

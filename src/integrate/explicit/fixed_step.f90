@@ -13,7 +13,6 @@ module fixed_step
   !> A tableau with its step.
   type, extends(stepper), public :: fixed_stepper
     type(tableau) :: method
-    real(wp) :: step = 0.0_wp                 !! as written in the deck [s]
     integer(ip) :: done = 0                   !! steps done in the present interval
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
   contains
@@ -48,7 +47,7 @@ contains
     integer(ip) :: n
     integer :: attempt
     real(wp) :: h
-    n = step_count(from, to, self%step)
+    n = step_count(from, to, self%settings%step)
     h = (to - from)/real(n, wp)
     outcome = paused
     do attempt = 1, most

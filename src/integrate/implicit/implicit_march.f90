@@ -6,11 +6,10 @@ module implicit_march
   use archive, only: value_archive
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
-  use step_control, only: error_norm
   use step_counts, only: step_count
   use summary_text, only: summary_record
   use text, only: to_text
-  use time_stepper, only: stepper, step_settings, step_end, exchange_common, reached, paused, lost, trouble_none, trouble_size, &
+  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_none, trouble_size, &
                           trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
@@ -34,8 +33,6 @@ module implicit_march
 
   !> A march with its state.
   type, abstract, extends(stepper), public :: implicit_stepper
-    type(step_settings) :: settings
-    type(error_norm) :: norm
     logical :: started = .false.              !! the method's own variables stand
     integer(ip) :: done = 0                   !! fixed: whole steps done in the present interval
     integer :: level = 0                      !! fixed: the step is divided into 2**level parts
