@@ -173,7 +173,7 @@ contains
     type(stiffness_system), intent(in) :: ds
     integer, intent(in) :: ranks(:)                    !! (groups)
     complex(wp), allocatable, intent(out) :: laws(:), ends(:)   !! [1/s]
-    integer, allocatable, intent(out) :: orders(:), crowds(:)   !! known, about as many as there are beside these
+    integer, allocatable, intent(out) :: orders(:), crowds(:)   !! how often each is known; about how often beside that
     complex(wp), allocatable :: own(:)
     integer :: r, j, deformed
     allocate (laws(0), ends(0), orders(0), crowds(0))
