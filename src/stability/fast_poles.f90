@@ -105,7 +105,7 @@ contains
       call append(min(most_damped, fast%steps))
       call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     end if
-    call append(min(widest - p, count(fast%e(1:fast%steps) >= slow*fast%e(fast%steps))))
+    if (fast%steps > 0) call append(min(widest - p, count(fast%e(1:fast%steps) >= slow*fast%e(fast%steps))))
     x = x(:, 1:p)
   contains
     !> Appends the fastest motions of the last iteration, less what is there already.
