@@ -128,10 +128,10 @@ contains
     worst = worst/tolerance
   end function measure
 
-  !> The first group whose values have been beyond all sense; 0: none.
-  pure integer function beyond(self) result(group)
+  !> Whether the values of a group have been beyond all sense.
+  pure logical function beyond(self)
     class(error_norm), intent(in) :: self
-    group = findloc(self%largest > self%bound, .true., 1)
+    beyond = count(self%largest > self%bound) > 0
   end function beyond
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).

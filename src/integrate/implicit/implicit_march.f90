@@ -264,7 +264,7 @@ contains
     logical :: ok
     call self%count_step(self%tried, h)
     call self%norm%watch(q)
-    if (self%norm%beyond() > 0) then
+    if (self%norm%beyond()) then
       call give_up(self, trouble_shape)
       return
     end if
