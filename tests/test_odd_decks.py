@@ -148,3 +148,21 @@ def test_a_body_at_rest_stays_without_a_division_by_what_does_not_move(joint, ki
     status, told, rows = run(biela, tmp_path, deck)
     assert status == 0, told
     assert np.array_equal(rows[:, 1], [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("method", ["dopri5", "radau", "generalized_alpha"])
+def test_a_point_that_is_measured_does_not_move_the_scene(method, run_deck):
+    """However far away: steps and accuracy are those of the deck without its sensor."""
+    deck = f"""&scene gravity=0.0,-9.81 /
+&material name='m' density=1000.0 young=1.0e9 /
+&section name='s' shape='circle' diameter=0.02 /
+&body name='rod' kind='beam' length=0.5 elements=2 material='m' section='s' /
+&body name='bar' kind='rigid' mass=1.0 inertia=0.1 position=0.5,0.0 /
+&joint name='pin' type='revolute' body_a='rod' node_a=1 /
+&joint name='knee' type='revolute' body_a='bar' body_b='rod' node_b=-1 /
+&sensor name='bar' quantity='angular_velocity' body='rod' node=-1 /
+&transient t_end=0.05 method='{method}' tolerance=1e-6 output_step=0.01 /
+"""
+    sensor = "&sensor name='far' quantity='position' body='bar' point=0.0,1e12 /\n"
+    runs = [run_deck(text, name=name).history for name, text in (("plain", deck), ("far", deck + sensor))]
+    np.testing.assert_array_equal(runs[0]["bar"], runs[1]["bar"])

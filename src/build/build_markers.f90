@@ -56,7 +56,8 @@ contains
   end function find_marker
 
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
-  !> markers on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not markers.
+  !> markers on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not markers, and
+  !> what sensors measure does not count: errors are small against S, and a point far away would spoil the motion.
   function scene_size(d, s) result(size_s)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
@@ -87,17 +88,13 @@ contains
     if (.not. size_s > 0.0_wp) size_s = 1.0_wp
   end function scene_size
 
-  !> All markers that are points, nodes left out (bodies know their nodes).
+  !> All points on which forces act, nodes left out (bodies know their nodes).
   function point_markers(d) result(list)
     type(deck), intent(in) :: d
     type(marker_record), allocatable :: list(:)
     type(acting_marker), allocatable :: acting(:)
-    logical :: measured(size(d%sensors))      ! those of points
-    integer :: k
     acting = list_acting(d)
-    measured = [(any(d%sensors(k)%quantity == [character(12) :: 'position', 'velocity', 'acceleration']), k=1, size(measured))]
-    list = [pack(acting%marker, acting%force .and. acting%marker%node == 0), &
-            pack(d%sensors%marker, measured .and. d%sensors%marker%node == 0)]
+    list = pack(acting%marker, acting%force .and. acting%marker%node == 0)
   end function point_markers
 
   !> Markers on bodies where springs and loads act, sorted by body.
