@@ -32,10 +32,10 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("implicit_march", "step_memory", "implicit_march", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
-        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "pairs", "stale"),
+        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "stale"),
         *("gaps", "gain", "resolved"),
     },
-    ("alpha_state", "energy_sums", "alpha_state", "self%energy"): set(),
+    ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),
     ("alpha_state", "error_memory", "alpha_state", "self%error"): {"next"},
     ("radau_stepper", "radau_march", "radau_stepper", "self"): set(),

@@ -114,13 +114,13 @@ contains
         call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true., self%gaps(:, 0))
         if (k == 1 .or. slowly) then
           call system%renew(x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
-          if (exact) self%factors(2) = self%factors(2) + system%blocks
+          if (exact) self%newton%factors(2) = self%newton%factors(2) + system%blocks
           if (.not. good) return
           if (k == 1) reach = system%reach
         end if
         blur = noise*reach
         call system%correction(self%gaps(:, 0), self%dx(1:nq), self%dlambda)
-        self%iterations = self%iterations + 1
+        self%newton%iterations = self%newton%iterations + 1
         call measure_correction(self, norm, whole)
         call add_correction(self, 1, nq)
         self%lambda1 = self%lambda1 + self%dlambda
@@ -265,11 +265,11 @@ contains
     integer :: i
     h = self%now%h
     do i = 1, size(self%x)
-      self%pairs(i, 1) = 0.5_wp*(self%v(i) + self%v1(i))
-      self%pairs(i, 3) = 0.5_wp*(self%vd(i) + self%vd1(i))
-      self%pairs(i, 2) = self%v1(i) - self%v(i) - h*self%pairs(i, 3)
-      self%pairs(i, 4) = h*self%pairs(i, 1) - (self%x1(i) - self%x(i))
+      self%energy%pairs(i, 1) = 0.5_wp*(self%v(i) + self%v1(i))
+      self%energy%pairs(i, 3) = 0.5_wp*(self%vd(i) + self%vd1(i))
+      self%energy%pairs(i, 2) = self%v1(i) - self%v(i) - h*self%energy%pairs(i, 3)
+      self%energy%pairs(i, 4) = h*self%energy%pairs(i, 1) - (self%x1(i) - self%x(i))
     end do
-    energy = -system%mass_product(self%x1(1:self%nq), self%pairs)
+    energy = -system%mass_product(self%x1(1:self%nq), self%energy%pairs)
   end function removed_energy
 end module alpha_newton

@@ -72,7 +72,7 @@ contains
     if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
     if (abs(h - self%now%h) > 0.0_wp) then
       self%newton%contraction = 1.0_wp
-      self%factors(1) = self%factors(1) + system%blocks
+      self%newton%factors(1) = self%newton%factors(1) + system%blocks
       self%now = step_coefficients(self%method, h)
     end if
     call prepare_step(self, system, ok)

@@ -10,13 +10,15 @@ module alpha_state
   private
   public :: set_up_alpha, same_step, pack, exchange_alpha
 
-  !> What the last steps told of Newton's method.
+  !> What the last steps told of Newton's method, and its counts.
   type, public :: newton_memory
     real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
     real(wp) :: first = 0.0_wp               !! first correction of that step, scaled [-]
     logical :: exact = .false.               !! that step used the exact matrix
     integer :: steps = 0                     !! steps since then
     integer :: exact_left = 0                !! steps that still use the exact matrix
+    integer(ip) :: iterations = 0            !! of all steps
+    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks
   end type newton_memory
 
   !> What the error estimate remembers.
@@ -40,6 +42,7 @@ module alpha_state
     real(wp) :: sums(2) = 0.0_wp             !! dissipated, put in [J]
     real(wp) :: powers(2) = 0.0_wp           !! the same [W]
     real(wp) :: removed = 0.0_wp             !! what the method itself took [J]
+    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work space of that [m, rad] and per second
   end type energy_sums
 
   !> The method's variables.
@@ -54,15 +57,12 @@ module alpha_state
     real(wp), allocatable :: gaps(:, :)      !! (rows, 0:2) constraint rows and their derivatives [m], [m/s], [m/s2]
     real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
     real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
-    real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work of the energy balance [m, rad] and per second
     type(energy_sums) :: energy
     logical :: stale = .false.               !! restored: factors are to be made again
     type(position_measure) :: measure
     type(newton_memory) :: newton
     type(error_memory) :: error
     type(plain_state) :: plain
-    integer(ip) :: iterations = 0
-    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks
   end type alpha_solver
 
 contains
@@ -78,8 +78,8 @@ contains
     self%nz = system%nz
     self%nzd = system%nzd
     n = self%nq + self%nz
-    allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), self%pairs(n, 4), &
-              source=0.0_wp)
+    allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
+              self%energy%pairs(n, 4), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:2), &
               self%gain(self%nz), self%resolved(self%nz), source=0.0_wp)
     allocate (self%plain%v(n), self%plain%vd(n), self%plain%lag(n), source=0.0_wp)
@@ -128,9 +128,9 @@ contains
     call a%exchange(self%newton%steps)
     call a%exchange(self%newton%exact_left)
     call self%measure%exchange(a)
-    call a%exchange(self%iterations)
-    call a%exchange(self%factors(1))
-    call a%exchange(self%factors(2))
+    call a%exchange(self%newton%iterations)
+    call a%exchange(self%newton%factors(1))
+    call a%exchange(self%newton%factors(2))
     if (.not. a%saving) self%stale = .true.
   end subroutine exchange_alpha
 end module alpha_state

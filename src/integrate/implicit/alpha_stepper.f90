@@ -146,9 +146,9 @@ contains
   subroutine account(self, text)
     class(alpha_march), intent(in) :: self
     type(summary_record), intent(inout) :: text
-    call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%iterations)
-    call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%factors(1))
-    call text%figure(', exact ', 'exact_factorisations', self%solver%factors(2))
+    call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%newton%iterations)
+    call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%newton%factors(1))
+    call text%figure(', exact ', 'exact_factorisations', self%solver%newton%factors(2))
     call self%account_failures(text)
   end subroutine account
 
