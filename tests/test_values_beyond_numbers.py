@@ -46,6 +46,21 @@ def test_an_element_so_slender_that_stretch_hides_its_bending(length, axial, run
     assert ("scene.nml:3: body/rod: an element of 5e" in done.stderr and "1e10 radii of gyration" in done.stderr) == slender
 
 
+@pytest.mark.parametrize(
+    ("mass", "t_end", "told"),
+    [
+        ("1e40", "0.1", "8: body/wheel: its radius of gyration, 1e-20 m, is lost in rounding beside the size of the scene, 1 m;"),
+        ("1e4", "1e-30", "7: transient/t_end: in 1e-30 s rounding of positions alone would be faster than light;"),
+        ("1e4", "1e-9", ""),
+    ],
+)
+def test_what_rounding_of_positions_hides(mass, t_end, told, run_deck):
+    wheel = f"&body name='wheel' mass={mass} inertia=1.0 /\n&joint name='axle' type='revolute' body_a='wheel' /\n"
+    deck = BEAM.format(length=1.0, ghm="").replace("t_end=0.1 step=0.01", f"t_end={t_end} method='radau' tolerance=1e-4")
+    told_of = run_deck(deck + wheel, expect=2 if told else 0).stderr
+    assert ("scene.nml:" + told in told_of) if told else "rounding" not in told_of
+
+
 @pytest.mark.parametrize("law", ["ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=1e-58", "prony_alpha=1e-59 prony_tau=1e-59"])
 @pytest.mark.parametrize("where", ["material", "spring"])
 def test_terms_that_do_not_fit_are_a_fault_of_their_law(law, where, run_deck):

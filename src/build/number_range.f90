@@ -17,6 +17,8 @@ module number_range
   real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element, of its body's: beside a lump rounding leaves it two digits [-]
   real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
+  real(wp), parameter :: least_radius = 1.0e-14_wp  !! of gyration, in sizes of the scene [-]
+  real(wp), parameter :: light = 299792458.0_wp     !! its speed [m/s]
   real(wp), parameter :: farthest = 1.0e10_wp       !! a marker from a mass centre, in radii of gyration [-]
 
 contains
@@ -102,14 +104,23 @@ contains
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function beyond
 
-  !> Reports forces whose accelerations are out of range, and bodies with a marker so far away that rounding of their angle moves
-  !> it by more than they can tell.
+  !> Reports what rounding of positions and angles hides: forces whose accelerations are out of range, inertias too small for the
+  !> scene, a time in which rounding alone is as fast as light, and markers that rounding of an angle moves too far.
   subroutine judge_distances(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
     type(fault_list), intent(inout) :: faults
     real(wp) :: distance, radius              ! [m]
     integer :: k
+    do k = 1, size(s%bodies)
+      radius = sqrt(s%bodies(k)%i11/s%bodies(k)%mass)
+      if (radius < least_radius*s%size) call d%bodies(k)%at%blame(faults, 'its radius of gyration, '//to_text(radius)// &
+        ' m, is lost in rounding beside the size of the scene, '//to_text(s%size)//' m; expected at least 1e-14 of it')
+    end do
+    associate (run => d%transient)
+      if (run%present .and. epsilon(1.0_wp)*s%size > light*run%t_end) call faults%add(run%at%file, run%at%line, 'transient/t_end', &
+        'in '//to_text(run%t_end)//' s rounding of positions alone would be faster than light; expected a longer time')
+    end associate
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
         if (f%marker%body == 0) cycle

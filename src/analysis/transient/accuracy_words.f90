@@ -63,7 +63,8 @@ contains
     integer :: body
     associate (b => march%balance)
       if (.not. b%moved() > 0.0_wp) then
-        call text%line('  energy balance: no energy moves in this scene, so that it says nothing')
+        call text%line('  energy balance: no energy moves in this scene beyond what shifts it by a millionth of its size, '// &
+                       'so that it says nothing')
         return
       end if
       call text%line('  energy balance: closed to '//short(b%share())//' of the energy that moved')
