@@ -222,6 +222,7 @@ def test_a_welded_body_stands_still_whatever_its_stated_velocity(run_deck):
 @pytest.mark.parametrize(("offset", "warned"), [(0.049, False), (0.051, True)])
 def test_assembly_warns_of_frames_that_move_by_more_than_a_twentieth_of_the_scene(run_deck, offset, warned):
     text = rigid("a", f"{offset},0.0") + joint("o", "revolute", "a", "") + sensor("p", "position", "body='a' point=1.0,0.0")
+    text += "&force name='f' body='a' point=1.0,0.0 fx=1.0 /\n"
     run = run_deck(GRAVITY + text + transient(0.01))
     assert ('assembly moved body "a"' in run.stderr) == warned
     assert run.history["p.x"][0] == pytest.approx(1.0, abs=1e-15)
