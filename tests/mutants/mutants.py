@@ -3,8 +3,9 @@
 
 `make mutants` calls it; results/mutants.txt lists the survivors. All mistakes are built into one copy of the program, each behind
 a question: if (planted(17)) then the mistake, else the statement as it is. The environment variable PLANTED says which one is
-made. A first run of the tests, without any, tells which test asks which question; a mistake then meets the tests that reach it,
-short ones first, until one fails. MUTANTS= says how many, SEED= which, MUTANT_FILES= limits the files by a pattern.
+made. A first run of the tests, without any, tells which test asks which question; a mistake then meets the tests that reach it
+until one fails (`meet`), for MUTANT_SECONDS=300 at most. MUTANTS= says how many, SEED= which, MUTANT_FILES= limits the files by a
+pattern.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import os
 import random
 import re
 import shutil
-import signal
 import subprocess
 import sys
+import time
 from collections import defaultdict
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,8 +30,7 @@ LINKED += ["pyproject.toml", "fortitude.toml"]
 # what builds the program, or reads its sources, says nothing about a mistake
 APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]
 MOST = 4000
-HANG = 10  # times as long as without a mistake: the tests hang
-FEW = 12  # of the tests that it meets first
+SECONDS = os.environ.get("MUTANT_SECONDS", "300")  # of the tests that one mistake meets
 SWAPS = [
     (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < ", " <= "), (r" > ", " >= "),
     (r" <= ", " < "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "), (r"\.and\.", ".or."), (r"\.or\.", ".and."),
@@ -242,26 +242,20 @@ def build(sources: dict[Path, list[Statement]]) -> set[int]:
                 statement.mistakes = {k: new for k, new in statement.mistakes.items() if k not in wrong}
 
 
-def pytest(*words: str, seconds: float | None = None, **environment: str) -> int:
-    """Return the status of the tests named, run on the copy; 1 where they take too long."""
+def pytest(*words: str, **environment: str) -> subprocess.Popen:
+    """Start tests on the copy, all but those that look at sources or build."""
     names = {name.upper(): str(COPY / "bin" / name) for name in ("biela", "probe", "tangent", "terms")}
-    command = [".venv/bin/python", "-m", "pytest", "-q", "-p", "no:cacheprovider", *words]
-    child = subprocess.Popen(
-        command, cwd=COPY, env={**os.environ, **names, **environment}, stdout=subprocess.DEVNULL, start_new_session=True
+    apart = [f"--ignore=tests/test_{name}.py" for name in APART]
+    command = [".venv/bin/python", "-m", "pytest", "-q", "-p", "no:cacheprovider", *words, "tests", *apart]
+    folder = str(Path(__file__).parent)
+    return subprocess.Popen(
+        command, cwd=COPY, env={**os.environ, **names, **environment, "PYTHONPATH": folder}, stdout=subprocess.DEVNULL
     )
-    try:
-        return child.wait(seconds)
-    except subprocess.TimeoutExpired:
-        os.killpg(child.pid, signal.SIGKILL)  # with the programs that hang
-        child.wait()
-        return 1
 
 
 def reach(jobs: str) -> dict[int, list[tuple[float, str]]]:
-    """Run all tests without a mistake; return the tests that reach each one, with their seconds, short ones first."""
-    apart = [f"--ignore=tests/test_{name}.py" for name in APART]
-    folder = str(Path(__file__).parent)
-    pytest("-n", jobs, "-p", "reach", "tests", *apart, PYTHONPATH=folder, PLANTED_FOLDER=str(SEEN))
+    """Run all tests without a mistake; return the tests that reach each one, with their seconds."""
+    pytest("-n", jobs, "-p", "reach", PLANTED_FOLDER=str(SEEN)).wait()
     tests = defaultdict(list)
     for record in SEEN.glob("*.json"):
         test = json.loads(record.read_text(encoding="utf-8"))
@@ -270,23 +264,26 @@ def reach(jobs: str) -> dict[int, list[tuple[float, str]]]:
             for k, asked in enumerate(seen.read_bytes()):
                 if asked:
                     tests[k].append((test["seconds"], test["name"]))
-    return {k: sorted(found) for k, found in tests.items()}
+    return tests
 
 
-def groups(tests: list[tuple[float, str]]) -> list[list[tuple[float, str]]]:
-    """Return the tests that reach a mistake, in order: a few short ones, then the shortest of each file, then the others."""
-    files, first, others = set(), [], []
-    for seconds, name in tests:
-        file = name.split("::")[0]
-        (others if file in files or seconds > 2.0 else first).append((seconds, name))
-        files.add(file)
-    return [first[:FEW], first[FEW:], others]
-
-
-def caught(k: int, tests: list[tuple[float, str]]) -> bool:
-    """Return whether one of these tests fails, or hangs, with a mistake."""
-    patience = HANG * (sum(seconds for seconds, _ in tests) + 10.0)
-    return bool(tests) and pytest("-x", *(name for _, name in tests), seconds=patience, PLANTED=str(k)) == 1
+def meetings(told: dict[int, str], tests: dict[int, list[tuple[float, str]]], jobs: int) -> Iterator[tuple[int, str]]:
+    """Let each mistake meet the tests that reach it; yield it with a word on how that ended, as they come."""
+    met, planned = COPY / "met.jsonl", COPY / "tests.json"
+    met.touch()
+    planned.write_text(json.dumps({k: tests[k] for k in told if k in tests}), encoding="utf-8")
+    files = {"PLANTED_MET": str(met), "PLANTED_TESTS": str(planned), "MUTANT_SECONDS": SECONDS}
+    workers = [pytest("-s", "-p", "meet", MUTANT_SHARE=f"{n}/{jobs}", **files) for n in range(1, jobs + 1)]
+    yield from ((k, "NOT REACHED") for k in told if k not in tests)
+    known, busy = 0, True
+    while busy:
+        busy = any(worker.poll() is None for worker in workers)
+        time.sleep(1.0)
+        lines = met.read_text(encoding="utf-8").split("\n")[:-1]  # the last one may not be whole yet
+        for end in map(json.loads, lines[known:]):
+            tests_met = "" if len(end["met"]) == end["of"] else f" {len(end['met'])} of {end['of']} tests that reach it"
+            yield end["mistake"], f"caught by {end['failed'][0]}" if end["failed"] else f"SURVIVED{tests_met}"
+        known = len(lines)
 
 
 def main() -> int:
@@ -310,16 +307,14 @@ def main() -> int:
     tests = reach(jobs)
     if not tests:
         sys.exit("mutants: no test passes without any mistake")
-    meets = {k: groups(tests.get(k, [])) for k in told}
-    left = list(told)
-    with ThreadPoolExecutor(os.cpu_count() if jobs == "auto" else int(jobs)) as pool:
-        for turn, word in enumerate(("passes a few tests", "passes the shortest of each file", "SURVIVED")):
-            found = pool.map(lambda k, turn=turn: caught(k, meets[k][turn]), left)
-            ends = {}
-            for k, ends[k] in zip(left, found):
-                print(f"{'caught' if ends[k] else word if k in tests else 'NOT REACHED'}: {told[k]}", flush=True)
-            left = [k for k in left if not ends[k]]
-    survivors = [f"{'SURVIVED' if k in tests else 'NOT REACHED'} {told[k]}" for k in left]
+    survivors, met = [], set()
+    for k, end in meetings(told, tests, (os.cpu_count() or 1) if jobs == "auto" else int(jobs)):
+        print(f"{end}: {told[k]}", flush=True)
+        met.add(k)
+        if not end.startswith("caught"):
+            survivors.append(f"{end}: {told[k]}")
+    if met != set(told):
+        sys.exit("mutants: the tests of some mistakes did not end")
     report = f"{len(told)} mistakes of seed {seed}, {len(told) - len(survivors)} caught\n" + "".join(f"{s}\n" for s in survivors)
     (ROOT / "results").mkdir(exist_ok=True)
     (ROOT / "results" / "mutants.txt").write_text(report, encoding="utf-8")
