@@ -148,6 +148,17 @@ def test_energy_that_the_method_takes_out_is_told(run_deck):
     assert abs(residual + removed) < 0.1 * abs(residual)
 
 
+@pytest.mark.parametrize("terms", ["prony_alpha=0.4,0.2 prony_tau=2e-4,1e-5", "ghm_alpha=0.4 ghm_zeta=2.0 ghm_omega=4e4"])
+def test_energy_taken_out_of_internal_variables_is_told(terms, run_deck):
+    """Fast terms and large steps: the residual is what the method says that it removed, of internal variables, too."""
+    deck = (REFERENCE / "vrl_elastic" / "deck.nml").read_text(encoding="utf-8")
+    deck = re.sub(r"(&material [^/]*)/", rf"\1 {terms} /", deck, count=1)
+    run = run_deck(re.sub(r"method='rk4' step=\S+", "method='radau' step=1e-5", deck))
+    residual = float(re.search(r"energy residual: .*? at the end +(\S+) J;", run.summary)[1])
+    removed = float(re.search(r"removed by the method itself: +(\S+) J", run.summary)[1])
+    assert abs(residual + removed) < 0.01 * abs(residual)
+
+
 def test_one_step_of_a_falling_body_makes_its_matrices_once(run_deck):
     run = run_deck(
         "&scene gravity=0.0,-9.81 /\n&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n"
