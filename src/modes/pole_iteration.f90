@@ -68,22 +68,26 @@ contains
     pole%part = [(sum(y*ds%stiffness_product(x, r)), r=1, size(ds%groups))]
   end subroutine find_forms
 
-  !> y^T T(s) x and its derivatives by s and by the damping.
+  !> y^T T(s) x and its derivatives by s and, where asked for, by the damping. Without either the laws are not evaluated: s may be
+  !> a pole of theirs.
   pure subroutine functional(ds, pole, s, damping, f, slope, rise)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(in) :: pole
     complex(wp), intent(in) :: s                       !! [1/s]
     real(wp), intent(in) :: damping                    !! [-]
-    complex(wp), intent(out) :: f, slope, rise         !! [kg/s2], [kg/s], [kg/s2]
+    complex(wp), intent(out) :: f, slope               !! [kg/s2], [kg/s]
+    complex(wp), intent(out), optional :: rise         !! [kg/s2]
+    complex(wp) :: damped                              ! part of f that grows with the damping [kg/s2]
     integer :: r
-    rise = pole%c*s
+    damped = pole%c*s
     slope = pole%c
-    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. s%im > 0.0_wp)
-      rise = rise + pole%part(r)*ds%groups(r)%law%ratio(s)
+    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. (present(rise) .and. s%im > 0.0_wp))
+      damped = damped + pole%part(r)*ds%groups(r)%law%ratio(s)
       slope = slope + pole%part(r)*ds%groups(r)%law%slope(s)
     end do
-    f = pole%m*s**2 + pole%gyro*s + pole%k + damping*rise
+    f = pole%m*s**2 + pole%gyro*s + pole%k + damping*damped
     slope = 2*pole%m*s + pole%gyro + damping*slope
+    if (present(rise)) rise = damped
   end subroutine functional
 
   !> Iterates until the pole changes by less than the tolerance, or by rounding alone.
@@ -147,11 +151,11 @@ contains
     real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(inout) :: pole
     logical, intent(out) :: ok
-    complex(wp) :: f, slope, rise, step, lambda
+    complex(wp) :: f, slope, step, lambda
     integer :: pass
     lambda = pole%lambda
     do pass = 1, 8
-      call functional(ds, pole, lambda, damping, f, slope, rise)
+      call functional(ds, pole, lambda, damping, f, slope)
       step = 0.0_wp
       if (abs(f) > 0.0_wp) step = -f/slope
       if (abs(step) > 0.3_wp*abs(lambda)) step = step*(0.3_wp*abs(lambda)/abs(step))
@@ -184,8 +188,8 @@ contains
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: damping                    !! [-]
     type(pole_state), intent(in) :: pole
-    complex(wp) :: f, slope, rise
-    call functional(ds, pole, pole%lambda, damping, f, slope, rise)
+    complex(wp) :: f, slope
+    call functional(ds, pole, pole%lambda, damping, f, slope)
     yes = abs(slope) <= 1.0e-3_wp*abs(2*pole%lambda*pole%m)
   end function double_root
 
