@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import subprocess
 from math import factorial, gamma, pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from histories import read
 from scipy.optimize import brentq
 
 G, MASS, DROP, HARDNESS, GAP = 9.81, 2.0, 0.1, 4.0e5, 0.05
-SUFFIX = "-debug" if os.environ.get("BIELA", "").endswith("-debug") else ""
+SUFFIX = Path(os.environ.get("BIELA", "biela")).name.removeprefix("biela")  # of the build under test
 BALL = f"""&scene gravity=0.0,{-G} /
 &body name='ball' kind='rigid' mass={MASS} inertia=0.01 position=0.2,{{height!r}} /
 &spring name='stop' type='linear' body_a='ball' point_b=0.3,0.0 stiffness=0.0 free_length=0.0 /
