@@ -56,7 +56,7 @@ contains
   end function find_marker
 
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
-  !> markers on the ground (input/README.md). Frames on which drives, torques and torsional springs act are not markers, and
+  !> markers on the ground. Frames on which drives, torques and torsional springs act are not markers, and
   !> what sensors measure does not count: errors are small against S, and a point far away would spoil the motion.
   function scene_size(d, s) result(size_s)
     type(deck), intent(in) :: d

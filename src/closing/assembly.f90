@@ -49,7 +49,7 @@ contains
     call count_freedoms(self, ev, q, v, report)
   end subroutine assemble
 
-  !> Refuses an assembled scene in which the ends of such a line coincide, by name.
+  !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name.
   subroutine require_directions(self, ev, gap, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
