@@ -151,6 +151,38 @@ def test_a_rate_has_no_response_at_rest(run_deck):
     assert "from > 0" in run.stderr
 
 
+REST = "&history name='none' kind='polynomial' coefficients=0.0 /\n"
+PUSH = """&force name='f' type='force' body='b' {place} fy=1.0 history='none' /
+&sensor name='p' quantity='position' body='b' {place} /
+"""
+RIGID = "&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n"
+MESH = """&material name='m' density=1000.0 young=1.0e9 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='b' kind='beam' length=1.0 elements={elements} material='m' section='s' angle=0.4 {rest} /
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "place"),
+    [(RIGID, ""), (MESH.format(elements=40, rest=""), "node=-1"), (MESH.format(elements=8, rest="modes=3"), "node=-1")],
+    ids=["rigid", "mesh", "modes"],
+)
+def test_nothing_holds_a_free_body_at_rest(run_deck, body, place):
+    """The stiffness is singular, exactly or but for rounding: no large number stands for the response that there is not."""
+    deck = REST + body + PUSH.format(place=place)
+    run = run_deck(deck + sweep(0.0, 10.0, 5, "linear", "f"), expect=1)
+    assert "the frequency response is singular at 0 Hz" in run.stderr
+    assert "outcome: done" not in run.summary
+    run_deck(deck + sweep(1.0e-3, 10.0, 5, "linear", "f"))
+
+
+def test_a_free_body_that_no_force_reaches_is_no_obstacle(response_of):
+    held = "&spring name='k' type='linear' body_a='b' point_b=0.0,-1.0 stiffness=100.0 free_length=1.0 /\n"
+    other = "&body name='free' kind='rigid' mass=1.0 inertia=1.0 position=3.0,0.0 /\n"
+    response = response_of(REST + RIGID + held + other + PUSH.format(place="") + sweep(0.0, 10.0, 5, "linear", "f"))
+    np.testing.assert_allclose(response["p.y"][0], 0.01, rtol=1e-12)
+
+
 @pytest.mark.parametrize(("spacing", "ratios"), [("log", True), ("linear", False)])
 def test_points_are_spaced_as_the_deck_says(response_of, spacing, ratios):
     f = response_of(beam(2, ghm=S1) + FORCE + sweep(2.0, 200.0, 11, spacing)).table["f"]

@@ -131,7 +131,7 @@ def wrong(folder: Path, name: str, status: int, said: str) -> str:
     told = summary.read_text(errors="replace").split("\ndeck text\n")[0]
     if ("outcome: done" in told) != (status == 0):
         return "summary and status contradict each other"
-    if status == 0 and (results / "energy.txt").exists() and not re.search(MISTRUST, said):
+    if status == 0 and (results / "energy.txt").exists() and not re.search(MISTRUST, said) and "it says nothing" not in told:
         return unbalanced(results)
     return ""
 

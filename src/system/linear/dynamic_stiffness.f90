@@ -167,10 +167,12 @@ contains
 
   !> Solves with the last factor, or its transpose, corrected by the residual; again where that changed more than half of the
   !> digits.
-  subroutine solve(self, x, transposed)
+  subroutine solve(self, x, transposed, exists)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
     logical, intent(in), optional :: transposed
+    logical, intent(out), optional :: exists   !! false: the matrix is singular, and what was found balances nothing
+    real(wp), parameter :: half = sqrt(epsilon(1.0_wp))   ! of the digits [-]
     complex(wp), allocatable :: b(:), r(:)
     logical :: turned
     real(wp) :: change, last                   ! sizes of corrections [m, rad; N]
@@ -187,15 +189,16 @@ contains
       change = maxval(abs(r%re) + abs(r%im))
       if (pass >= 2 .and. .not. change < 0.5_wp*last) exit
       last = change
-      if (is_small(r(1:self%n), x(1:self%n)) .and. is_small(r(self%n + 1:), x(self%n + 1:))) exit
+      if (is_part(half, r(1:self%n), x(1:self%n)) .and. is_part(half, r(self%n + 1:), x(self%n + 1:))) exit
     end do
+    if (present(exists)) exists = is_part(0.1_wp, r(1:self%n), x(1:self%n)) .or. is_part(0.1_wp, b - self%balance(x, turned), b)
   contains
-    !> Whether a correction leaves half of the digits.
-    pure logical function is_small(correction, solution)
-      complex(wp), intent(in) :: correction(:), solution(:)    !! [any]
-      is_small = maxval(abs(correction%re) + abs(correction%im)) <= &
-                 sqrt(epsilon(1.0_wp))*maxval(abs(solution%re) + abs(solution%im))
-    end function is_small
+    !> Whether the largest of some numbers is at most a part of the largest of others.
+    pure logical function is_part(part, some, others)
+      real(wp), intent(in) :: part                             !! [-]
+      complex(wp), intent(in) :: some(:), others(:)            !! [any]
+      is_part = maxval(abs(some%re) + abs(some%im)) <= part*maxval(abs(others%re) + abs(others%im))
+    end function is_part
   end subroutine solve
 
   !> The bordered matrix, or its transpose, times x, the stiffness summed in twice the working precision.
