@@ -203,3 +203,18 @@ def test_an_interrupted_run_reads_interrupted_and_running_while_it_goes_on(biela
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=TIMEOUT) == 128 + signal.SIGINT
         assert "outcome: stopped by signal" in (folder / "summary.txt").read_text()
+
+
+def test_where_no_energy_moves_its_rounding_casts_no_doubt(run_deck):
+    """A flywheel that turns about its centre of mass: the estimate stands, although the residual does not converge."""
+    run = run_deck(
+        """&scene gravity=0.0,-9.81 /
+&body name='a' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.3 angle=0.3 angular_velocity=1.0 /
+&joint name='w' type='revolute' body_a='a' point_a=0.5,0.3 point_b=0.3890,0.4344 /
+&sensor name='v' quantity='velocity' body='a' point=0.5,0.0 /
+&transient t_end=1.0 method='rk4' step=1.0e-2 output_step=0.1 check_error=.true. /
+"""
+    )
+    assert run.stderr == ""
+    assert "no energy moves in this scene" in run.summary
+    assert "  accuracy: the worst column, " in run.summary

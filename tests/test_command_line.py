@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import select
 import subprocess
 from pathlib import Path
 
@@ -139,3 +142,19 @@ def test_a_check_that_cannot_be_printed_fails(biela, tmp_path):
                               text=True, check=False)
     assert done.returncode == 3
     assert "cannot be written" in done.stderr
+
+
+def test_a_terminal_sees_how_far_a_run_is(biela, tmp_path):
+    """The first line of a run that would take minutes: the share of t_end that is done, the time reached, what is left."""
+    (tmp_path / "long.nml").write_text(DECK.replace("t_end=0.1 step=0.01", "t_end=1.0e6 method='rk4' step=0.01 output_step=10.0"))
+    terminal, end = os.openpty()
+    with subprocess.Popen([biela, "long.nml"], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=end) as run:
+        os.close(end)
+        shown = b""
+        while not shown.endswith(b"left   ") and select.select([terminal], [], [], 60.0)[0]:
+            shown += os.read(terminal, 500)
+        run.terminate()
+    os.close(terminal)
+    done, t, left = map(float, re.fullmatch(rb"\r(\S+) %   t = +(\S+) s   about (\S+) s left   ", shown).groups())
+    assert 100 * t / 1.0e6 == pytest.approx(done, abs=0.051)
+    assert left > 0.2 * (1.0e6 / t - 1) - 1.0  # it is the first line after a fifth of a second

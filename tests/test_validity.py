@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
 import pytest
+import scipy.linalg
 
 LENGTH, AREA, INERTIA, YOUNG, DENSITY = 0.8, 1.0e-4, 8.0e-10, 2.0e9, 1000.0
 EI = YOUNG * INERTIA
@@ -133,6 +135,26 @@ def test_what_a_mesh_carries_scales_with_its_elements(run_deck, length):
         if lines:
             found = re.search(r"moves elastically at (\S+) rad/s", lines[0])
             assert float(found[1]) == pytest.approx(share, rel=0.02)
+
+
+def test_rotations_count_by_the_length_of_an_element(run_deck):
+    """A moment at the tip of one long clamped element rings both its modes: their mean squares, of a Hermite element, are told.
+
+    A rotation counts as the deflection that it gives half an element away.
+    """
+    length = 8.0
+    stiffness = EI / length**3 * np.array([[12.0, -6.0 * length], [-6.0 * length, 4.0 * length**2]])
+    mass = DENSITY * AREA * length / 420 * np.array([[156.0, -22.0 * length], [-22.0 * length, 4.0 * length**2]])
+    squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    size = np.array([1.0, (length / 2) ** 2]) @ (shapes * (shapes[1] / squares)) ** 2  # of each mode's amplitude
+    expected = math.sqrt((size @ squares**2) / (size @ squares))
+    deck = HEAD + body("b", "axial=.false. reference='clamped'", 1).replace(f"length={LENGTH}", f"length={length}")
+    deck += "&joint name='w' type='weld' body_a='b' node_a=1 /\n"
+    deck += f"&force name='f' type='torque' body='b' node=-1 moment={1.0e-3 * EI / length!r} /\n"
+    period = 2 * math.pi / math.sqrt(squares[1])
+    lines = told(run_deck(deck + transient(60 * period, period / 100, 0.1 * period)))
+    found = re.search(r"moves elastically at (\S+) rad/s", lines[0])
+    assert float(found[1]) == pytest.approx(expected, rel=0.02)
 
 
 def test_one_mode_that_rings_is_carried(run_deck):

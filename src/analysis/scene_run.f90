@@ -96,14 +96,14 @@ contains
                     'folder protected')
   end subroutine no_output
 
-  !> Relaxed internal variables: equal to the deformation they follow, at rest (theory.md, section 5).
+  !> Relaxed internal variables: equal to the deformation they follow (theory.md, section 5); no analysis gives them rates but
+  !> the transient, which is the last.
   subroutine relax(sys, prestress, y)
     type(mechanism_system), intent(inout) :: sys
     real(wp), intent(in) :: prestress !! fraction that acts [-]
     real(wp), intent(inout) :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     integer :: b, r, k, o, i
     associate (s => sys%m%s)
-      y(2*s%nq + 1:2*s%nq + s%nz + s%nzd) = 0.0_wp
       do b = 1, size(s%bodies)
         associate (body => s%bodies(b), w => sys%ev%elastic(b))
           if (body%nz == 0) cycle

@@ -74,7 +74,7 @@ contains
       worst = largest(self%s%rows, ev%rows%phi)
       if (.not. worst > goal) exit
       if (worst > 0.5_wp*before .and. worst <= enough) exit
-      if (pass > 1 .and. worst > 0.1_wp*before) then
+      if (worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, ev, options, t, q, v, z, zd)
         if (pass > 2 .and. ev%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
