@@ -72,3 +72,22 @@ def test_all_sensors(more, probe, run_deck, tmp_path):
         scale = max(np.ptp(values), 1e-3 * max(np.abs(expected[other]).max() for other in unit))
         error = np.abs(history[column] - values).max() / scale
         assert error < 1e-8, f"{column}: {error:.1e}"
+
+
+@pytest.mark.parametrize("kind", ["revolute", "weld", "distance"])
+def test_a_joint_that_names_the_ground_first_holds_as_well(kind, run_deck):
+    """The same motion; the reaction is that on the other end."""
+    deck = (
+        "&scene gravity=0.0,-9.81 /\n" + rigid(rest="angular_velocity=2.0") + "&joint name='j' type='" + kind + "' {ends} /\n"
+        "&sensor name='r' quantity='position' body='r' /\n&sensor name='j' quantity='reaction' joint='j' /\n"
+        "&transient t_end=0.1 method='rk4' step=1.0e-3 output_step=0.02 /\n"
+    ).replace("angular_velocity=2.0", "" if kind == "weld" else "angular_velocity=2.0")
+    place = "point_{}=0.3,0.2" if kind == "distance" else "point_{}=0.0,0.0"
+    last, first = (
+        run_deck(deck.format(ends=f"body_a='{a}' body_b='{b}' {place.format(end)}"), name=a).history
+        for a, b, end in (("r", "ground", "b"), ("ground", "r", "a"))
+    )
+    assert np.abs(last["j.fy" if kind != "distance" else "j.fx"]).max() > 0.1
+    for name in last.names[1:]:
+        sign = -1 if name.startswith("j.f") or name == "j.m" else 1
+        np.testing.assert_allclose(first[name], sign * last[name], rtol=0, atol=1e-11, err_msg=name)

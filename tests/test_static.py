@@ -53,6 +53,23 @@ def test_deflection_and_frequency_of_a_cantilever_of_any_length(length, run_deck
     assert "missing" not in (run.folder / "modes.txt").read_text()
 
 
+def test_a_scene_of_any_size_takes_the_same_steps_to_its_equilibrium(static_of):
+    found = []
+    for size in (1e-3, 1.0, 1e3):
+        deck = f"""&scene gravity=0.0,-9.81 /
+&body name='r' kind='rigid' mass=2.0 inertia={0.01 * size**2} position={size},0.0 /
+&spring name='a' type='linear' body_a='r' stiffness={40.0 / size} free_length={0.8 * size} /
+&spring name='b' type='linear' body_a='r' point_a={0.1 * size},0.0 point_b={size},{1.5 * size} stiffness={40.0 / size} /
+&spring name='c' type='torsional' body_a='r' stiffness={5.0 * size} /
+&sensor name='p' quantity='position' body='r' /
+&static load_steps=1 /
+"""
+        table = static_of(deck, name=f"size{size}")
+        found.append([table["newton_steps"][-1], table["p.x"][-1] / size, table["p.y"][-1] / size])
+    assert np.hypot(found[1][1] - 1, found[1][2]) > 0.3  # a way that is not gone in one step
+    np.testing.assert_allclose(found, [found[1]] * 3, rtol=1e-9)
+
+
 @pytest.mark.parametrize("elements", [2000, 5000])
 def test_a_fine_mesh_is_not_taken_for_a_free_body(elements, run_deck):
     """Its lowest frequency is small beside what rounding of the largest one is."""

@@ -34,6 +34,13 @@ def test_a_fixed_step_is_compared_with_the_safe_bound(tmp_path, method, share, w
     assert words in text.splitlines()[-1]
 
 
+def test_nothing_limits_the_step_of_a_body_without_vibrations(tmp_path):
+    deck = tmp_path / 'free.nml'
+    deck.write_text("&body name='r' kind='rigid' mass=1.0 inertia=1.0 /\n&transient t_end=1.0 method='rk4' step=0.1 /\n")
+    done = subprocess.run([BIELA, '--check', deck.name], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert 'this deck: rk4 with step=0.1 s: nothing limits it' in done.stdout
+
+
 @pytest.mark.parametrize(('transient', 'words'), [
     ("method='dopri5' tolerance=1e-8", 'dopri5 with tolerance=1e-8: the error control keeps its steps'),
     ("method='generalized_alpha' step=1e-4", 'generalized_alpha, stable with any step'),

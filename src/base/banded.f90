@@ -35,7 +35,7 @@ contains
     integer, intent(in) :: rows(:), cols(:)    !! entries of the full or of one triangle; (i,j) and (j,i) are one entry
     real(number), intent(in) :: values(:)      !! value of each entry; off-diagonal ones given once [any]
     type(band_factor), intent(out) :: factor
-    integer, intent(out) :: bad                !! 0, or the original index at which the matrix is not positive definite
+    logical, intent(out) :: bad                !! the matrix is not positive definite
     call order_band(n, rows, cols, factor)
     call factor_again(factor, rows, cols, values, bad)
     deallocate (factor%band, factor%position)
@@ -77,17 +77,14 @@ contains
     type(band_factor), intent(inout) :: factor
     integer, intent(in) :: rows(:), cols(:)    !! as in factor_symmetric
     real(number), intent(in) :: values(:)      !! as in factor_symmetric [any]
-    integer, intent(out) :: bad                !! as in factor_symmetric
+    logical, intent(out) :: bad                !! as in factor_symmetric
     integer :: b
-    bad = 0
+    bad = .false.
     do b = 1, size(factor%blocks)
       associate (blk => factor%blocks(b))
         call fill_block(blk, blk%last - blk%first + 1, blk%kd, factor%band, factor%position, rows, cols, values, factor%dinv, bad)
       end associate
-      if (bad > 0) then
-        bad = factor%order(bad)
-        return
-      end if
+      if (bad) return
     end do
   end subroutine factor_again
 
@@ -99,7 +96,7 @@ contains
     integer, intent(in) :: position(:), rows(:), cols(:)
     real(number), intent(in) :: values(:)   !! as in factor_symmetric [any]
     real(number), intent(inout) :: dinv(:)  !! (n) 1 over the diagonal matrix D [1/any]
-    integer, intent(out) :: bad                !! 0 or the reordered row that is not positive
+    logical, intent(out) :: bad                !! as in factor_symmetric
     integer :: k, i, j, info
     ab = 0.0_wp
     do k = 1, size(values)
@@ -108,12 +105,9 @@ contains
       j = position(cols(k))
       ab(abs(i - j), min(i, j) - blk%first + 1) = ab(abs(i - j), min(i, j) - blk%first + 1) + values(k)
     end do
-    bad = 0
     call factor_band(n, kd, ab, info)
-    if (info /= 0) then
-      bad = blk%first + max(info, 1) - 1
-      return
-    end if
+    bad = info /= 0
+    if (bad) return
     do j = 1, n
       do i = 1, min(kd, n - j)
         blk%l(i, blk%first + j - 1) = ab(i, j)

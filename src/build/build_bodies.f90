@@ -80,7 +80,8 @@ contains
     subroutine make_flexible()
       type(viscoelastic_terms) :: law
       logical, allocatable :: removed(:, :), viscoelastic(:)
-      integer :: e, bad
+      integer :: e
+      logical :: bad
       associate (r => d%bodies(k))
         b%flexible = .true.
         b%axial = r%axial
@@ -108,7 +109,7 @@ contains
           call reduce()
         else
           call make_nodal(b, bad)
-          if (bad > 0) then
+          if (bad) then
             call r%at%blame(faults, 'the mass matrix is not positive definite; expected positive density, area and '// &
                         'element lengths of comparable size')
             return

@@ -204,11 +204,12 @@ contains
     type(band_factor) :: factor
     real(wp), allocatable :: mx(:), force(:)
     real(wp) :: work(2, b%nf)
-    integer :: bad, k, pass
+    integer :: k, pass
+    logical :: bad
     omega = huge(1.0_wp)
     allocate (x(b%nf), mx(b%nf))
     call factor_entries(b%op%even, b%op%k, factor, bad)
-    if (bad > 0) return
+    if (bad) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30
       call mass_product(b%op, x, mx)

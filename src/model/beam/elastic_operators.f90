@@ -152,7 +152,7 @@ contains
     type(symmetric_pattern), intent(in) :: pattern
     real(wp), intent(in) :: a(:)                   !! (entries) [any]
     type(band_factor), intent(out) :: factor
-    integer, intent(out) :: bad                    !! 0, or the row at which the matrix is not positive definite
+    logical, intent(out) :: bad                    !! the matrix is not positive definite
     logical :: lower(size(a))
     lower = pattern%row >= pattern%col
     call factor_symmetric(size(pattern%first) - 1, pack(pattern%row, lower), pack(pattern%col, lower), pack(a, lower), factor, bad)

@@ -117,14 +117,12 @@ contains
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
-    integer :: where_bad
     self%matrices = b%op
     call find_rigid_modes(b, self)
     if (size(self%rigid, 2) > 0) then                    ! of the order of the lowest bending frequency of the body as one beam
       self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
     end if
-    call factor_entries(b%op%even, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, where_bad)
-    bad = where_bad > 0
+    call factor_entries(b%op%even, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, bad)
   end subroutine set_up
 
   !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).

@@ -107,7 +107,7 @@ contains
   !> Makes a body nodal: the factor of m_ff, the elements' constants, the viscoelastic segments' stiffness.
   subroutine make_nodal(b, bad)
     type(body_model), intent(inout) :: b
-    integer, intent(out) :: bad           !! 0, or the coordinate at which m_ff is not positive definite
+    logical, intent(out) :: bad           !! m_ff is not positive definite
     type(nodal_model) :: nodal
     integer :: k
     call factor_entries(b%op%even, b%op%m + b%op%j, nodal%mff, bad)

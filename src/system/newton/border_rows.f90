@@ -115,7 +115,7 @@ contains
   !> only carry amplified rounding.
   subroutine hold_weak_rows(r)
     type(row_system), intent(inout) :: r
-    if (r%nc == 0 .or. r%bad .or. r%weakest > weak_pivot) return
+    if (r%bad .or. r%weakest > weak_pivot) return
     call factor_rows(r, strong_shift)
   end subroutine hold_weak_rows
 

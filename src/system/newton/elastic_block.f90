@@ -72,7 +72,7 @@ contains
     real(number), intent(in) :: c1           !! [1/s2]
     real(number), intent(in) :: c2           !! [1/s]
     logical, intent(out) :: bad
-    integer :: i, info
+    integer :: i
     self%value = c1*(op%m + op%j) + c2*op%c + op%k
     do i = 1, size(op%entry)
       self%value(op%entry(i)) = self%value(op%entry(i)) + (self%factor(op%segment(i)) - 1)*op%part(i)
@@ -80,8 +80,7 @@ contains
     do i = 1, size(self%entry)
       self%lower(i) = self%value(self%entry(i))
     end do
-    call factor_again(self%base, self%row, self%col, self%lower, info)
-    bad = info /= 0
+    call factor_again(self%base, self%row, self%col, self%lower, bad)
   end subroutine factor_base
 
   !> Fills and factors the whole block at the state of eq's last residual.
