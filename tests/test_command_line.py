@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import select
 import subprocess
 from pathlib import Path
@@ -158,3 +159,71 @@ def test_a_terminal_sees_how_far_a_run_is(biela, tmp_path):
     done, t, left = map(float, re.fullmatch(rb"\r(\S+) %   t = +(\S+) s   about (\S+) s left   ", shown).groups())
     assert 100 * t / 1.0e6 == pytest.approx(done, abs=0.051)
     assert left > 0.2 * (1.0e6 / t - 1) - 1.0  # it is the first line after a fifth of a second
+
+
+LONG = DECK.replace("t_end=0.1 step=0.01", "t_end=0.5 method='rk4' step=1e-6 output_step=0.1")
+
+
+def on_a_terminal(biela: Path, folder: Path, *options: str) -> bytes:
+    """Run a deck that takes a while and return what its standard error shows on a terminal."""
+    (folder / "a.nml").write_text(LONG)
+    ours, theirs = os.openpty()
+    with subprocess.Popen([biela, *options, "a.nml"], cwd=folder, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # the other side has ended
+                break
+            if not part:
+                break
+            shown += part
+    os.close(ours)
+    assert process.returncode == 0
+    return shown
+
+
+def test_progress_is_shown_on_a_terminal_and_cleared(biela, tmp_path):
+    lines = on_a_terminal(biela, tmp_path).split(b"\r")
+    assert not lines[-1]
+    assert lines[-2] == b" " * 60
+    reports = [re.fullmatch(rb"(\d+\.\d) %   t = +(\S+) s   about (\d+) s left *", line) for line in lines[1:-2]]
+    assert reports
+    assert all(reports)
+    percents, times = ([float(report[k]) for report in reports] for k in (1, 2))
+    assert times == sorted(set(times))
+    assert percents == pytest.approx([200 * t for t in times], abs=0.06)
+    assert all(float(report[3]) < 600 for report in reports)
+
+
+def test_no_progress_is_shown_when_quiet(biela, tmp_path):
+    assert on_a_terminal(biela, tmp_path, "--quiet") == b""
+
+
+def test_endless_input_is_refused(biela, tmp_path):
+    done = call(biela, tmp_path, "--check", "/dev/zero")
+    assert done.returncode == 2
+    assert done.stderr == "/dev/zero: cannot be read: endless or too long, expected a deck file\n"
+
+
+@pytest.mark.parametrize("limit", [1000, 0])
+def test_a_summary_that_cannot_be_written_is_told(biela, tmp_path, limit):
+    """Files may not be that long, or a folder has its name: the status is 3, other decks go on."""
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.nml").write_text(DECK.replace("t_end=0.1", "t_end=0.02"))
+    if not limit:
+        (tmp_path / "results" / "a" / "summary.txt").mkdir(parents=True)
+    done = subprocess.run(
+        [biela, "a.nml", "b.nml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        preexec_fn=lambda: limit and resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 3
+    assert 'a.nml: results cannot be written into "results/a"' in done.stderr
+    assert re.search(r"^a\.nml: results could not be written", done.stdout, re.MULTILINE)
+    assert re.search(r"^b\.nml: " + ("results could not" if limit else "done"), done.stdout, re.MULTILINE)

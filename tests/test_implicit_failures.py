@@ -91,3 +91,17 @@ def test_a_run_that_would_never_end_stops(run_deck):
 def test_the_verdict_distrusts_a_run_of_far_too_long_steps(run_deck):
     text = IMPLICIT + "t_end=0.1 step=2e-3 spectral_radius=0.0 /\n"
     assert "the results cannot be trusted" in run_deck(CRANK + text).summary
+
+
+@pytest.mark.parametrize("steps", ["generalized_alpha' step=1e28", "radau' step=1e28", "radau' tolerance=1e-6"])
+def test_equations_of_a_free_body_that_cannot_be_solved(steps, run_deck):
+    """A load that passes all numbers within a step on a body without joints: no joint or drive is blamed."""
+    deck = "&body name='b' kind='rigid' mass=1.0 inertia=1.0 position=1.0,0.0 /\n"
+    deck += "&history name='h' kind='polynomial' coefficients=0,0,0,0,0,0,1e50 /\n"
+    deck += "&force name='f' type='force' body='b' fx=1e20 history='h' /\n"
+    _, told = failed(run_deck, deck + f"&transient t_end=1e30 method='{steps} output_step=1e28 /\n")
+    assert "the equations of a step could not be solved" in told
+    assert 'the coordinates of body "b" grow most' in told
+    assert ("try a larger tolerance" if "tolerance" in steps else "try a smaller step") in told
+    assert "joint" not in told
+    assert "drive" not in told

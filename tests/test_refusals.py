@@ -42,14 +42,20 @@ def test_more_modes_than_fit_into_an_integer_are_those_that_there_are(run_deck):
     assert "only 1 degrees of freedom for 2147483640 modes" in run.summary
 
 
-def test_a_refused_argument_ends_the_analysis_not_the_run(biela, tmp_path):
-    """LAPACK would end the program with status 0: a summary says why instead, the lock goes, other decks run."""
+def preloaded(name, folder):
+    """Return a library built from tests/preload; skip where there is no compiler."""
     compiler = shutil.which(os.environ.get("FC", "gfortran"))
-    library = tmp_path / "refuse.so"
-    source = ROOT / "tests" / "preload" / "refuse.f90"
-    command = [compiler or "gfortran", "-fPIC", "-shared", f"-J{tmp_path}", str(source), "-o", str(library)]
+    library = folder / f"{name}.so"
+    source = ROOT / "tests" / "preload" / f"{name}.f90"
+    command = [compiler or "gfortran", "-fPIC", "-shared", f"-J{folder}", str(source), "-o", str(library)]
     if compiler is None or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("no library can be built here")
+    return library
+
+
+def test_a_refused_argument_ends_the_analysis_not_the_run(biela, tmp_path):
+    """LAPACK would end the program with status 0: a summary says why instead, the lock goes, other decks run."""
+    library = preloaded("refuse", tmp_path)
     (tmp_path / "one.nml").write_text(CRANK + SPRING + "&modal /\n", encoding="utf-8")
     (tmp_path / "two.nml").write_text(CRANK + DRIVE.format(speed=1.0, ghm="") + RESPONSE.format(name="f"), encoding="utf-8")
     done = subprocess.run(
@@ -68,3 +74,12 @@ def test_a_refused_argument_ends_the_analysis_not_the_run(biela, tmp_path):
     assert "DGEQP3" in (tmp_path / "results/one/summary.txt").read_text(encoding="utf-8")
     assert not (tmp_path / "results/one/.lock").exists()
     assert "outcome: done" in (tmp_path / "results/two/summary.txt").read_text(encoding="utf-8")
+
+
+def test_threaded_linear_algebra_is_told_to_use_one_thread(biela, tmp_path):
+    """Sums of several threads differ from run to run."""
+    (tmp_path / "one.nml").write_text(CRANK + SPRING + "&modal /\n", encoding="utf-8")
+    environment = {**os.environ, "LD_PRELOAD": str(preloaded("threads", tmp_path))}
+    done = subprocess.run([str(biela), "one.nml"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "threads: 1\n" in done.stdout

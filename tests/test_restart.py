@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import re
 import shutil
@@ -11,6 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import TIMEOUT, caught, untimed, wait_for
 
@@ -243,3 +245,38 @@ def test_a_deck_without_transient_cannot_restart(biela, tmp_path):
     status, told = Place(biela, tmp_path).run("--restart")
     assert status == 2
     assert "the deck has no transient that --restart could continue" in told
+
+
+LOW = 0xFFFFFFFF
+
+
+def digest(words):
+    """Return the checksum of a checkpoint's words, two halves of 32 bits each."""
+    a, b = 2166136261, 374761393
+    for word in words:
+        for x in (word & LOW, word >> 32):
+            a = (a ^ x) * 16777619 & LOW
+            b = b ^ x
+            b = (b ^ b >> 15) * 1540483477 & LOW
+            b ^= b >> 13
+    return b << 32 ^ a ^ a >> 16
+
+
+def test_checkpoints_of_other_builds_are_refused(interrupted):
+    """The second word stands for version, compiler and options; the last is the checksum of the others."""
+    path = interrupted.results / "checkpoint"
+    words = np.frombuffer(path.read_bytes(), np.uint64).tolist()
+    assert words[-1] == digest(words[:-1])
+    words[1] ^= 1
+    words[-1] = digest(words[:-1])
+    path.write_bytes(np.array(words, np.uint64).tobytes())
+    refused(interrupted, "was written by another version or build of biela")
+
+
+def test_a_checkpoint_that_is_no_file_is_refused(interrupted):
+    path = interrupted.results / "checkpoint"
+    path.unlink()
+    os.mkfifo(path)
+    status, told = interrupted.run("--restart")
+    assert status == 2
+    assert "cannot be read" in told

@@ -22,6 +22,7 @@ BALL = f"""&scene gravity=0.0,{-G} /
 &body name='ball' kind='rigid' mass={MASS} inertia=0.01 position=0.2,{{height!r}} /
 &spring name='stop' type='linear' body_a='ball' point_b=0.3,0.0 stiffness=0.0 free_length=0.0 /
 &sensor name='p' quantity='position' body='ball' /
+&sensor name='k' quantity='spring' spring='stop' /
 """
 BEAD = f"""&scene gravity=0.0,{-G} /
 &body name='bead' kind='rigid' mass={MASS} inertia=0.01 position={{x!r}},{{y!r}} /
@@ -65,7 +66,10 @@ def test_a_ball_rests_on_the_bumper_and_vibrates_on_it(tmp_path):
     deck += "&history name='n' kind='polynomial' coefficients=0.0 /\n"
     run_toy("toy_bumper", tmp_path, deck + "&static load_steps=4 /\n&modal modes=1 /\n", "results", GAP, HARDNESS)
     depth = np.sqrt(MASS * G / HARDNESS)
-    assert GAP - read(tmp_path / "results", "static")["p.y"][-1] == pytest.approx(depth, rel=1e-9)
+    static = read(tmp_path / "results", "static")
+    assert GAP - static["p.y"][-1] == pytest.approx(depth, rel=1e-9)
+    assert static["k.f"][-1] == pytest.approx(MASS * G, rel=1e-9)
+    assert static["k.d"][-1] == 0.0  # it names no deformation
     frequency = np.sqrt(2 * HARDNESS * depth / MASS) / (2 * pi)
     assert read(tmp_path / "results", "modes")["undamped_frequency"][0] == pytest.approx(frequency, rel=1e-9)
 

@@ -2,7 +2,7 @@
 module progress
   use kinds, only: wp, ip
   use posix, only: is_terminal, standard_error, write_bytes
-  use text, only: es_text, fixed_text
+  use text, only: es_text, fixed_text, to_text
   implicit none (type, external)
   private
   public :: progress_line
@@ -43,7 +43,7 @@ contains
     seconds = real(now - self%start, wp)/real(self%rate, wp)
     left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
     written = write_bytes(standard_error, char(13)//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '// &
-                       fixed_text(min(left, 9.9e6_wp), 0)//' s left   ')
+                       to_text(nint(min(left, 9.9e6_wp)))//' s left   ')
   end subroutine report
 
   !> Clears the line.
