@@ -207,7 +207,7 @@ def test_endless_input_is_refused(biela, tmp_path):
     assert done.stderr == "/dev/zero: cannot be read: endless or too long, expected a deck file\n"
 
 
-@pytest.mark.parametrize("limit", [1000, 0])
+@pytest.mark.parametrize("limit", [1200, 0])
 def test_a_summary_that_cannot_be_written_is_told(biela, tmp_path, limit):
     """Files may not be that long, or a folder has its name: the status is 3, other decks go on."""
     for name in ("a", "b"):

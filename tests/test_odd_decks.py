@@ -166,3 +166,13 @@ def test_a_point_that_is_measured_does_not_move_the_scene(method, run_deck):
     sensor = "&sensor name='far' quantity='position' body='bar' point=0.0,1e12 /\n"
     runs = [run_deck(text, name=name).history for name, text in (("plain", deck), ("far", deck + sensor))]
     np.testing.assert_array_equal(runs[0]["bar"], runs[1]["bar"])
+
+
+@pytest.mark.parametrize(("more", "said"), [("", 0), ("reference_node=1,1,-1,-1 reference_dof='u','v','v','u'", 1)])
+def test_more_reference_conditions_than_needed_are_told(biela, tmp_path, more, said):
+    deck = STEEL + BEAM.format(more) + PIN + TIP + GRAVITY + RUNS["rk4"]
+    status, told, _ = run(biela, tmp_path, deck)
+    assert status == 0
+    assert told.count('body "b" has 1 reference conditions more than needed') == said
+    words = (tmp_path / "out" / "summary.txt").read_text(encoding="utf-8").split("deck text")[0]
+    assert words.count("; 1 reference conditions more than needed: stiffer than the structure") == said

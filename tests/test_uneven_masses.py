@@ -191,7 +191,14 @@ def starts_right_or_is_refused(run):
 
 @pytest.mark.parametrize("power", [-15, -9, 0, 3, 6, 7, 8, 9, 11, 12, 15, 18])
 @pytest.mark.parametrize(
-    "method", ["rk4' step=1e-5", "radau' tolerance=1e-8", "radau' tolerance=1e-5", "generalized_alpha' tolerance=1e-6"]
+    "method",
+    [
+        "rk4' step=1e-5",
+        "rk4' step=1e-5 stabilization='baumgarte'",
+        "radau' tolerance=1e-8",
+        "radau' tolerance=1e-5",
+        "generalized_alpha' tolerance=1e-6",
+    ],
 )
 def test_rigid_links_in_motion(run_deck, power, method):
     """A heavy rod keeps its energy: the crank ends at the speed that rods of 3e3 times its mass and more give it."""
@@ -202,7 +209,8 @@ def test_rigid_links_in_motion(run_deck, power, method):
     assert right or power > 11
     if right:
         assert run.status == 0
-        assert power < 8 or run.history["w"][-1] == pytest.approx(134.79498717, rel=1e-5 if "a' tol" in method else 1e-8)
+        error = 1e-5 if "a' tol" in method else 1e-7 if "baumgarte" in method else 1e-8  # Baumgarte's rows stay open a little
+        assert power < 8 or run.history["w"][-1] == pytest.approx(134.79498717, rel=error)
 
 
 FLEXIBLE_METHODS = ["rk4' step=1e-6", "generalized_alpha' step=5e-5", "radau' tolerance=1e-6", "dopri5' tolerance=1e-6"]

@@ -152,7 +152,6 @@ contains
       k = m%s%springs + run%d%response%force
       associate (f => m%s%forces(k)%item)
         b = m%markers%body(f%ia)
-        if (b == 0) return
         w = f%unit_wrench(ev%p, conditions_of(m, ev, k))
         w(1:2) = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
         call marker_jacobian(m, ev, f%ia, cols, jac)

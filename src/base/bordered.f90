@@ -271,7 +271,6 @@ contains
     total = log_of_factor(self%ab, self%kd, self%pivots) - sum(log(self%row_scale)) - sum(log(self%col_scale))
     do b = 1, size(self%blocks)
       associate (p => self%blocks(b))
-        if (p%n == 0) cycle
         total = total + log_of_factor(p%ab, p%kd, p%pivots) - sum(log(p%row_scale)) - sum(log(p%col_scale))
       end associate
     end do

@@ -123,7 +123,6 @@ contains
     end associate
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
-        if (f%marker%body == 0) cycle
         if (beyond(f%at, 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
                    'm/s2', faults)) return
       end associate
