@@ -132,6 +132,18 @@ def test_random_scenes_cut_off_anywhere(method, biela, tmp_path):
     assert continued >= len(seeds)
 
 
+def whole_after_cuts(place: Runner) -> dict[str, bytes]:
+    """Cut a run off at four places and continue it each time; return the files of the uninterrupted one."""
+    assert place.run() == 0
+    whole = place.files()
+    for tenth in (3, 5, 7, 9):
+        shutil.rmtree(place.results)
+        assert place.run(limit=len(whole["history.txt"]) * tenth // 10) != 0
+        assert place.run("--restart") == 0
+        assert place.files() == whole, f"cut at {tenth} tenths"
+    return whole
+
+
 @pytest.mark.parametrize("stiffness", [150.0, 300.0])
 def test_steps_after_the_exact_elastic_block_was_used(stiffness, biela, tmp_path):
     """A beam whose spring pulls it round: Newton's method needs the exact block for a while and then leaves it."""
@@ -146,12 +158,17 @@ def test_steps_after_the_exact_elastic_block_was_used(stiffness, biela, tmp_path
 &sensor name='r' quantity='reaction' joint='j' /
 &transient t_end=0.6 output_step=2e-3 checkpoint_interval=0.083 method='generalized_alpha' step=2e-3 /
 """
-    place = Runner(biela, tmp_path, deck)
-    assert place.run() == 0
-    whole = place.files()
+    whole = whole_after_cuts(Runner(biela, tmp_path, deck))
     assert int(re.search(rb"exact (\d+)", whole["summary.txt"])[1]) > 0
-    for tenth in (3, 5, 7, 9):
-        shutil.rmtree(place.results)
-        assert place.run(limit=len(whole["history.txt"]) * tenth // 10) != 0
-        assert place.run("--restart") == 0
-        assert place.files() == whole, f"cut at {tenth} tenths"
+
+
+def test_a_checkpoint_between_the_ends_of_a_step(biela, tmp_path):
+    """Steps that pass twenty rows: those that are left of the step after the checkpoint are read off it."""
+    deck = """&scene gravity=0.0,-9.81 /
+&body name='b' kind='rigid' mass=0.2 inertia=2e-3 com=0.5,0.0 /
+&joint name='j' type='revolute' body_a='b' /
+&sensor name='p' quantity='position' body='b' point=1.0,0.0 /
+&transient t_end=3.0 output_step=0.01 checkpoint_interval=0.3 method='dopri5' tolerance=1e-3 /
+"""
+    whole = whole_after_cuts(Runner(biela, tmp_path, deck))
+    assert int(re.search(rb"steps: +(\d+)", whole["summary.txt"])[1]) < 30
