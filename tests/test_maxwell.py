@@ -159,6 +159,25 @@ def test_poles_and_responses_solve_the_equation_of_the_modulus(run_deck, kind, g
         assert np.abs(response["x.x.re"] + 1j * response["x.x.im"] - exact).max() < 1e-10 * np.abs(exact).max()
 
 
+@pytest.mark.parametrize("rod", [0, 1])
+def test_rods_of_different_laws_in_one_scene_respond_by_their_own(run_deck, rod):
+    """Laws that are told apart by neither the sum of their numbers nor their kind; tip of a single element: k, and m of a third."""
+    k, mass, laws = 600.0, 0.4, ((0.5, 0.25), (0.25, 0.5))
+    deck = "&section name='s' area=1e-3 inertia=1e-7 /\n"
+    for number, (alpha, tau) in enumerate(laws):
+        deck += f"""&material name='m{number}' density={3 * mass / 0.5e-3} young={k * 500.0} prony_alpha={alpha} prony_tau={tau} /
+&body name='b{number}' kind='beam' length=0.5 elements=1 material='m{number}' section='s' reference='clamped' /
+&joint name='w{number}' type='weld' body_a='b{number}' node_a=1 /
+"""
+    deck += f"&force name='f' type='force' body='b{rod}' node=2 fx=1.0 /\n"
+    deck += f"&sensor name='x' quantity='deflection' body='b{rod}' node=2 /\n"
+    response = read(run_deck(deck + "&frequency_response from=0.1 to=10.0 points=5 input='f' /\n").folder, "frequency_response")
+    s = 2j * np.pi * response.time
+    alpha, tau = laws[rod]
+    exact = 1 / (k * (1 + alpha * s * tau / (1 + s * tau)) + mass * s**2)
+    assert np.abs(response["x.u.re"] + 1j * response["x.u.im"] - exact).max() < 1e-10 * np.abs(exact).max()
+
+
 SWING = f"""&scene gravity=0.0,-9.81 /
 &material name='m' density=1100.0 young=3.0e7 prony_alpha=0.8,0.5 prony_tau=0.02,0.0009 {GHM_WORDS} /
 &material name='n' density=1300.0 young=5.0e7 prony_alpha=0.6 prony_tau=0.004 /
