@@ -245,6 +245,19 @@ def test_a_distance_joint_takes_its_length_from_the_assembled_positions(run_deck
     np.testing.assert_allclose(length, 1.0, rtol=0, atol=1e-13)  # not hypot(0.02, 1), the deck's own distance
 
 
+@pytest.mark.parametrize("number", [2, 6, 7, 10, 11])
+def test_pendulums_that_nothing_connects_all_swing_alike(run_deck, number):
+    text = GRAVITY
+    for k in range(number):
+        text += rigid(f"b{k}", com="0.0,0.0") + joint(f"d{k}", "distance", f"b{k}", "", point_b="point_b=0.6,0.8")
+        text += sensor(f"p{k}", "position", f"body='b{k}'")
+    found = run_deck(text + transient(0.5)).history
+    assert np.ptp(found["p0.x"]) > 0.5
+    for k in range(number):
+        assert np.hypot(found[f"p{k}.x"] - 0.6, found[f"p{k}.y"] - 0.8) == pytest.approx(1.0, abs=1e-9)
+        assert found[f"p{k}.x"] == pytest.approx(found["p0.x"], abs=1e-12)
+
+
 def test_a_weld_keeps_the_angle_of_the_deck(run_deck):
     """Between the sections of two beams that stand at right angles and bend."""
     text = STEEL + beam("b", "angle=0.0") + beam("c", "position=1.0,0.0 angle=1.5707963267948966 reference='clamped'")
