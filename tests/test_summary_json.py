@@ -45,7 +45,9 @@ def test_every_figure_stands_in_the_words(name, run_deck):
     run = run_deck(text)
     found = figures(run.folder)
     words = [float(word) for word in NUMBER.findall(run.summary.partition("deck text")[0])]
-    parts = [found[key] for key in ("model", "stable_steps", "static", "modes", "frequency_response", "transient") if key in found]
+    names = [key for key in ("model", "stable_steps", "static", "modes", "frequency_response", "transient") if key in found]
+    parts = [found[key] for key in names]
+    assert all("\n\n" + key.replace("_", " ") in run.summary for key in names)  # each under a heading that a blank line sets off
     hidden = {"energy_balance", "damping_ratio", "step_of_safe_bound", "dissipative_coordinates", "newton_failures"}
     for part in parts:
         for key, value in part.items():
