@@ -58,6 +58,10 @@ def test_a_signal_ends_every_analysis_and_the_decks_after_it(analysis, number, b
     assert not (results / "third").exists()
     for path in (results / "second").glob("*.txt"):
         assert path.read_bytes().endswith(b"\n")
+    if analysis == "frequency response":
+        points = re.search(r"points: (\d+),", (results / "second" / "summary.txt").read_text())[1]
+        rows = (results / "second" / file).read_text().splitlines()
+        assert int(points) == sum(not row.startswith("#") for row in rows)
 
 
 def test_a_signal_before_anything_is_written_ends_at_once(biela, tmp_path):
