@@ -31,12 +31,6 @@ contains
   !> Number of the group with this name, 0 if there is none.
   pure integer function group_number(word) result(kind)
     character(*), intent(in) :: word   !! the word after `&`, any case
-    character(18) :: name
-    kind = 0
-    if (len(word) > len(name)) return
-    name = lower(word)
-    do kind = group_kinds, 1, -1
-      if (group_names(kind) == name) return
-    end do
+    kind = findloc(group_names == lower(word), .true., 1)
   end function group_number
 end module deck_kinds
