@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import subprocess
+import time
 
 import pytest
 from conftest import TIMEOUT, untimed, wait_for
@@ -17,7 +18,7 @@ DECK = """&scene gravity=0.0,-9.81 /
 &sensor name='tip' quantity='position' body='a' point=1.0,0.0 /
 &transient t_end={t_end} method='rk4' step=1e-3 /
 """
-LINE = re.compile(r"(?P<deck>\S+): (?P<words>[a-z ]+), \d+\.\d\d s, (?P<warnings>\d+) warnings?")
+LINE = re.compile(r"(?P<deck>\S+): (?P<words>[a-z ]+), (?P<seconds>\d+\.\d\d) s, (?P<warnings>\d+) warnings?")
 
 
 def decks(folder, count, t_end=0.05):
@@ -44,11 +45,14 @@ def test_results_are_those_of_one_after_another(biela, tmp_path):
 def test_one_line_a_deck_and_messages_in_one_piece(biela, tmp_path):
     names = decks(tmp_path, 6)
     (tmp_path / "bad.nml").write_text("&scene titel='x' /\n")
+    begun = time.monotonic()
     done = call(biela, tmp_path, "-j", "2", *names, "bad.nml", "none.nml")
+    whole = time.monotonic() - begun
     found = {m["deck"]: m for m in map(LINE.fullmatch, done.stdout.splitlines())}
     assert done.returncode == 2
     assert set(found) == {*names, "bad.nml", "none.nml"}
     assert found["bad.nml"]["words"] == "refused"
+    assert all(float(m["seconds"]) <= whole + 0.01 for m in found.values())
     for name in names:
         mine = [line for line in done.stderr.splitlines() if line.startswith(name)]
         assert int(found[name]["warnings"]) == len(mine) > 0

@@ -1,4 +1,4 @@
-"""Assembly moves bodies as little as possible: turns count as much as displacements of the scene's size."""
+"""Assembly moves bodies as little as possible: turns count as much as displacements of the scene's size; so with velocities."""
 
 from __future__ import annotations
 
@@ -56,3 +56,21 @@ def test_gaps_are_closed_by_the_least_motion(run_deck):
     moved -= np.concatenate([[*at, angle] for at, angle, _ in BODIES])
     assert np.abs(least).max() > 0.1 * GAP
     assert moved == pytest.approx(least, abs=1e-4 * GAP)
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        ("&joint name='j' type='distance' body_a='r' length=1.0 /\n", [0.0, 2.0, 5.0]),
+        ("&drive name='j' type='rotation' body_a='r' history='w' rate=.true. /\n", [1.0, 2.0, 3.0]),
+    ],
+)
+def test_one_row_corrects_the_velocity_that_contradicts_it(held, expected, run_deck):
+    run = run_deck(
+        "&body name='r' mass=1.0 inertia=0.1 position=1.0,0.0 velocity=1.0,2.0 angular_velocity=5.0 /\n"
+        f"&history name='w' kind='polynomial' coefficients=3.0 /\n{held}"
+        "&sensor name='v' quantity='velocity' body='r' /\n&sensor name='w' quantity='angular_velocity' body='r' /\n"
+        "&transient t_end=1e-3 step=1e-3 /\n"
+    )
+    assert [run.history[name][0] for name in ("v.x", "v.y", "w")] == pytest.approx(expected, abs=1e-12)
+    assert 'velocity of body "r" contradicts the joints and was corrected' in run.stderr
