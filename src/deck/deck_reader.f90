@@ -63,7 +63,6 @@ contains
       integer :: first(group_kinds)                          ! first group of each kind
       integer :: k
       numbers = 0
-      first = 0
       allocate (kinds(size(list)))
       do k = 1, size(list)
         associate (g => list(k))
