@@ -67,9 +67,7 @@ contains
       if (len(problem) > 0) problem = ' cannot be read: '//problem//', expected a deck file beside this one'
       if (len(problem) > 0) deck%names%complete = .false.
     end if
-    if (len(problem) == 0) return
-    call deck%open(number)
-    call deck%complain('file', 'file='//quoted(name)//problem)
+    if (len(problem) > 0) call deck%complain('file', 'file='//quoted(name)//problem)
   end subroutine follow
 
   !> A file may be read once only; one that includes itself would never end.
