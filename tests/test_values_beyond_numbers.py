@@ -94,6 +94,13 @@ def test_a_force_that_acts_too_far_away_is_a_fault_of_its_body(far, joint, run_d
     assert "cannot be trusted" not in run_deck(deck.format("1e6,0")).stderr
 
 
+@pytest.mark.parametrize("body", ["a", "b"])
+def test_an_acceleration_that_does_not_fit_is_a_fault_of_its_force(body, run_deck):
+    deck = "".join(f"&body name='{k}' mass=1e-30 inertia=1e-30 com=0.1,0.0 /\n" for k in "ab")
+    done = run_deck(deck + f"&force name='f' body='{body}' fx=3e40 fy=4e40 /\n", "--check", expect=2)
+    assert "scene.nml:3: force/f: the acceleration of its body would be 5e70 m/s2, too far from 1" in done.stderr
+
+
 def absurd_deck(choice: random.Random) -> str:
     """A beam on a joint, a body on a spring, analyses at random; magnitudes from 1e-59 to 1e59."""
 
