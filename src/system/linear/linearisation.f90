@@ -99,7 +99,6 @@ contains
         do side = 1, 2
           marker = merge(c%ia, c%ib, side == 1)
           call marker_jacobian(m, ev, marker, cols, jac)
-          if (size(cols) == 0) cycle
           do i = c%first, c%first + c%rows - 1
             n = merge(ev%rows%na(:, i), ev%rows%nb(:, i), side == 1)
             w = [to_body(m, ev, marker, n), merge(ev%rows%sa(i), ev%rows%sb(i), side == 1)]
