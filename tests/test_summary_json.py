@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import re
 import subprocess
 
@@ -99,6 +100,20 @@ def test_the_scene_stands_where_the_motion_begins(run_deck):
         for number, (x, y) in enumerate(body["nodes"], 1):
             assert first[f"{body['name']}.{number}.x"][0] == pytest.approx(x, abs=1e-6)
             assert first[f"{body['name']}.{number}.y"][0] == pytest.approx(y, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_size_is_the_largest_distance_between_two_points_of_a_body(seed, biela, tmp_path):
+    """On a circle, away from the origin, no pair of points is much farther apart than others."""
+    draw = random.Random(seed)
+    turns = [draw.uniform(0.0, 2 * math.pi) for _ in range(9)]
+    points = [(2.0 + math.cos(turn), -1.5 + math.sin(turn)) for turn in turns]
+    deck = "&body name='r' mass=1.0 inertia=9.0 com=2.0,-1.5 /\n"
+    deck += "".join(f"&force name='f{k}' body='r' point={x!r},{y!r} fx=1.0 /\n" for k, (x, y) in enumerate(points))
+    (tmp_path / "a.nml").write_text(deck + "&transient t_end=1.0 step=0.1 /\n")
+    done = subprocess.run([biela, "--check", "--json", "a.nml"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    farthest = max(math.dist(a, b) for a in points for b in points)
+    assert json.loads(done.stdout)["scene"]["size"] == pytest.approx(farthest, rel=1e-5)
 
 
 def test_json_goes_with_check(biela):

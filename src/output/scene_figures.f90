@@ -128,7 +128,7 @@ contains
       x = [r%point, 0.0_wp]
       if (r%body == 0) return
       associate (b => m%s%bodies(r%body), frame => q(m%s%qo(r%body) + 1:m%s%qo(r%body) + 3))
-        if (r%node > 0) x = [b%x(:, r%node), 0.0_wp] + b%displacement(r%node, q(m%s%qo(r%body) + 4:m%s%qo(r%body) + 3 + b%nf))
+        if (r%node > 0) x(1:2) = b%x(:, r%node)  ! assembly bends nothing
         c = cos(frame(3))
         s = sin(frame(3))
         x = frame + [c*x(1) - s*x(2), s*x(1) + c*x(2), x(3)]
