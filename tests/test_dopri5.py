@@ -141,6 +141,14 @@ def test_a_corner_inside_a_fixed_step_is_told(run_deck):
     assert "7.000300E-03" in run.summary
 
 
+def test_a_jump_of_the_second_derivative_is_told_where_a_method_loses_its_order(run_deck):
+    """A monotone table's curvature jumps at its points: rk4 misses the one between steps."""
+    deck = "&body name='b' mass=2.0 inertia=1.0 /\n&force name='f' type='force' body='b' fx=1.0 history='h' /\n"
+    deck += "&history name='h' kind='table' time=0.0,0.0105,0.02 value=0.0,1.0,1.5 interpolation='pchip' /\n"
+    told = run_deck(deck + "&transient t_end=0.02 method='rk4' step=0.001 /\n").stderr
+    assert "corners at t = 1.050000E-02 s, which are no multiples" in told
+
+
 def test_adaptive_steps_stop_at_corners(run_deck):
     """With corners anywhere the error is that of the tolerance; the row at a jump has the loads after it."""
     text = PULSE.format(start=0.003, finish=0.0071234567, method="'dopri5' tolerance={}")

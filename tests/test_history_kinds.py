@@ -220,6 +220,13 @@ def test_pulses_that_follow_one_another_do_not_jump(run_deck):
     np.testing.assert_allclose(rows[2], 0.5, rtol=0, atol=1e-13)
 
 
+def test_parts_of_a_sequence_that_meet_but_for_rounding_do_not_jump(run_deck):
+    """1 - cos ends at 2e-16, not at the zero of the rest behind it: a drive may follow."""
+    deck = "&history name='wave' kind='sine' offset=1.0 amplitude=1.0 frequency=1.0 phase=-1.5707963267948966 /\n"
+    deck += DWELL.format("rest", 0.0) + "&history name='h' kind='sequence' histories='wave','rest' durations=1.0,1.0 /\n"
+    run_deck(DRIVEN.format(deck) + "&transient t_end=2.0 method='rk4' step=0.01 /\n", "--check")
+
+
 SAW = "&history name='h' kind='table' time=0.0,0.07,0.1 value=0.0,1.0,0.0 interpolation='linear' periodic=.true. /\n"
 STEPS = (
     DWELL.format("one", 1.0) + DWELL.format("two", "-0.5,3.0")
@@ -354,8 +361,8 @@ def test_the_remedy_that_is_told_helps(run_deck, wrong, right):
 def test_a_changed_file_is_another_deck(run_deck, tmp_path):
     """A restart refuses what is not the run that it would go on with: the file's text belongs to the deck."""
     (tmp_path / "m.csv").write_text("0,0\n1,1\n2,0\n")
-    deck = "&body name='b' mass=1.0 inertia=1.0 /\n&history name='h' kind='table' file='m.csv' /\n"
-    deck += "&force name='f' body='b' fx=1.0 history='h' /\n"
+    deck = "&body name='b' mass=1.0 inertia=1.0 /\n&history name='g' kind='sine' amplitude=1.0 frequency=1.0 /\n"
+    deck += "&history name='h' kind='table' file='m.csv' /\n&force name='f' body='b' fx=1.0 history='h' /\n"
     first = run_deck(deck + "&transient t_end=2.0 step=0.01 /\n").folder.joinpath("summary.txt").read_text()
     (tmp_path / "m.csv").write_text("0,0\n1,2\n2,0\n")
     second = run_deck(deck + "&transient t_end=2.0 step=0.01 /\n").folder.joinpath("summary.txt").read_text()

@@ -60,6 +60,10 @@ def test_one_line_a_deck_and_messages_in_one_piece(biela, tmp_path):
         assert done.stderr[first:].startswith("\n".join(mine))
 
 
+def test_a_single_deck_may_have_jobs_to_spare(biela, tmp_path):
+    assert call(biela, tmp_path, "--jobs", "2", *decks(tmp_path, 1)).stdout.startswith("d0.nml: ")
+
+
 def test_quiet_says_nothing_of_runs_that_go_well(biela, tmp_path):
     names = decks(tmp_path, 3)
     assert call(biela, tmp_path, "--quiet", "--jobs", "2", *names).stdout == ""

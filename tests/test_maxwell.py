@@ -275,6 +275,15 @@ def test_the_explicit_bound_is_that_of_the_term(run_deck):
     assert 'Maxwell pole of spring "s", term 2' in told
 
 
+def test_the_summary_names_the_kinds_of_terms_of_a_body(run_deck):
+    deck = "&material name='g' density=1200.0 young=3.0e8 ghm_alpha=0.5 ghm_zeta=1.5 ghm_omega=900.0 /\n"
+    deck += "&material name='p' density=1200.0 young=3.0e8 prony_alpha=0.5 prony_tau=1e-3 /\n"
+    deck += "&section name='s' area=1e-4 inertia=9e-9 /\n"
+    deck += "&body name='b' kind='beam' length=0.4 elements=2 element_material={} section='s' /\n"
+    for materials, words in (("'g','p'", "2 GHM or Maxwell terms"), ("'g','g'", "1 GHM term"), ("'p','p'", "1 Maxwell term")):
+        assert f"3 deformations each, {words})" in run_deck(deck.format(materials), "--check").stdout
+
+
 def test_the_elastomer_with_maxwell_terms_moves_as_with_ghm_terms(run_deck):
     """The shipped decks: the same history within 1e-4 of its range, half the state for the terms, a larger explicit step."""
     runs = {}

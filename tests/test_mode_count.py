@@ -363,6 +363,19 @@ def test_a_coordinate_on_its_own_has_its_damped_mode(run_deck, name):
     np.testing.assert_allclose(found, [expected[expected.imag > 0][0]], rtol=1e-12)
 
 
+def test_poles_scale_with_the_rates_of_the_scene(run_deck):
+    """Two masses that one damped spring couples: with all rates divided by 1e6 the poles are as many, divided by it."""
+    deck = "&body name='a' mass=1.0 inertia=1.0 /\n&joint name='ga' type='prismatic' body_a='a' /\n"
+    deck += "&body name='b' mass=2.0 inertia=1.0 position=1.0,0.0 /\n&joint name='gb' type='prismatic' body_a='b' /\n"
+    deck += "&spring name='s' type='linear' body_a='a' point_b=-1.0,0.0 stiffness={} ghm_alpha=1.0 ghm_zeta=1.5 ghm_omega={} /\n"
+    deck += "&spring name='t' type='linear' body_a='a' body_b='b' stiffness={} /\n&modal modes=2 /\n"
+    found = []
+    for c in (1.0, 1e-6):
+        table = read(run_deck(deck.format(300.0 * c**2, 20.0 * c, 200.0 * c**2)).folder, "modes")
+        found.append(np.sort_complex((table["real"] + 1j * table["imag"]) / c))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
+
+
 def test_a_free_beam_in_its_own_modes_has_its_vibrations(run_deck):
     """Each solves s^2 + w^2 E(s)/E_R = 0."""
     deck = "&material name='m' density=1200.0 young=1.0e9 ghm_alpha=0.5 ghm_zeta=1.5 ghm_omega=400.0 /\n"

@@ -44,6 +44,10 @@ SLIPS = {
     ),
     "gravity in mm": (PLAIN.replace("9.81", "9810.0"), "1: scene: warning: gravity of 9810 m/s2"),
     "loose": (PLAIN + "&body name='x' mass=1.0 inertia=1.0 /\n", "9: body/x: warning: no joint, drive, spring or force names it"),
+    "loose beside a spring": (
+        TOP + DISC + "&spring name='k' type='torsional' body_a='d' stiffness=1.0 /\n&body name='x' mass=1.0 inertia=1.0 /\n" + RUN,
+        "6: body/x: warning: no joint, drive, spring or force names it",
+    ),
     "joint twice": (
         PLAIN + "&joint name='q' type='revolute' body_a='d' /\n",
         '9: joint/q: warning: it holds the same as joint "p" in line 7',

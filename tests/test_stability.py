@@ -218,6 +218,19 @@ def test_the_bound_of_a_slow_motion_is_followed(run_deck):
     assert float(found[1]) == pytest.approx(4.0 * math.sqrt(2.0), rel=1e-3)
 
 
+def test_a_vibration_far_above_the_static_stiffness_is_a_mode(run_deck):
+    """A slow GHM term of weight 3 doubles the frequency of 100 rad/s: a mode of the spring, no pole of its term."""
+    told = run_deck(
+        "&body name='b' mass=1.0 inertia=1.0 /\n&joint name='j' type='prismatic' body_a='b' /\n"
+        "&spring name='s' type='linear' body_a='b' point_b=-1.0,0.0 stiffness=1e4 ghm_alpha=3.0 ghm_zeta=0.2 ghm_omega=50.0 /\n"
+        "&transient t_end=0.1 method='rk4' step=1e-3 /\n",
+        "--check",
+    ).stdout
+    roots = np.roots([1.0, 20.0, 2500.0 + 4e4, 20.0 * 4e4, 2500.0 * 1e4])  # (s2 + k)(s2 + 20 s + 2500) + 3 k (s2 + 20 s)
+    found = re.search(r"limited by a mode of springs and rigid bodies, \|eigenvalue\| +(\S+) rad/s", told)
+    assert float(found[1]) == pytest.approx(np.abs(roots).max(), rel=1e-4)
+
+
 def test_a_bound_of_a_material_is_not_estimated_again(run_deck):
     """A GHM pole does not change with the motion; here it is that of the first segment of the first body."""
     run = run_deck(

@@ -199,6 +199,12 @@ def test_bodies_left_free_are_refused_by_name(run_deck):
     assert sum("left free to move" in line for line in told) == 1
 
 
+def test_tension_does_not_hold_a_body(run_deck):
+    """A stretched spring along an arm has no stiffness across it; its tension alone, a matter of the load, does not count."""
+    pull = "&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0 point_b=3.0,0.0 stiffness=100.0 free_length=1.0 /\n"
+    assert 'left free to move: "arm"; expected' in run_deck(FREE.replace("&static /", pull + "&static /"), expect=2).stderr.lower()
+
+
 @pytest.mark.parametrize(
     "hold",
     [

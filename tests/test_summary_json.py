@@ -116,6 +116,14 @@ def test_the_size_is_the_largest_distance_between_two_points_of_a_body(seed, bie
     assert json.loads(done.stdout)["scene"]["size"] == pytest.approx(farthest, rel=1e-5)
 
 
+def test_every_body_has_its_kind(run_deck):
+    deck = "&material name='m' density=1600.0 young=2.1e9 /\n&section name='s' area=1e-4 inertia=1e-9 /\n"
+    deck += "&body name='r' mass=1.0 inertia=1.0 /\n"
+    beam = "&body name='{}' kind='beam' length=0.4 elements=2 material='m' section='s' {} /\n"
+    told = run_deck(deck + beam.format("b", "") + beam.format("block", "flexible=.false."), "--check", "--json").stdout
+    assert {b["name"]: b["kind"] for b in json.loads(told)["model"]["bodies"]} == {"r": "rigid", "b": "beam", "block": "beam"}
+
+
 def test_json_goes_with_check(biela):
     done = subprocess.run([biela, "--json", "a.nml"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
