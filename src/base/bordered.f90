@@ -106,7 +106,6 @@ contains
       mark = 0
       do e = 1, size(rows)
         if (self%block_of(rows(e)) == b .and. local(cols(e)) > 0) mark(local(cols(e))) = 1
-        if (self%block_of(cols(e)) == b .and. local(rows(e)) > 0) mark(local(rows(e))) = 1
       end do
       m = size(members) + slots*(b - 1)
       mark(m + 1:m + slots) = 1
