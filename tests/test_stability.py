@@ -231,6 +231,20 @@ def test_a_vibration_far_above_the_static_stiffness_is_a_mode(run_deck):
     assert float(found[1]) == pytest.approx(np.abs(roots).max(), rel=1e-4)
 
 
+def test_a_pole_of_a_slow_spring_beside_a_fast_one_sees_its_mass(run_deck):
+    """A GHM term of 1000 rad/s decays with 1149 1/s where its spring carries 1 kg; the other's mode allows more."""
+    told = run_deck(
+        "&body name='a' mass=1.0 inertia=1.0 /\n&joint name='ga' type='prismatic' body_a='a' /\n"
+        "&body name='b' mass=1.0 inertia=1.0 /\n&joint name='gb' type='prismatic' body_a='b' /\n"
+        "&spring name='s' type='linear' body_a='a' point_b=-1.0,0.0 stiffness=9e5 /\n"
+        "&spring name='t' type='linear' body_a='b' point_b=-1.0,0.0 stiffness=1e3 ghm_alpha=30.0 ghm_zeta=1.0 ghm_omega=1e3 /\n"
+        "&transient t_end=0.01 step=1e-4 method='rk4' /\n",
+        "--check",
+    ).stdout
+    roots = np.roots([1.0, 2e3, 1e6 + 31e3, 2e3 * 31e3, 1e6 * 1e3])  # (s2 + k)(s2 + 2e3 s + 1e6) + 30 k (s2 + 2e3 s)
+    assert float(re.search(r"rk4: safe bound +(\S+) s", told)[1]) == pytest.approx(2.785294 / np.abs(roots).max(), rel=1e-4)
+
+
 def test_a_bound_of_a_material_is_not_estimated_again(run_deck):
     """A GHM pole does not change with the motion; here it is that of the first segment of the first body."""
     run = run_deck(
