@@ -148,6 +148,21 @@ def test_energy_that_the_method_takes_out_is_told(run_deck):
     assert abs(residual + removed) < 0.1 * abs(residual)
 
 
+@pytest.mark.parametrize("end", ["2.0,0.0", "0.0,2.0", ""])
+def test_energy_taken_out_of_each_motion_of_a_rigid_body_is_told(end, run_deck):
+    """A body with 2 J that vibrates at 10 rad/s along x, along y or turning."""
+    spring = f"type='linear' point_b={end} stiffness=100.0 free_length=2.0" if end else "type='torsional' stiffness=100.0"
+    rates = "velocity=2.0,0.0" if end.endswith(",0.0") else "velocity=0.0,2.0" if end else "angular_velocity=2.0"
+    run = run_deck(
+        f"&body name='b' mass=1.0 inertia=1.0 {rates} /\n&spring name='k' body_a='b' {spring} /\n"
+        "&sensor name='b' quantity='position' body='b' /\n&transient method='radau' step=0.02 t_end=2.0 output_step=0.1 /\n"
+    )
+    residual = float(re.search(r"energy residual: .*? at the end +(\S+) J;", run.summary)[1])
+    removed = float(re.search(r"removed by the method itself: +(\S+) J", run.summary)[1])
+    assert removed > 0.0
+    assert abs(residual + removed) < 0.02 * removed
+
+
 @pytest.mark.parametrize("terms", ["prony_alpha=0.4,0.2 prony_tau=2e-4,1e-5", "ghm_alpha=0.4 ghm_zeta=2.0 ghm_omega=4e4"])
 def test_energy_taken_out_of_internal_variables_is_told(terms, run_deck):
     """Fast terms and large steps: the residual is what the method says that it removed, of internal variables, too."""
