@@ -311,6 +311,8 @@ def test_long_fine_beam_costs_memory_in_proportion(run_deck):
         line = next(line for line in run.summary.splitlines() if "matrices:" in line)
         kilobytes.append(float(line.split("matrices:")[1].split()[0]))
     assert kilobytes[1] < 2.1 * kilobytes[0]
+    # at least, of 600 coordinates: 16 diagonals (with room for pivots), 3 columns of the frame and 3 of the joint on either side
+    assert kilobytes[1] > 16 * 600 * (16 + 2 * 6) / 1024
 
 
 def test_about_keeps_the_present_state_of_a_linear_oracle(probe, tmp_path):
