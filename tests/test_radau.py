@@ -233,3 +233,14 @@ def test_a_load_beyond_all_numbers(run_deck):
     """A load that grows to 1e59 N on a rod: refused steps become smaller until the run ends with its message."""
     _, told = failed(run_deck, BENT + "&transient t_end=1.0 method='radau' step=1e-3 output_step=1e-2 /\n")
     assert 'body "rod"' in told
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+def test_the_first_step_is_short_beside_the_motion_at_the_start(run_deck, tolerance):
+    """A disc that turns freely: the first step turns it by a small part of a radian whose fourth power is the tolerance."""
+    run = run_deck(
+        "&body name='d' mass=1.0 inertia=0.5 angular_velocity=100.0 /\n&joint name='j' type='revolute' body_a='d' /\n"
+        f"&transient t_end=1.0 method='radau' tolerance={tolerance} output_step=1.0 /\n"
+    )
+    first = float(re.search(r"accepted steps from +(\S+) to", run.summary)[1])
+    assert 0.0 < 100.0 * first <= tolerance**0.25
