@@ -1,7 +1,8 @@
-"""How many steps make an interval: one rule, and counts that do not fit are refused."""
+"""How many steps make an interval: one rule, and counts that do not fit are refused; equal scenes take equal steps."""
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -54,3 +55,22 @@ def test_default_rates_belong_to_the_step_in_use(run_deck):
 def test_rounding_of_late_times_adds_no_step(run_deck):
     done = run_deck(BODY + "&transient t_end=12.0 output_step=1e-3 step=1e-4 /\n", "--quiet")
     assert steps(done)[0] == 120000
+
+
+def test_a_spring_cut_into_two_that_share_its_stiffness_takes_the_same_steps(run_deck):
+    """Each half has the internal variables of the whole, whose rates, hardly damped, set the step."""
+    counts = []
+    for names in (("k",), ("k", "l")):
+        springs = "".join(
+            f"&spring name='{name}' type='torsional' body_a='b' stiffness={1.0 / len(names)} ghm_alpha=0.5 ghm_zeta=0.01"
+            " ghm_omega=100.0 /\n"
+            for name in names
+        )
+        run = run_deck(
+            "&body name='b' mass=1.0 inertia=1.0 angular_velocity=2.0 /\n&joint name='p' type='revolute' body_a='b' /\n"
+            f"{springs}&sensor name='b' quantity='angle' body='b' /\n"
+            "&transient method='dopri5' tolerance=1e-6 t_end=0.5 output_step=0.1 /\n",
+            name="".join(names),
+        )
+        counts.append(json.loads((run.folder / "summary.json").read_text())["transient"]["evaluations"])
+    assert counts[0] == counts[1]
