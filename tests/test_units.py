@@ -133,6 +133,22 @@ def test_newton_iterates_as_often_in_any_units(run_deck, scale, words, rod):
         assert found[name] == pytest.approx(plain[name], rel=0.03), name
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5])
+def test_the_first_step_of_a_slow_motion_is_the_same_in_any_unit_of_time(run_deck, tolerance):
+    found = []
+    for power in (0, -10, 10):
+        u = Units(0, 0, power)
+        deck = f"""&body name='b' mass=1.0 inertia=1.0 /
+&joint name='g' type='prismatic' body_a='b' direction=0.0 /
+&spring name='s' type='linear' body_a='b' point_b=1.0,0.0 stiffness={u(0.25, time=-2)} free_length=0.5 /
+&transient t_end={u(0.1, time=1)} output_step={u(0.01, time=1)} method='generalized_alpha' tolerance={tolerance} /
+"""
+        told = json.loads((run_deck(deck, name=f"p{power}").folder / "summary.json").read_text(encoding="utf-8"))["transient"]
+        found.append([told["steps"], told["rejected"], told["shortest_step"] / 2.0**power])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+    assert found[2] == pytest.approx(found[0], rel=1e-6)
+
+
 def flap(u, stiffness, spin):
     """Return a link on a torsional spring, hinged to the rim of a hub that turns steadily; the spring is slack at 0.8 rad."""
     w = u(spin, time=-1)
