@@ -64,6 +64,17 @@ def test_a_signal_ends_every_analysis_and_the_decks_after_it(analysis, number, b
         assert int(points) == sum(not row.startswith("#") for row in rows)
 
 
+def test_a_folder_into_which_another_run_writes_is_left_alone(biela, tmp_path):
+    (tmp_path / "a.nml").write_text(ENDLESS["static analysis"][0])
+    process = subprocess.Popen([biela, "--quiet", "a.nml"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    wait_for(tmp_path / "results" / "a" / "static.txt", process)
+    done = subprocess.run([biela, "a.nml"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    process.terminate()
+    process.wait(timeout=600)
+    assert done.returncode != 0
+    assert done.stderr == 'a.nml: another run is writing into "results/a"\n'
+
+
 def test_a_signal_before_anything_is_written_ends_at_once(biela, tmp_path):
     pipe = tmp_path / "deck.nml"
     os.mkfifo(pipe)
