@@ -129,6 +129,16 @@ def test_the_bound_of_parts_that_do_not_touch_is_that_of_the_worst(run_deck, pai
         assert both == pytest.approx(min(alone), rel=2e-4)
 
 
+def test_the_worst_mixture_of_two_vibrations_lies_between_them(run_deck):
+    """Discs on springs of one stiffness, one critically damped: what is damped in part is stable up to 6 % shorter steps only."""
+    decks = [disc(100.0, c, [])[0] for c in (0.0, 20.0)]
+    decks[1] = re.sub("'([djs])'", r"'\1\1'", decks[1])
+    mixtures = [np.roots([1.0, c, 100.0]) for c in np.linspace(0.0, 20.0, 41)]
+    steps = [largest_step(eigenvalues, "rk4") for eigenvalues in mixtures]
+    assert min(steps) < 0.95 * min(steps[0], steps[-1])
+    assert safe_bound(run_deck, "".join(decks), "rk4") == pytest.approx(min(steps), rel=5e-3)
+
+
 HALVED = """&material name='m' density=1000.0 young=1.0e9 /
 &section name='s' area=1.0e-4 inertia=1.0e-9 /
 &body name='r' kind='rigid' mass=1.0 inertia=1.0 /
