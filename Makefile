@@ -37,7 +37,7 @@ SUFFIX   := $(SUFFIX:-release=)
 FLAGS_release  = $(FFLAGS) $(if $(filter 1,$(NATIVE)),-march=native)
 FLAGS_debug    = $(CHECKED)
 FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
-FLAGS_coverage = -O0 -g --coverage -Wl,--wrap=_exit,--defsym=__wrap__exit=exit   # an end at once would not write what was counted
+FLAGS_coverage = -O0 -g --coverage
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
