@@ -191,7 +191,9 @@ contains
       last = change
       if (is_part(half, r(1:self%n), x(1:self%n)) .and. is_part(half, r(self%n + 1:), x(self%n + 1:))) exit
     end do
-    if (present(exists)) exists = is_part(0.1_wp, r(1:self%n), x(1:self%n)) .or. is_part(0.1_wp, b - self%balance(x, turned), b)
+    if (.not. present(exists)) return
+    exists = is_part(0.1_wp, r(1:self%n), x(1:self%n))
+    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x, turned), b)
   contains
     !> Whether the largest of some numbers is at most a part of the largest of others.
     pure logical function is_part(part, some, others)
