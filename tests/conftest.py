@@ -7,7 +7,9 @@ The environment variables BIELA and PROBE name the programs under test (bin/biel
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,6 +79,18 @@ def caught(start: Callable):
         if found is not None:
             return found
     pytest.fail("every run was faster than its signal")
+
+
+def preloaded(name: str, folder: Path, *options: str) -> Path:
+    """Return a library built from tests/preload; skip where there is no gfortran, or nothing is preloaded."""
+    compiler = os.environ.get("FC", "gfortran")
+    if not shutil.which(compiler) or not sys.platform.startswith("linux"):
+        pytest.skip("needs gfortran and Linux")
+    library = folder / f"{name}.so"
+    source = ROOT / "tests" / "preload" / f"{name}.f90"
+    command = [compiler, "-O1", "-fPIC", "-shared", f"-J{folder}", str(source), *options, "-o", str(library)]
+    subprocess.run(command, check=True, capture_output=True)
+    return library
 
 
 def program(variable: str, default: str) -> Path:

@@ -7,13 +7,12 @@ set-up does drops out. Allocations and factorisations are counted from outside, 
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, preloaded
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 import bench_scenes as scenes
@@ -62,13 +61,7 @@ def test_iterations_and_factors_of_implicit_steps(run_deck, name):
 @pytest.fixture(scope="module")
 def counters(tmp_path_factory):
     """Return the path of the counting library; skips where it cannot be built or preloaded (another C library)."""
-    compiler = os.environ.get("FC", "gfortran")
-    if not shutil.which(compiler) or not sys.platform.startswith("linux"):
-        pytest.skip("needs gfortran and Linux")
-    folder = tmp_path_factory.mktemp("counters")
-    library = folder / "counters.so"
-    command = [compiler, "-O1", "-fPIC", "-shared", f"-J{folder}", str(ROOT / "tests" / "preload" / "counters.f90")]
-    subprocess.run([*command, "-Wl,-fini=report_counts", "-o", str(library)], check=True, capture_output=True)
+    library = preloaded("counters", tmp_path_factory.mktemp("counters"), "-Wl,-fini=report_counts")
     done = subprocess.run(["true"], env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False)
     if "allocations" not in done.stderr:
         pytest.skip("the C library does not let its allocations be counted")

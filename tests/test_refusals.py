@@ -1,11 +1,10 @@
 """Analyses that linear algebra could refuse: scenes without a free coordinate, too many modes, a wrong argument."""
 
 import os
-import shutil
 import subprocess
 
 import pytest
-from conftest import ROOT
+from conftest import preloaded
 from histories import read
 
 CRANK = """&body name='b' kind='rigid' mass=0.08 inertia=0.0014 com=0.1,0.0 /
@@ -40,17 +39,6 @@ def test_more_modes_than_fit_into_an_integer_are_those_that_there_are(run_deck):
     run = run_deck(CRANK + SPRING + "&modal modes=2147483640 /\n")
     assert len(read(run.folder, "modes")["mode"]) == 1
     assert "only 1 degrees of freedom for 2147483640 modes" in run.summary
-
-
-def preloaded(name, folder):
-    """Return a library built from tests/preload; skip where there is no compiler."""
-    compiler = shutil.which(os.environ.get("FC", "gfortran"))
-    library = folder / f"{name}.so"
-    source = ROOT / "tests" / "preload" / f"{name}.f90"
-    command = [compiler or "gfortran", "-fPIC", "-shared", f"-J{folder}", str(source), "-o", str(library)]
-    if compiler is None or subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("no library can be built here")
-    return library
 
 
 def test_a_refused_argument_ends_the_analysis_not_the_run(biela, tmp_path):
