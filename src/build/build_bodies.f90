@@ -133,8 +133,8 @@ contains
           return
         end if
         call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
-        if (bad) call r%at%blame(faults, 'the modes could not be computed: rounded to double precision the stiffness of this '// &
-                             'mesh is not positive definite; expected fewer elements or less uneven ones')
+        if (bad) call r%at%blame(faults, 'the modes could not be computed: double precision does not carry the stiffness of '// &
+                             'this mesh; expected fewer elements or less uneven ones')
       end associate
     end subroutine reduce
   end subroutine build_body

@@ -6,7 +6,7 @@ module beam_element
   implicit none (type, external)
   private
   public :: beam_geometry, element_rotation, shape_integral, shape_moment, element_mass, element_gyroscopic
-  public :: element_stiffness, deformation_matrix, stiffening_tangent
+  public :: element_stiffness, deformation_matrix, deformation_law, stiffening_tangent
 
   !> A straight element between two nodes of a body, with what every formula about it needs.
   type :: beam_geometry
@@ -117,16 +117,22 @@ contains
     k = deformation_stiffness(g, deformation_matrix(g))
   end function element_stiffness
 
-  !> B^T D B with D at E_R.
-  pure function deformation_stiffness(g, b) result(k)
+  !> D (3 x 3) at E_R: forces and moments from deformations (theory.md, section 4) [N/m], [N m].
+  pure function deformation_law(g) result(d)
     type(beam_geometry), intent(in) :: g
-    real(wp), intent(in) :: b(3, 6)    !! deformations from coordinates [-], [1/m]
-    real(wp) :: k(6, 6), d(3, 3), db(3, 6)
+    real(wp) :: d(3, 3)
     d = 0.0_wp
     d(1, 1) = g%ea_l
     d(2, 2:3) = [4.0_wp, 2.0_wp]*g%ei_l
     d(3, 2:3) = [2.0_wp, 4.0_wp]*g%ei_l
-    db = matmul(d, b)
+  end function deformation_law
+
+  !> B^T D B with D at E_R.
+  pure function deformation_stiffness(g, b) result(k)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: b(3, 6)    !! deformations from coordinates [-], [1/m]
+    real(wp) :: k(6, 6), db(3, 6)
+    db = matmul(deformation_law(g), b)
     k = matmul(transpose(b), db)
   end function deformation_stiffness
 

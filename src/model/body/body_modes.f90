@@ -3,6 +3,7 @@
 module body_modes
   use kinds, only: wp
   use banded, only: band_factor, band_solve
+  use beam_element, only: deformation_law, deformation_matrix
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
   use elastic_operators, only: elastic_operator, factor_entries, mass_product
@@ -15,17 +16,26 @@ module body_modes
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
   integer, parameter :: polish_passes = 2, most_passes = 200
   integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness until a static one is exact
+  real(wp), parameter :: as_one_beam = 500.0_wp   !! squared lowest frequency of a free beam, of EI/(m l^3) [-]
+  integer, parameter :: most_corrections = 10
+  real(wp), parameter :: exact = 1.0e-7_wp       !! correction of a solution, root of energies [-]
   real(wp), parameter :: dependent = 1.0e-7_wp   !! what is left of a shape that the others already contain [-]
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
-  !> K + shift M and m_ff of a body; the shift is zero but where rigid motions are free.
+  !> K + shift M and m_ff of a body.
   type, extends(inertia_operator) :: body_operator
     type(elastic_operator) :: matrices
     real(wp), allocatable :: rigid(:, :)                 !! (nf, n) free rigid motions, mass-orthonormal [m, rad, over kg^.5 m]
     type(band_factor) :: factor                          !! of K + shift M
+    integer, allocatable :: edof(:, :)                   !! (6, ne) coordinates of the elements, 0: removed
+    real(wp), allocatable :: strain(:, :, :)             !! (3, 6, ne) deformations from coordinates [-, 1/m]
+    real(wp), allocatable :: law(:, :, :)                !! (3, 3, ne) forces from deformations [N/m, N m]
+    logical :: exactly = .true.                          !! whether solutions are made exact
+    logical :: unsettled = .false.                       !! one could not be
   contains
     procedure :: set_up
     procedure :: solve
+    procedure :: stiffness_times
     procedure :: mass_times
   end type body_operator
 
@@ -40,7 +50,8 @@ contains
     logical, intent(out) :: bad
     type(body_operator) :: op
     real(wp) :: highest                                  ! squared frequency that is known [rad2/s2]
-    call op%set_up(b, bad)
+    integer :: j
+    call op%set_up(b, .false., bad)
     if (bad) return
     if (b%nf <= dense_size .or. 2*(modes + size(op%rigid, 2)) >= b%nf) then
       call dense_modes(b, op, modes, x, w, highest, bad)
@@ -48,7 +59,11 @@ contains
       call subspace_modes(op, modes, x, w, bad)
       highest = w(modes)
     end if
-    if (.not. bad) call polish(op, count(w <= far_below*highest), x, w, bad)
+    if (.not. bad) call polish(op, x(:, 1:count(w <= far_below*highest)), bad)
+    bad = bad .or. op%unsettled
+    do j = 1, size(x, 2)
+      w(j) = dot_product(x(:, j), op%stiffness_times(x(:, j)))
+    end do
   end subroutine lowest_modes
 
   !> Appends to the modes the static shapes of given loads (Craig & Bampton 1968; with free rigid motions their inertia balances
@@ -64,7 +79,7 @@ contains
     real(wp), allocatable :: y(:, :), f(:, :), part(:), kk(:, :), lambda(:), work(:)
     real(wp) :: my(b%nf), whole, length                  ! of a shape [kg m, kg m2], [kg^.5 m]
     integer :: j, n, m, info
-    call op%set_up(b, bad)
+    call op%set_up(b, .true., bad)
     if (bad) return
     m = size(x, 2)
     allocate (y(b%nf, m + size(loads, 2)), f(b%nf, m + size(loads, 2)))
@@ -85,7 +100,7 @@ contains
     allocate (lambda(n - m), work(40*(n - m) + 1))
     kk = matmul(transpose(y(:, m + 1:n)), f(:, m + 1:n))
     call dsyev('V', 'U', n - m, kk, max(1, n - m), lambda, work, size(work), info)
-    bad = info /= 0
+    bad = info /= 0 .or. op%unsettled
     if (bad) return
     x = reshape([x, matmul(y(:, m + 1:n), kk)], [b%nf, n])
     w = [w, lambda - op%shift]
@@ -112,15 +127,27 @@ contains
     end do
   end subroutine static_shape
 
-  !> Prepares the operator: with a shift where rigid motions are free.
-  subroutine set_up(self, b, bad)
+  !> Prepares the operator. The larger the shift, the fewer digits the factor loses: of the order of the lowest frequency for
+  !> modes, none or far below it for static shapes.
+  subroutine set_up(self, b, static, bad)
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
+    logical, intent(in) :: static                        !! for static shapes
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
+    integer :: e
     self%matrices = b%op
+    self%edof = b%edof
+    allocate (self%strain(3, 6, b%ne), self%law(3, 3, b%ne))
+    do e = 1, b%ne
+      self%strain(:, :, e) = deformation_matrix(b%elements(e))
+      self%law(:, :, e) = deformation_law(b%elements(e))
+    end do
     call find_rigid_modes(b, self)
-    if (size(self%rigid, 2) > 0) then                    ! of the order of the lowest bending frequency of the body as one beam
-      self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
+    self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
+    if (.not. static) then
+      self%shift = as_one_beam*self%shift
+    else if (size(self%rigid, 2) == 0) then
+      self%shift = 0.0_wp
     end if
     call factor_entries(b%op%even, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, bad)
   end subroutine set_up
@@ -153,17 +180,64 @@ contains
     end do
   end subroutine find_rigid_modes
 
-  !> y <- (K + shift M)^-1 y without rigid motions.
+  !> y <- (K + shift M)^-1 y without rigid motions. The factor loses as many digits as the fourth power of the number of elements
+  !> has; residuals by deformations give them back, as long as any is left.
   subroutine solve(self, y)
     class(body_operator), intent(inout) :: self
     real(wp), intent(inout) :: y(:)                      !! (nf) forces [N, N m], then displacements [m, rad]
-    real(wp) :: work(2, size(y))                         ! [any]
-    integer :: i
-    call band_solve(self%factor, size(y), y, work)
+    real(wp) :: force(size(y)), residual(size(y)), correction(size(y))   ! [N, N m], [N, N m], [m, rad]
+    integer :: i, pass
+    force = y
     do i = 1, size(self%rigid, 2)
-      y = y - dot_product(self%rigid(:, i), self%mass_times(y))*self%rigid(:, i)
+      force = force - dot_product(self%rigid(:, i), y)*self%mass_times(self%rigid(:, i))
     end do
+    residual = force
+    y = 0.0_wp
+    do pass = 1, most_corrections
+      correction = residual
+      call apply_factor(correction)
+      y = y + correction
+      if (.not. self%exactly) return
+      if (dot_product(correction, residual) <= exact**2*dot_product(y, force)) return
+      residual = force - self%stiffness_times(y) - self%shift*self%mass_times(y)
+    end do
+    self%unsettled = .true.
+  contains
+    !> The factor alone, without rigid motions.
+    subroutine apply_factor(x)
+      real(wp), intent(inout) :: x(:)                    !! [N, N m], then [m, rad]
+      real(wp) :: work(2, size(x))                       ! [any]
+      integer :: i
+      call band_solve(self%factor, size(x), x, work)
+      do i = 1, size(self%rigid, 2)
+        x = x - dot_product(self%rigid(:, i), self%mass_times(x))*self%rigid(:, i)
+      end do
+    end subroutine apply_factor
   end subroutine solve
+
+  !> K x from the deformations of the elements: sums of nodal forces would lose the digits that the motion of small elements as
+  !> rigid bodies cancels.
+  pure function stiffness_times(self, x) result(y)
+    class(body_operator), intent(in) :: self
+    real(wp), intent(in) :: x(:)                         !! (nf) [m, rad]
+    real(wp) :: y(size(x))                               !! [N, N m]
+    real(wp) :: q(0:size(x)), f(0:size(x)), d(3), s(3)   ! entry 0 of removed coordinates; deformations and forces of an element
+    integer :: e, k
+    q(0) = 0.0_wp
+    q(1:) = x
+    f = 0.0_wp
+    do e = 1, size(self%edof, 2)
+      d = 0.0_wp
+      do k = 1, 6
+        d = d + self%strain(:, k, e)*q(self%edof(k, e))
+      end do
+      s = matmul(self%law(:, :, e), d)
+      do k = 1, 6
+        f(self%edof(k, e)) = f(self%edof(k, e)) + dot_product(self%strain(:, k, e), s)
+      end do
+    end do
+    y = f(1:)
+  end function stiffness_times
 
   !> m_ff x.
   pure function mass_times(self, x) result(y)
@@ -216,24 +290,19 @@ contains
   end function dense
 
   !> Repeats inverse iteration on the lowest modes, whose errors are those of the highest frequency: with a heavy lump on a light
-  !> beam they are a large part of the lowest. Frequencies are Rayleigh quotients.
-  subroutine polish(op, low, x, w, bad)
+  !> beam they are a large part of the lowest.
+  subroutine polish(op, x, bad)
     type(body_operator), intent(inout) :: op
-    integer, intent(in) :: low                           !! how many modes
-    real(wp), intent(inout) :: x(:, :)                   !! (nf, modes) [m, rad, over kg^.5 m]
-    real(wp), intent(inout) :: w(:)                      !! (modes) [rad2/s2]
+    real(wp), intent(inout) :: x(:, :)                   !! (nf, low) [m, rad, over kg^.5 m]
     logical, intent(out) :: bad
-    real(wp) :: f(size(x, 1), low)                       ! [N, N m, over kg^.5 m]
-    integer :: j, pass
+    real(wp) :: f(size(x, 1), size(x, 2))                ! [N, N m, over kg^.5 m]
+    integer :: pass
     logical :: ok
     ok = .true.
     do pass = 1, polish_passes
-      if (ok) call inverse_iteration(op, x(:, 1:low), f, ok)
+      if (ok) call inverse_iteration(op, x, f, ok)
     end do
     bad = .not. ok
-    do j = 1, low
-      w(j) = dot_product(x(:, j), f(:, j)) - op%shift
-    end do
   end subroutine polish
 
   !> Lowest modes by subspace iteration with the banded factor of K + shift M, from the modes of a Krylov space, which are exact
@@ -252,7 +321,9 @@ contains
     n = size(op%rigid, 1)
     p = min(n - size(op%rigid, 2), modes + 8)
     allocate (y(n, p), lambda(p))
+    op%exactly = .false.
     call krylov_modes(op, min(n - size(op%rigid, 2), 2*p + 20), y, lambda, ok)
+    op%exactly = .true.
     before = huge(1.0_wp)
     do pass = 1, most_passes
       bad = .not. ok
@@ -260,7 +331,7 @@ contains
       old = lambda
       call iterate_subspace(op, y, lambda, ok)
       change = maxval(abs(lambda(1:modes) - old(1:modes))/lambda(1:modes))
-      if (change <= 1.0e-14_wp .or. (change < 1.0e-9_wp .and. change > 0.5_wp*before)) exit      ! rounding alone is left
+      if (change <= 1.0e-10_wp .or. (change < 1.0e-8_wp .and. change > 0.5_wp*before)) exit      ! rounding alone is left
       before = change
     end do
     x = y(:, 1:modes)

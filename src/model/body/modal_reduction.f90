@@ -2,6 +2,7 @@
 !> and the materials' stiffness in the modal basis. Set-up work only.
 module modal_reduction
   use kinds, only: wp
+  use beam_element, only: deformation_law, deformation_matrix, element_mass
   use body, only: body_model
   use segment_model, only: viscoelastic_segment
   use sparse_pattern, only: symmetric_pattern
@@ -80,28 +81,38 @@ contains
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     real(wp), intent(in) :: w(:)                         !! (modes) squared frequencies [rad2/s2]
     type(elastic_operator) :: op                         ! of the modes
+    real(wp), allocatable :: damping(:, :)               ! [1/s]
     b%shape%sbar = matmul(transpose(x), b%shape%sbar)
     b%shape%i1f = matmul(b%shape%i1f, x)
     b%shape%c0 = matmul(b%shape%c0, x)
-    call join_segments(b, x)
-    call modal_operators(b%segments, w, projected(b%op%odd, b%op%z, x), projected(b%op%even, b%op%j, x), &
-                         projected(b%op%even, b%op%c, x), op)
+    allocate (damping(size(x, 2), size(x, 2)))
+    call join_segments(b, x, damping)
+    call modal_operators(b%segments, w, projected(b%op%odd, b%op%z, x), projected(b%op%even, b%op%j, x), damping, op)
     b%op = op
   end subroutine project_integrals
 
-  !> Segments of one material become one, with its stiffness in the modal basis.
-  subroutine join_segments(b, x)
+  !> Segments of one material become one, with its stiffness in the modal basis, and Rayleigh damping is that of the modes. Both
+  !> are sums over the elements' deformations: forces of nodes lose what the motion of small elements as rigid bodies cancels.
+  pure subroutine join_segments(b, x, damping)
     type(body_model), intent(inout) :: b
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
+    real(wp), intent(out) :: damping(:, :)               !! (modes, modes) [1/s]
     type(viscoelastic_segment), allocatable :: joined(:)
+    real(wp), allocatable :: k(:, :), u(:, :), d(:, :)   ! of an element: stiffness, coordinates and deformations in the modes
     integer :: of(maxval(b%segments%material))           ! number of a material's segment
-    integer :: n, r, e, j
+    integer :: segment(b%ne)                             ! that of an element, 0: none
+    integer :: n, r, e
     of = 0
+    segment = 0
     n = 0
     do r = 1, size(b%segments)
-      if (of(b%segments(r)%material) > 0) cycle
-      n = n + 1
-      of(b%segments(r)%material) = n
+      associate (s => b%segments(r))
+        if (of(s%material) == 0) then
+          n = n + 1
+          of(s%material) = n
+        end if
+        segment(s%first:s%last) = of(s%material)
+      end associate
     end do
     allocate (joined(n))
     do r = size(b%segments), 1, -1
@@ -112,15 +123,21 @@ contains
       joined(r)%last = r
       allocate (joined(r)%stiffness(size(x, 2), size(x, 2)), source=0.0_wp)
     end do
-    associate (op => b%op)
-      do e = 1, size(op%part)
-        associate (k => joined(of(b%segments(op%segment(e))%material))%stiffness, at => op%entry(e))
-          do j = 1, size(x, 2)
-            k(:, j) = k(:, j) + op%part(e)*x(op%even%col(at), j)*x(op%even%row(at), :)
-          end do
-        end associate
-      end do
-    end associate
+    damping = 0.0_wp
+    allocate (u(6, size(x, 2)))
+    do e = 1, b%ne
+      if (segment(e) == 0 .and. .not. b%rayleigh) cycle
+      associate (g => b%elements(e))
+        do r = 1, 6
+          u(r, :) = 0.0_wp
+          if (b%edof(r, e) > 0) u(r, :) = x(b%edof(r, e), :)
+        end do
+        d = matmul(deformation_matrix(g), u)
+        k = matmul(transpose(d), matmul(deformation_law(g), d))
+        if (segment(e) > 0) joined(segment(e))%stiffness = joined(segment(e))%stiffness + k
+        if (b%rayleigh) damping = damping + g%ray_k*k + g%ray_m*matmul(transpose(u), matmul(element_mass(g), u))
+      end associate
+    end do
     b%segments = joined
   end subroutine join_segments
 
