@@ -233,5 +233,21 @@ def test_where_no_energy_moves_its_rounding_casts_no_doubt(run_deck):
 """
     )
     assert run.stderr == ""
-    assert "no energy moves in this scene" in run.summary
+    assert float(re.search(r"closed to (\S+) of the kinetic energy, which nothing changes", run.summary)[1]) < 1e-13
     assert "  accuracy: the worst column, " in run.summary
+
+
+@pytest.mark.parametrize(("step", "warned"), [(0.005, False), (0.1, False), (0.9, True)])
+def test_kinetic_energy_alone_is_compared_with_all_of_it(run_deck, step, warned):
+    """A bob that circles at 2 rad/s in steps of rk4: its kinetic energy falls by an error, and nothing else moves."""
+    run = run_deck(
+        f"""&scene gravity=0.0,0.0 /
+&body name='a' kind='rigid' mass=1.0 inertia=0.1 position=1.0,0.0 velocity=0.0,2.0 angular_velocity=2.0 /
+&joint name='l' type='distance' body_a='a' length=1.0 /
+&transient t_end=9.0 method='rk4' step={step} /
+"""
+    )
+    residual, kinetic = run.energy["residual"], run.energy["kinetic"]
+    share = float(re.search(r"closed to (\S+) of the kinetic energy, which nothing changes", run.summary)[1])
+    assert share == pytest.approx(abs(residual).max() / kinetic.max(), rel=0.06)
+    assert ("off by" in run.stderr and "of the kinetic energy, which nothing changes: the results cannot" in run.stderr) == warned

@@ -50,7 +50,10 @@ def test_energies_off_balance_are_noticed(tmp_path):
     rows = "0.0 0.0 0.0 0.0 0.0\n0.1 1.0 {} 0.0 0.0\n"
     for potential, noticed in ((-1.0, False), (-0.5, True)):
         (tmp_path / "energy.txt").write_text("# energies\n" + rows.format(potential))
-        assert bool(fuzz.unbalanced(tmp_path)) == noticed
+        assert bool(fuzz.unbalanced(tmp_path, kinetic_alone=False)) == noticed
+    for kinetic, noticed in ((0.96, False), (0.94, True)):
+        (tmp_path / "energy.txt").write_text(f"# energies\n0.0 1.0 0.0 0.0 0.0\n0.1 {kinetic} 0.0 0.0 0.0\n")
+        assert bool(fuzz.unbalanced(tmp_path, kinetic_alone=True)) == noticed
 
 
 def test_methods_that_disagree_are_noticed(tmp_path):

@@ -58,7 +58,7 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: name
+    character(:), allocatable :: name, energy
     real(wp) :: x, exchanged
     integer :: body
     associate (b => march%balance)
@@ -67,10 +67,12 @@ contains
                        'so that it says nothing')
         return
       end if
-      call text%line('  energy balance: closed to '//short(b%share())//' of the energy that moved')
+      energy = 'the energy that moved'
+      if (.not. b%exchanged()) energy = 'the kinetic energy, which nothing changes'
+      call text%line('  energy balance: closed to '//short(b%share())//' of '//energy)
       call text%member('energy_balance', json_number(b%share()))
       if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short(b%share())// &
-        ' of the energy that moved: the results cannot be trusted; use a smaller step or tolerance'// &
+        ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance'// &
         damped(march%method%removed, b), text)
       call b%body_share(body, x, exchanged)
       if (body == 0) return

@@ -1,7 +1,8 @@
 !> The energy balance of a transient: kinetic + potential + dissipated - work - start is zero for exact integration. What it
 !> is off by is compared with what moved, the largest swing of a kind of energy, which does not depend on where the scene
-!> stands; and for each flexible body with the energy that its deformation took up and gave back, which a balance closed by
-!> large rigid motion may hide. Errors add up in the residual: each step counts, whether a row is written after it or not.
+!> stands, or with the kinetic energy where no other kind moves; and for each flexible body with the energy that its deformation
+!> took up and gave back, which a balance closed by large rigid motion may hide. Errors add up in the residual: each step counts,
+!> whether a row is written after it or not.
 module energy_balance
   use kinds, only: wp
   use archive, only: value_archive
@@ -31,6 +32,7 @@ module energy_balance
     procedure :: lost
     procedure :: count
     procedure :: moved
+    procedure :: exchanged
     procedure :: share
     procedure :: body_share
     procedure :: exchange
@@ -99,13 +101,24 @@ contains
     self%violation = max(self%violation, self%row(6:7))
   end subroutine count
 
-  !> Energy that moved: the largest swing of a kind; zero where it is none to speak of, or rounding [J].
+  !> Energy that moved: the largest swing of a kind; zero where it is none to speak of, or rounding. Kinetic energy changes by what
+  !> the other kinds take or give: where these do not move, all of it should have stayed, and its swing is an error [J].
   pure function moved(self) result(energy)
     class(balance_watch), intent(in) :: self
     real(wp) :: energy
-    energy = max(maxval(self%high - self%low), 0.0_wp)
+    if (self%exchanged()) then
+      energy = maxval(self%high - self%low)
+    else
+      energy = self%largest(1)
+    end if
     if (.not. energy > floor_of(self)) energy = 0.0_wp
   end function moved
+
+  !> Whether kinetic energy is exchanged with another kind.
+  pure logical function exchanged(self)
+    class(balance_watch), intent(in) :: self
+    exchanged = maxval(self%high(2:4) - self%low(2:4)) > floor_of(self)
+  end function exchanged
 
   !> Energies below it say nothing: too small to move anything, or of the size of rounding [J].
   pure function floor_of(self) result(energy)
