@@ -48,23 +48,37 @@ contains
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) mass-normalised [m, rad, over kg^.5 m]
     real(wp), allocatable, intent(out) :: w(:)           !! (modes) squared frequencies [rad2/s2]
     logical, intent(out) :: bad
+    call modes_with_shift(b, modes, .false., x, w, bad)
+    if (bad) call modes_with_shift(b, modes, .true., x, w, bad)
+  end subroutine lowest_modes
+
+  !> The same with a shift of the operator.
+  subroutine modes_with_shift(b, modes, large, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    logical, intent(in) :: large                         !! a shift of the order of the lowest frequency
+    real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) mass-normalised [m, rad, over kg^.5 m]
+    real(wp), allocatable, intent(out) :: w(:)           !! (modes) squared frequencies [rad2/s2]
+    logical, intent(out) :: bad
     type(body_operator) :: op
     real(wp) :: highest                                  ! squared frequency that is known [rad2/s2]
     integer :: j
-    call op%set_up(b, .false., bad)
+    call op%set_up(b, large, bad)
     if (bad) return
     if (b%nf <= dense_size .or. 2*(modes + size(op%rigid, 2)) >= b%nf) then
       call dense_modes(b, op, modes, x, w, highest, bad)
+      if (bad) return
     else
       call subspace_modes(op, modes, x, w, bad)
+      if (bad) return
       highest = w(modes)
     end if
-    if (.not. bad) call polish(op, x(:, 1:count(w <= far_below*highest)), bad)
+    call polish(op, x(:, 1:count(w <= far_below*highest)), bad)
     bad = bad .or. op%unsettled
     do j = 1, size(x, 2)
       w(j) = dot_product(x(:, j), op%stiffness_times(x(:, j)))
     end do
-  end subroutine lowest_modes
+  end subroutine modes_with_shift
 
   !> Appends to the modes the static shapes of given loads (Craig & Bampton 1968; with free rigid motions their inertia balances
   !> the load: Craig & Chang 1977). The shapes are made mass-orthogonal to the modes and
@@ -79,7 +93,7 @@ contains
     real(wp), allocatable :: y(:, :), f(:, :), part(:), kk(:, :), lambda(:), work(:)
     real(wp) :: my(b%nf), whole, length                  ! of a shape [kg m, kg m2], [kg^.5 m]
     integer :: j, n, m, info
-    call op%set_up(b, .true., bad)
+    call op%set_up(b, .false., bad)
     if (bad) return
     m = size(x, 2)
     allocate (y(b%nf, m + size(loads, 2)), f(b%nf, m + size(loads, 2)))
@@ -127,12 +141,12 @@ contains
     end do
   end subroutine static_shape
 
-  !> Prepares the operator. The larger the shift, the fewer digits the factor loses: of the order of the lowest frequency for
-  !> modes, none or far below it for static shapes.
-  subroutine set_up(self, b, static, bad)
+  !> Prepares the operator. A shift far below the lowest frequency, zero where no rigid motion is free, parts the lowest modes in
+  !> few solutions; the factor of one with a large shift loses fewer digits.
+  subroutine set_up(self, b, large, bad)
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
-    logical, intent(in) :: static                        !! for static shapes
+    logical, intent(in) :: large                         !! a shift of the order of the lowest frequency
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
     integer :: e
     self%matrices = b%op
@@ -144,7 +158,7 @@ contains
     end do
     call find_rigid_modes(b, self)
     self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
-    if (.not. static) then
+    if (large) then
       self%shift = as_one_beam*self%shift
     else if (size(self%rigid, 2) == 0) then
       self%shift = 0.0_wp
@@ -187,6 +201,7 @@ contains
     real(wp), intent(inout) :: y(:)                      !! (nf) forces [N, N m], then displacements [m, rad]
     real(wp) :: force(size(y)), residual(size(y)), correction(size(y))   ! [N, N m], [N, N m], [m, rad]
     integer :: i, pass
+    if (self%unsettled) return
     force = y
     do i = 1, size(self%rigid, 2)
       force = force - dot_product(self%rigid(:, i), y)*self%mass_times(self%rigid(:, i))
@@ -326,7 +341,7 @@ contains
     op%exactly = .true.
     before = huge(1.0_wp)
     do pass = 1, most_passes
-      bad = .not. ok
+      bad = .not. ok .or. op%unsettled
       if (bad) return
       old = lambda
       call iterate_subspace(op, y, lambda, ok)

@@ -138,6 +138,10 @@ contains
         if (b%rayleigh) damping = damping + g%ray_k*k + g%ray_m*matmul(transpose(u), matmul(element_mass(g), u))
       end associate
     end do
+    damping = 0.5_wp*(damping + transpose(damping))      ! rounding of one half of it would be gyroscopic
+    do r = 1, n
+      joined(r)%stiffness = 0.5_wp*(joined(r)%stiffness + transpose(joined(r)%stiffness))
+    end do
     b%segments = joined
   end subroutine join_segments
 
