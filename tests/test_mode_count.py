@@ -409,3 +409,32 @@ def test_the_lowest_mode_of_a_fine_mesh_is_not_lost(run_deck, elements, rest):
     exact = np.array([1.8751040687, 4.6940911330, 7.8547574382]) ** 2 * np.sqrt(2.1e11 * 0.002**2 / 12 / 7850.0)
     np.testing.assert_allclose(listed.poles.imag, exact, rtol=1e-5 if rest == PUSHED else 5e-3)
     assert "undamped modes: 3, complete between" in listed.note("undamped")
+
+
+def lumped(seed, modes=0):
+    """Return a free beam of two materials beside lumps that weigh up to a thousand times as much."""
+    rng = np.random.default_rng(seed)
+    elements = int(rng.integers(2, 13))
+    length = 10 ** rng.uniform(-2, 2)
+    depth = length * 10 ** rng.uniform(-2, -1)
+    text = "&scene title='lumps' gravity=0.0,0.0 /\n"
+    for k in (1, 2):
+        text += f"&material name='m{k}' density={rng.uniform(1e3, 8e3):.6g} young={10 ** rng.uniform(7, 11):.6g} /\n"
+    text += f"&section name='s' shape='rectangle' width={depth:.6g} height={depth:.6g} /\n"
+    own = ",".join(f"'m{k}'" for k in rng.integers(1, 3, elements))
+    text += f"&body name='b' kind='beam' length={length:.6g} elements={elements} element_material={own} section='s' "
+    text += f"reference='{rng.choice(['clamped', 'pinned'])}' modes={modes and 3 * elements} /\n"
+    for _ in range(2):
+        mass = 1e3 * depth**2 * length * 10 ** rng.uniform(-2, 3)
+        inertia = mass * length**2 * 10 ** rng.uniform(-3, 1)
+        text += f"&lump body='b' node={rng.integers(1, elements + 2)} mass={mass:.6g} inertia={inertia:.6g} /\n"
+    return text + "&modal modes=999 /\n"
+
+
+@pytest.mark.parametrize("seed", [0, 4, 6, 7, 16, 43])
+def test_a_body_that_heavy_lumps_weigh_down_has_its_modes(run_deck, seed):
+    """The frame moves against the nodes, or against all modes of the body, with hardly any mass: three motions are rigid."""
+    nodes, modes = (Listed(run_deck(lumped(seed, modes), name=f"m{modes}")).poles.imag for modes in (0, 1))
+    assert np.all(nodes[:3] == 0.0)
+    assert np.all(modes[:3] == 0.0)
+    np.testing.assert_allclose(modes[3:], nodes[3:], rtol=1e-6)

@@ -76,7 +76,8 @@ contains
         last = change
         change = maxval(moved/scale)
         settled_yet = pass > 1 .and. (change <= settled .or. &           ! or rounding alone changes it
-                                      (all(moved <= at_floor*scale + noise) .and. change >= 0.5_wp*last))
+                                      (all(moved <= max(at_floor, cancelled(ds, x(:, 1:w)))*scale + noise) .and. &
+                                       change >= 0.5_wp*last))
         if (settled_yet) exit
       end associate
     end do
@@ -84,8 +85,21 @@ contains
     do pass = 1, spanned
       omega2(pass) = dot_product(x(:, pass), ds%stiffness_times(x(:, pass)))
     end do
+    where (abs(omega2) <= mixed**2*maxval(abs(omega2))) omega2 = 0.0_wp
     ok = ok .and. settled_yet
   end subroutine natural_subspace
+
+  !> What rounding takes from the mass of each motion, much where that of a body is in its kept modes nearly all and its frame
+  !> moves against them.
+  pure function cancelled(ds, x) result(share)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: x(:, :)           !! (n, p) mass-normalised [1/sqrt(kg)]
+    real(wp) :: share(size(x, 2))             !! [-]
+    integer :: k
+    do k = 1, size(x, 2)
+      share(k) = 10*epsilon(1.0_wp)*dot_product(abs(x(:, k)), real_product(ds, abs(ds%m), abs(x(:, k))))
+    end do
+  end function cancelled
 
   !> Factors K + shift M.
   subroutine set_shift(self, shift)
