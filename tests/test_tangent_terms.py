@@ -20,6 +20,6 @@ def test_every_block_is_the_derivative_of_the_residual(name, seed, tmp_path):
     path = program("TERMS", f"bin/terms{SUFFIX}")
     out = subprocess.run([path, str(deck), str(seed)], check=True, capture_output=True, text=True).stdout
     blocks = [(line.rsplit(" ", 1)[0].strip(), float(line.rsplit(" ", 1)[1])) for line in out.splitlines()]
-    wrong = {block: error for block, error in blocks if not error < (1e-5 if "whole" in block else 1e-6)}
+    wrong = {block: error for block, error in blocks if not error < 1e-7}
     assert blocks
     assert not wrong, wrong
