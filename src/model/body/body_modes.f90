@@ -17,8 +17,8 @@ module body_modes
   integer, parameter :: polish_passes = 2, most_passes = 200
   integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness until a static one is exact
   real(wp), parameter :: as_one_beam = 500.0_wp   !! squared lowest frequency of a free beam, of EI/(m l^3) [-]
-  integer, parameter :: most_corrections = 10
-  real(wp), parameter :: exact = 1.0e-7_wp       !! correction of a solution, root of energies [-]
+  integer, parameter :: most_corrections = 10    !! of a solution: a factor that needs more has lost its digits
+  real(wp), parameter :: exact = 1.0e-7_wp       !! last correction: frequencies err by its square, root of energies [-]
   real(wp), parameter :: dependent = 1.0e-7_wp   !! what is left of a shape that the others already contain [-]
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
