@@ -232,31 +232,14 @@ contains
 
   !> What rounding alone gives as x^T K x of a mass-normalised vector: a squared frequency below it is that of a rigid motion.
   !> Elasticity holds all that bends: in a rigid motion frames alone move, so that elements of a fine mesh, whose entries of K are
-  !> the largest by far, do not count but by the rounding of x. Inertia of turning bodies and forces cancel in entries of K already:
-  !> they round by their own size.
+  !> the largest by far, do not count but by the rounding of x. Forces cancel in entries of K already: they round by their own size.
   pure real(wp) function rounding_level(ds, x) result(level)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:)              !! (n) [1/sqrt(kg)]
-    real(wp) :: frames(ds%n)                          ! |x|, of scenes at rest without elastic coordinates [1/sqrt(kg)]
-    real(wp) :: forces(ds%n), turns(ds%n), rate2      ! |K||x| of it, |G||x|; squared rate of turn [rad2/s2]
-    integer :: j, e
-    forces = 0.0_wp
-    turns = 0.0_wp
-    rate2 = 0.0_wp
+    real(wp) :: frames(ds%n)                  ! |x|, of scenes at rest without elastic coordinates [1/sqrt(kg)]
     frames = abs(x)
     if (ds%symmetric) frames = merge(frames, 0.0_wp, ds%solver%block_of(1:ds%n) == 0)
-    do j = 1, ds%n
-      do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) > ds%n) exit
-        forces(ds%row(e)) = forces(ds%row(e)) + abs(ds%k(e))*frames(j)
-        turns(ds%row(e)) = turns(ds%row(e)) + abs(ds%gyro(e))*abs(x(j))
-      end do
-    end do
-    do j = 1, ds%n
-      e = ds%entry(j, j)
-      if (ds%m(e) > 0.0_wp) rate2 = rate2 + turns(j)**2/ds%m(e)
-    end do
-    level = 100*epsilon(1.0_wp)*(dot_product(forces, frames) + rate2 + dot_product(ds%forces, abs(x))**2) &
+    level = 100*epsilon(1.0_wp)*(dot_product(frames, real_product(ds, abs(ds%k), frames)) + dot_product(ds%forces, abs(x))**2) &
             + mixed**2*fastest(ds)
   end function rounding_level
 
