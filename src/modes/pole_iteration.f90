@@ -239,7 +239,9 @@ contains
   pure logical function alike(ds, a, b) result(yes)
     type(stiffness_system), intent(in) :: ds           !! factored at b, nearly
     type(pole_state), intent(in) :: a, b
-    yes = abs(slope_form(ds, a%y, b%x)*slope_form(ds, b%y, a%x) &
-              /(slope_form(ds, a%y, a%x)*slope_form(ds, b%y, b%x)) - 1.0_wp) < 0.05_wp
+    complex(wp) :: own(2)                              ! [1/s]
+    own = [slope_form(ds, a%y, a%x), slope_form(ds, b%y, b%x)]
+    yes = all(abs(own) > 0.0_wp)
+    if (yes) yes = abs(slope_form(ds, a%y, b%x)/own(1)*(slope_form(ds, b%y, a%x)/own(2)) - 1.0_wp) < 0.05_wp
   end function alike
 end module pole_iteration
