@@ -76,7 +76,7 @@ contains
       self%now = step_coefficients(self%method, h)
     end if
     call prepare_step(self, system, ok)
-    if (.not. ok) self%newton%exact_left = huge(0)   ! cannot happen with positive definite mass; the exact matrix decides then
+    if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
 
   !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008). Where

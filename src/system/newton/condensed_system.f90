@@ -54,6 +54,7 @@ module condensed_system
     real(number) :: c1 = 0.0_wp              !! [1/s2]
     real(number) :: c2 = 0.0_wp              !! [1/s]
     logical :: whole = .false.               !! the whole elastic blocks stand in the last tangent, not T0
+    logical :: factored = .false.            !! T0 has a factor: with 1e28 1/s beside slow motion rounding may leave none
     logical :: solved = .false.              !! the elastic residuals have been solved
     type(condensed_body), allocatable :: b(:)
     type(row_system) :: rows

@@ -24,6 +24,7 @@ contains
     integer :: b, k
     self%c1 = c1
     self%c2 = c2
+    self%factored = .false.
     self%element_factor = 1.0_wp
     do b = 1, size(self%b)
       if (self%b(b)%n > 0) self%b(b)%block%factor = 1.0_wp
@@ -48,6 +49,7 @@ contains
         call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
       end associate
     end do
+    self%factored = .true.
   end subroutine factor_blocks
 
   !> Columns of the inverse elastic block, T0^-1 S-bar^T and T0^-1 E^T, and their products.

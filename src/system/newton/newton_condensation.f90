@@ -51,7 +51,8 @@ contains
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b, i
-    bad = .false.
+    bad = .not. (whole .or. self%factored)
+    if (bad) return
     self%whole = whole
     self%solved = .true.
     call fill_laws(self, m, ev, lambda)
