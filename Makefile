@@ -9,7 +9,7 @@
 #   BUILD=release     or debug, sanitize (addresses, undefined behaviour), coverage: build/BUILD, bin/*-BUILD
 #   LDLIBS="-llapack -lblas"   the linear algebra libraries
 #   PYTHON=python3    the Python (3.9 or newer) from which .venv is made
-#   TESTS=tests       what `make test` runs: a folder, a file, tests/test_x.py::test_y
+#   TESTS=tests       what `make test` runs: a folder (tests/modes), a file, tests/modes/test_modal.py::test_x
 #   JOBS=auto         processes that share the tests
 #   PREFIX=/usr/local where `make install` puts the program; DESTDIR=... in front of it, for packages
 #   FLANG=flang-new   a second compiler for `make rounding`, left out where it is not there
@@ -96,8 +96,8 @@ bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, s
 	@BIELA=$(BIELA) $(RUN) $<
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
-	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/test_turning_springs.py tests/test_bound_laws.py
-	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/test_dopri5_scenes.py
+	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/steps/test_turning_springs.py tests/steps/test_bound_laws.py
+	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/dynamics/test_dopri5_scenes.py
 fuzz: tests/fuzz/fuzz.py debug sanitize $(VENV)   ## FUZZ_CASES=2000 decks of all kinds, FUZZ_SEED=1, against both checked builds
 	@$(RUN) $< bin/biela-debug bin/biela-sanitize
 faults: tests/faults/faults.py $(BIELA) $(VENV)   ## failing system calls, limits, signals, damaged checkpoints: a report

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent / "extremes"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "extremes"))
 
 import extreme_factors as factors
 import extreme_implicit as implicit

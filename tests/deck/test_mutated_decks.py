@@ -9,7 +9,7 @@ from pathlib import Path
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 300.0
 MEMORY = 4 * 1024**3  # bytes of address space
 FAILURES = (b"runtime error", b"Backtrace", b"SIG", b"Segmentation", b"core dumped", b"NaN", b"forrtl", b"libgfortran")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-FAULTY = Path(__file__).resolve().parent / "faulty"
+FAULTY = Path(__file__).resolve().parents[1] / "faulty"
 DECKS = sorted(FAULTY.glob("*.nml"))
 SECONDS = 300.0
 WHAT_TO_DO = ("expected", "did you mean", "it applies to")

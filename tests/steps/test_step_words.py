@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIELA = ROOT / os.environ.get('BIELA', 'bin/biela')
 ROD = (ROOT / 'input' / 'slider_crank_elastic.nml').read_text(encoding='utf-8')
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent / "fuzz"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "fuzz"))
 
 import fuzz
 
-FOUND = sorted((Path(__file__).resolve().parent / "fuzz" / "found").glob("*.nml"))
+FOUND = sorted((Path(__file__).resolve().parents[1] / "fuzz" / "found").glob("*.nml"))
 
 
 @pytest.mark.parametrize("number", range(4))

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 REFERENCE = (ROOT / 'input' / 'README.md').read_text(encoding='utf-8')
 READERS = sorted((ROOT / 'src' / 'deck').glob('deck_*.f90'))
 
