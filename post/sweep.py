@@ -53,18 +53,30 @@ def arguments() -> argparse.ArgumentParser:
 
 
 class Journal:
-    """What was run: a line of JSON a run, read again by a sweep that goes on."""
+    """What was run: a line of JSON a run, read again by a sweep that goes on.
 
-    def __init__(self, path: Path) -> None:
+    Attributes:
+        path: the file
+        done: what each run gave, by its key: the fields of a `Row`
+        damaged: numbers of lines that cannot be read, as an interruption leaves them: their runs are made again
+    """
+
+    def __init__(self, path: Path, results: int) -> None:
+        """Read the journal of a study with that many results."""
         self.path = path
         self.done: dict[str, dict] = {}
-        if path.exists():
-            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-                try:
-                    entry = json.loads(line)
-                    self.done[entry["key"]] = entry
-                except (ValueError, KeyError, TypeError):
-                    continue  # the line that an interruption cut
+        self.damaged: list[int] = []
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        for number, line in enumerate(text.split("\n"), 1):
+            entry = _entry(line, results)
+            if entry:
+                self.done[entry["key"]] = entry
+            elif line.strip():
+                self.damaged.append(number)
+        if self.damaged or text[-1:] not in ("", "\n"):  # what follows must not be joined to a line that was cut
+            whole = path.with_name(path.name + ".new")
+            whole.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
+            whole.replace(path)
 
     def add(self, rows: dict[str, Row]) -> None:
         """Write the rows of a batch, by their keys."""
@@ -72,6 +84,19 @@ class Journal:
             for key, row in rows.items():
                 self.done[key] = {"key": key, **asdict(row)}
                 file.write(json.dumps(self.done[key]) + "\n")
+
+
+def _entry(line: str, results: int) -> dict | None:
+    """Return the run that a line of a journal tells, None where it is damaged."""
+    try:
+        entry = json.loads(line)
+        values, units, reason = entry["values"], entry["units"], entry["reason"]
+        numbers = [float(value) for value in values]
+        told = (isinstance(word, str) for word in (entry["key"], reason, *units))
+        count = 0 if reason else results
+        return entry if all(told) and len(numbers) == len(units) == count else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def keys(study: Study, text: str, biela: Path) -> list[str]:
@@ -242,7 +267,10 @@ def sweep(args: argparse.Namespace) -> int:
     folder = args.output or Path("results") / "sweep" / study.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        journal = Journal(folder / "journal.jsonl")
+        journal = Journal(folder / "journal.jsonl", len(study.scalars))
+        if journal.damaged:
+            lines = f"line {journal.damaged[0]}" + (f" and {len(journal.damaged) - 1} more" if len(journal.damaged) > 1 else "")
+            print(f"sweep: warning: {journal.path}: {lines} cannot be read; the runs are made again", file=sys.stderr)
         run_all(study, text, journal, args, folder)
     except OSError as fault:
         raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None

@@ -23,6 +23,7 @@ import math
 import operator
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,12 +37,16 @@ else:
 
 TARGET = re.compile(r"(?P<group>\w+)/(?:(?P<name>[\w-]+)/)?(?P<variable>\w+)(?:\((?P<index>\d+)\))?")
 DESIGNS = ("grid", "zip", "latin_hypercube")
+LONGEST = 1000  # characters of an expression
+DEEPEST = 50  # operations within each other
+EXACT = 2**53  # integers up to this size are floating-point numbers, too
+MOST_RUNS = 1_000_000  # of a study
 OPERATORS = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
+    ast.Pow: math.pow,  # no complex numbers
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
@@ -115,32 +120,58 @@ class Study:
 
 
 def evaluate(expression: str, values: dict[str, float]) -> float:
-    """Return the value of an arithmetic expression of parameters; StudyError where it is none or has no value."""
+    """Return the value of an arithmetic expression of parameters; StudyError where it is none or has no value.
 
-    def value(node: ast.AST) -> float:
-        if isinstance(node, ast.Expression):
-            return value(node.body)
-        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-            return node.value
+    All operations are those of floating-point numbers: integers of any length would let `9**9**9` run for ever.
+    """
+    shown = expression if len(expression) < 60 else f"{expression[:50]}... ({len(expression)} characters)"
+
+    def value(node: ast.AST, depth: int = 1) -> float:
+        if depth > DEEPEST:
+            raise StudyError(f"expression {shown!r} is nested deeper than {DEEPEST} operations")
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            return _number(node.value)
         if isinstance(node, ast.Name) and node.id in values:
             return values[node.id]
         if isinstance(node, ast.Name) and node.id == "pi":
             return math.pi
         if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](value(node.left), value(node.right))
+            return _applied(OPERATORS[type(node.op)], value(node.left, depth + 1), value(node.right, depth + 1))
         if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](value(node.operand))
+            return _applied(OPERATORS[type(node.op)], value(node.operand, depth + 1))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
-            return FUNCTIONS[node.func.id](*map(value, node.args))
+            return FUNCTIONS[node.func.id](*(value(argument, depth + 1) for argument in node.args))
+        part = ast.get_source_segment(expression, node) or expression
         known = ", ".join([*values, "pi", *FUNCTIONS])
-        raise StudyError(f"expression {expression!r}: {ast.unparse(node)!r} is not known; numbers, + - * / **, and {known} are")
+        raise StudyError(f"expression {shown!r}: {part[:60]!r} is not known; numbers, + - * / **, and {known} are")
 
+    if len(expression) > LONGEST:
+        raise StudyError(f"expression {shown!r}: at most {LONGEST} characters expected")
     try:
-        return value(ast.parse(expression, mode="eval"))
-    except SyntaxError:
-        raise StudyError(f"expression {expression!r}: is no expression") from None
+        found = value(ast.parse(expression.strip(), mode="eval").body)
+        return found if isinstance(found, str) else _number(found)
+    except (SyntaxError, RecursionError, MemoryError):
+        raise StudyError(f"expression {shown!r}: is no expression") from None
     except (ArithmeticError, ValueError, TypeError) as fault:
-        raise StudyError(f"expression {expression!r} has no value at {values}: {fault}") from None
+        raise StudyError(f"expression {shown!r} has no value at {values}: {fault}") from None
+
+
+def _applied(operation: Callable[..., float], *operands: float) -> float:
+    """Return what an operation makes of numbers; an integer where the operands are integers and so is the result."""
+    if not all(isinstance(operand, (int, float)) for operand in operands):
+        raise TypeError("a word is no number")
+    found = operation(*map(float, operands))
+    whole = operation is not operator.truediv and all(isinstance(operand, int) for operand in operands)
+    return int(found) if whole and found.is_integer() and abs(found) <= EXACT else found
+
+
+def _number(value: float) -> float:
+    """Return a number as the computation takes it: an integer where a floating-point number holds it exactly."""
+    if isinstance(value, int) and abs(value) <= EXACT:
+        return value
+    if not math.isfinite(float(value)):
+        raise OverflowError("the number is too large")
+    return float(value)
 
 
 def read(path: Path) -> Study:
@@ -150,7 +181,7 @@ def read(path: Path) -> Study:
             said = tomllib.load(file)
     except FileNotFoundError:
         raise StudyError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as fault:
+    except (OSError, ValueError, RecursionError) as fault:  # ValueError: of the text's encoding, of TOML, of a number's length
         raise StudyError(f"{path}: cannot be read as TOML ({fault})") from None
     try:
         return _study(path, said)
@@ -230,6 +261,8 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
         first, last, points = float(entry["from"]), float(entry["to"]), int(entry.get("points", 2))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise StudyError(f"parameter {name}: from, to and points expected, all numbers") from None
+    if points > MOST_RUNS:
+        raise StudyError(f"parameter {name}: points = {points}: at most {MOST_RUNS} runs expected")
     if points < 2 or not (math.isfinite(first) and math.isfinite(last)) or (log and min(first, last) <= 0.0):
         raise StudyError(f"parameter {name}: two points or more expected, finite ends, positive ones for spacing = 'log'")
     if entry.get("spacing", "linear") not in ("linear", "log"):
@@ -255,6 +288,8 @@ def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
     if design not in DESIGNS:
         raise StudyError(f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
     if design == "grid":
+        if math.prod(len(parameter.values) for parameter in free) > MOST_RUNS:
+            raise StudyError(f"design = 'grid': the parameters' values make more than {MOST_RUNS} runs")
         rows = itertools.product(*(parameter.values for parameter in free))
     elif design == "zip":
         if len({len(parameter.values) for parameter in free}) > 1:
@@ -279,6 +314,8 @@ def _hypercube(said: dict, free: list[Parameter]) -> list[tuple]:
     samples, seed = said.get("samples"), said.get("seed", 0)
     if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
         raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
+    if samples > MOST_RUNS:
+        raise StudyError(f"design = 'latin_hypercube': samples = {samples}: at most {MOST_RUNS} runs expected")
     if not all(isinstance(value, (int, float)) for parameter in free for value in parameter.values):
         raise StudyError("design = 'latin_hypercube': parameters have to be numbers")
     generator = np.random.default_rng(seed)

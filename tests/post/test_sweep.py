@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import signal
 import sys
@@ -85,16 +86,21 @@ def test_a_grid_with_a_linked_parameter(study, run_deck, capsys):
     assert Path("results/sweep/study/map_peak.png").exists()
 
 
-def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch):
+def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
     _, whole = study(STUDY, "--no-pictures")
     journal = Path("results/sweep/study/journal.jsonl")
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
-    journal.write_text("".join(lines[:4]) + lines[4][:20], encoding="utf-8")
+    without_values = f'{{"key": {json.dumps(json.loads(lines[0])["key"])}}}\n'
+    journal.write_text("".join([without_values, *lines[1:4], "[" * 20_000 + "\n", lines[4][:20]]), encoding="utf-8")
     ran = []
     monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
-    _, rest = study(STUDY, "--no-pictures")
-    assert rest == whole
-    assert sum(len(batch.assignments) for batch in ran) == 2
+    capsys.readouterr()
+    for runs in (3, 3):  # the second time there is nothing left to run
+        _, rest = study(STUDY, "--no-pictures")
+        assert rest == whole
+        assert sum(len(batch.assignments) for batch in ran) == runs
+    told = "line 1 and 2 more cannot be read; the runs are made again"
+    assert capsys.readouterr().err == f"sweep: warning: results/sweep/study/journal.jsonl: {told}\n"
 
 
 class Inline:

@@ -47,6 +47,16 @@ def points(folder: Path, text: str) -> list[tuple]:
         ("expression = 'sqrt(-1.0)'", "expression 'sqrt(-1.0)' has no value"),
         ("expression = 'sqrt(1.0, 2.0)'", "expression 'sqrt(1.0, 2.0)' has no value"),
         ("expression = 'open(1)'", "'open(1)' is not known; numbers, + - * / **, and pi, sqrt"),
+        ("expression = '9**9**9'", "expression '9**9**9' has no value"),
+        ("expression = '10**5000'", "expression '10**5000' has no value"),
+        ("expression = '1e999'", "expression '1e999' has no value at {}: the number is too large"),
+        ("expression = '(-8)**0.5'", "expression '(-8)**0.5' has no value"),
+        (f"expression = '{'-' * 900}1'", "(901 characters)' is nested deeper than 50 operations"),
+        (f"expression = '{'(' * 400}'", "(400 characters)': is no expression"),
+        (f"expression = '{'1+' * 90_000}1'", "(180001 characters)': at most 1000 characters expected"),
+        ("from = 1.0\nto = 2.0\npoints = 1_000_000_000", "points = 1000000000: at most 1000000 runs expected"),
+        (f"values = [{'1' * 5000}]", "cannot be read as TOML"),
+        (f"values = {'[' * 20_000}", "cannot be read as TOML"),
     ],
 )
 def test_what_a_parameter_cannot_be_is_told(tmp_path, words, told):
@@ -57,6 +67,7 @@ def test_what_a_parameter_cannot_be_is_told(tmp_path, words, told):
 
 
 VALUES = PARAMETER + "values = [1.0, 2.0]\n"
+MANY = PARAMETER + f"values = {[1.0] * 2000}\n"
 
 
 @pytest.mark.parametrize(
@@ -84,6 +95,8 @@ VALUES = PARAMETER + "values = [1.0, 2.0]\n"
             f"deck = 'a.nml'\ndesign = 'zip'\n{PARAMETER}expression = '2.0'\n{RESULT}",
             "design = 'zip': a [[parameter]] with values of its own, or from and to, is missing",
         ),
+        (f"deck = 'a.nml'\n{MANY}{MANY.replace('h', 'w', 1)}{RESULT}", "design = 'grid': the parameters' values make more than"),
+        (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 10_000_000\n{VALUES}{RESULT}", "samples = 10000000: at most"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = '2h'\nvalues = [1.0]\n{RESULT}", "name = '2h': a word of letters, digits and _"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = 'strip'\nvalues = [1.0]\n{RESULT}", "set: 'strip': 'group/name/var"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = 3\nvalues = [1.0]\n{RESULT}", "set: 3: 'group/name/variable'"),
@@ -104,8 +117,10 @@ def test_a_study_that_is_not_there(tmp_path):
 def test_zip_takes_the_values_in_turn_and_expressions_follow(tmp_path):
     second = "[[parameter]]\nname = 'w'\nfrom = 1.0\nto = 100.0\npoints = 2\nspacing = 'log'\n"
     linked = "[[parameter]]\nname = 'x'\nexpression = '-h + hypot(3, 4)*cos(pi)/w'\n"
-    found = points(tmp_path, f"deck = 'a.nml'\ndesign = 'zip'\n{VALUES}{second}{linked}{RESULT}")
-    assert found == [(1.0, 1.0, -6.0), (2.0, 100.0, -2.05)]
+    whole = "[[parameter]]\nname = 'n'\nexpression = '2**3 - 4'\n"
+    found = points(tmp_path, f"deck = 'a.nml'\ndesign = 'zip'\n{VALUES}{second}{linked}{whole}{RESULT}")
+    assert found == [(1.0, 1.0, -6.0, 4), (2.0, 100.0, -2.05, 4)]
+    assert isinstance(found[0][3], int)
 
 
 @pytest.mark.parametrize(
