@@ -3,7 +3,7 @@
 module assembly_conflict
   use kinds, only: wp
   use assembly, only: assemble
-  use assembly_reports, only: assembly_report
+  use assembly_reports, only: assembly_report, gap_text
   use build_scene, only: build
   use constraint, only: constraint_model
   use deck_records, only: deck, origin, marker_record
@@ -15,11 +15,12 @@ module assembly_conflict
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
   use scene_model, only: scene
-  use text, only: to_text
+  use text, only: exact_text, to_text
   implicit none (type, external)
   private
   public :: explain_open_joints
 
+  character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive holds at t = 0'
   integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
   real(wp), parameter :: dependent = 1.0e-8_wp      !! pivot below which a row depends on others [-]
 
@@ -36,56 +37,130 @@ contains
     type(assembly_report) :: report
     character(:), allocatable :: words
     real(wp), allocatable :: q(:)
-    real(wp) :: gap
-    integer :: culprit, low, middle
-    logical :: surplus
+    integer :: culprit, low, middle, k
     call build(d, all, faults)
     low = 0                                         ! as many of the first joints close, culprit as many do not
     culprit = size(all%constraints)
     do while (culprit - low > 1)
       middle = (low + culprit)/2
-      call take_first(all, middle, 0, part)
+      call take(all, [(k <= middle, k=1, size(all%constraints))], 0, part)
       call close_up(part, m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
     call contradicting_angle(d, all, culprit, words)
-    if (len(words) == 0) then
-      call take_first(all, culprit - 1, 0, part)
-      call close_up(part, m, ev, q, report)
-      call take_first(all, culprit, 0, part)
-      call look_at_last(part, q, report%rank, gap, surplus)
-      words = name_of(d, culprit)//' stays open by '//to_text(gap)//' m where those before it in the deck are closed: '
-      if (surplus) then
-        words = words//'they leave no motion that could close it, it is one too many'
-      else
-        words = words//'the lengths of its loop do not reach'
-      end if
-    end if
-    fail%message = 'the mechanism cannot be assembled: '//words//'; expected positions and angles near which every joint '// &
-                   'and drive holds at t = 0'
+    if (len(words) == 0) call open_constraint(d, all, culprit, words)
+    fail%message = 'the mechanism cannot be assembled: '//words
   end subroutine explain_open_joints
 
-  !> The first constraints of a scene, one of them without the angle that it holds.
-  subroutine take_first(all, n, freed, part)
+  !> How far a constraint stays open where others are closed, and why.
+  subroutine open_constraint(d, all, culprit, words)
+    type(deck), intent(in) :: d
     type(scene), intent(in) :: all
-    integer, intent(in) :: n                        !! how many
+    integer, intent(in) :: culprit                  !! as many of the first joints do not close
+    character(:), allocatable, intent(out) :: words
+    type(scene) :: part
+    type(mechanism_model) :: m, without
+    type(evaluation) :: ev, other
+    type(assembly_report) :: report
+    character(:), allocatable :: where_closed, unit
+    real(wp), allocatable :: q(:)
+    real(wp) :: at_rest(all%nq), none(all%nz)
+    integer :: k
+    logical :: surplus
+    call take(all, [(k <= culprit, k=1, size(all%constraints))], 0, part)
+    call close_up(part, m, ev, q, report)
+    where_closed = ' where all others are closed'
+    call take(all, [(k /= culprit, k=1, size(all%constraints))], 0, part)
+    call close_up(part, without, other, q, report)
+    if (report%open) then
+      where_closed = ' where those before it in the deck are closed'
+      call take(all, [(k < culprit, k=1, size(all%constraints))], 0, part)
+      call close_up(part, without, other, q, report)
+    end if
+    at_rest = 0.0_wp
+    none = 0.0_wp
+    call evaluate(m, ev, usual_options(m%s), 0.0_wp, q, at_rest, none, none)
+    surplus = leaves_no_motion(d, culprit)
+    associate (c => m%s%constraints(culprit)%item)
+      if (c%drive) then
+        unit = trim(merge(' rad', ' m  ', c%angular))
+        words = name_of(d, culprit)//' starts at '//exact_text(c%start_value())//unit//', but its bodies stand at '// &
+                exact_text(c%measure(ev%p))//unit//where_closed//': '
+        if (surplus) words = words//'these leave no motion that could follow it'
+        if (.not. surplus) words = words//'the lengths of its loop do not reach further'
+        associate (r => d%drives(culprit - size(d%joints)))
+          if (r%relative) then
+            words = words//'; relative=.true. adds the history to the assembled value: expected one that starts nearer to 0'
+          else if (r%rate) then
+            words = words//'; expected bodies near where it holds, or relative=.true.: it starts from the assembled value then'
+          else
+            words = words//'; expected a history that starts there, or relative=.true., which adds it to the assembled value'
+          end if
+        end associate
+      else
+        words = name_of(d, culprit)//' stays open by '//gap_text(m, ev, culprit)//where_closed//': '
+        if (surplus) words = words//'they leave no motion that could close it, it is one too many'
+        if (.not. surplus) words = words//'the lengths of its loop do not reach'
+        words = words//what_is_expected
+      end if
+    end associate
+  end subroutine open_constraint
+
+  !> Whether the constraints before one leave no motion of the frames that could close it: elastic coordinates are held in assembly.
+  logical function leaves_no_motion(d, culprit) result(yes)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: culprit
+    type(deck) :: rigid
+    type(fault_list) :: faults
+    type(scene) :: all, part
+    type(mechanism_model) :: m, without
+    type(evaluation) :: ev, other
+    type(assembly_report) :: report, before
+    real(wp), allocatable :: q(:), at_rest(:), none(:)
+    logical, allocatable :: weak(:)
+    integer :: k
+    rigid = d
+    rigid%bodies%flexible = .false.
+    call build(rigid, all, faults)
+    yes = .false.
+    if (faults%count > 0) return
+    call take(all, [(k <= culprit, k=1, size(all%constraints))], 0, part)
+    call close_up(part, m, ev, q, report)
+    call take(all, [(k < culprit, k=1, size(all%constraints))], 0, part)
+    call close_up(part, without, other, q, before)
+    if (before%open) return
+    allocate (at_rest(m%s%nq), none(m%s%nz), source=0.0_wp)
+    allocate (weak(m%s%rows))
+    call evaluate(m, ev, usual_options(m%s), 0.0_wp, q, at_rest, none, none)
+    call condense_geometry(m, ev)
+    call ev%schur%weak_rows(dependent, weak)
+    yes = count(.not. weak) < before%rank + m%s%constraints(culprit)%item%rows
+  end function leaves_no_motion
+
+  !> Some of the constraints of a scene, one of them without the angle that it holds.
+  subroutine take(all, kept, freed, part)
+    type(scene), intent(in) :: all
+    logical, intent(in) :: kept(:)                  !! (constraints)
     integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(scene), intent(out) :: part
     logical :: done
-    integer :: k
+    integer :: k, n
     part = all
     deallocate (part%constraints)
-    allocate (part%constraints(n))
-    part%joints = min(n, all%joints)
+    allocate (part%constraints(count(kept)))
+    part%joints = count(kept(:all%joints))
     part%rows = 0
-    do k = 1, n
-      allocate (part%constraints(k)%item, source=all%constraints(k)%item)
-      if (k == freed) call part%constraints(k)%item%release_angle(done)
-      part%constraints(k)%item%first = part%rows + 1
-      part%rows = part%rows + part%constraints(k)%item%rows
+    n = 0
+    do k = 1, size(kept)
+      if (.not. kept(k)) cycle
+      n = n + 1
+      allocate (part%constraints(n)%item, source=all%constraints(k)%item)
+      if (k == freed) call part%constraints(n)%item%release_angle(done)
+      part%constraints(n)%item%first = part%rows + 1
+      part%rows = part%rows + part%constraints(n)%item%rows
     end do
-  end subroutine take_first
+  end subroutine take
 
   !> Assembles a scene; velocities do not count.
   subroutine close_up(s, m, ev, q, report)
@@ -101,29 +176,6 @@ contains
     call assemble(m, ev, q, v, report, fail)
   end subroutine close_up
 
-  !> How far the last constraint of a scene is open, and whether its rows depend on those of the others.
-  subroutine look_at_last(s, q, rank, gap, surplus)
-    type(scene), intent(in) :: s
-    real(wp), intent(in) :: q(:)                    !! (nq) positions at which the others hold [m, rad]
-    integer, intent(in) :: rank                     !! of the others
-    real(wp), intent(out) :: gap                    !! [m]
-    logical, intent(out) :: surplus
-    type(mechanism_model) :: m
-    type(evaluation) :: ev
-    real(wp) :: at_rest(s%nq), none(s%nz)
-    logical :: weak(s%rows)
-    call set_up_mechanism(m, ev, s)
-    at_rest = 0.0_wp
-    none = 0.0_wp
-    call evaluate(m, ev, usual_options(s), 0.0_wp, q, at_rest, none, none)
-    associate (c => m%s%constraints(size(m%s%constraints))%item)
-      gap = maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1)))
-      call condense_geometry(m, ev)
-      call ev%schur%weak_rows(dependent, weak)
-      surplus = count(.not. weak) < rank + c%rows
-    end associate
-  end subroutine look_at_last
-
   !> The weld or prismatic joint without whose angle all close, the one that has to give least; empty: there is none.
   subroutine contradicting_angle(d, all, culprit, words)
     type(deck), intent(in) :: d
@@ -137,7 +189,7 @@ contains
     class(constraint_model), allocatable :: one
     real(wp), allocatable :: q(:)
     real(wp) :: held, angle, least
-    integer :: k, tried
+    integer :: k, i, tried
     logical :: holds
     words = ''
     least = huge(1.0_wp)
@@ -149,7 +201,7 @@ contains
       if (.not. holds) cycle
       tried = tried + 1
       if (tried > most_welds) return
-      call take_first(all, culprit, k, part)
+      call take(all, [(i <= culprit, i=1, size(all%constraints))], k, part)
       call close_up(part, m, ev, q, report)
       if (report%open) cycle
       held = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
@@ -157,7 +209,7 @@ contains
       if (abs(angle - held) >= least) cycle
       least = abs(angle - held)
       words = name_of(d, k)//' holds the angle '//to_text(held)//' rad between its bodies, that of the deck, but all '// &
-              'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'
+              'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'//what_is_expected
     end do
   end subroutine contradicting_angle
 

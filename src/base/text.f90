@@ -58,15 +58,17 @@ contains
   pure function exact_text(x) result(t)
     real(wp), intent(in) :: x          !! any finite number [-]
     character(:), allocatable :: t
-    character(*), parameter :: forms(2) = ['(es26.14e3)', '(es26.16e3)']
-    character(26) :: buffer
+    integer, parameter :: digits(2) = [15, 17]
+    character(32) :: buffer
     real(wp) :: back
     integer :: k
     t = real_text(x)
-    do k = 1, size(forms)
+    do k = 1, size(digits)
       read (t, *) back
       if (.not. abs(back - x) > 0.0_wp) exit
-      write (buffer, forms(k)) x
+      write (buffer, '(es32.'//to_text(digits(k) - 1)//'e3)') x
+      if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) &
+        write (buffer, '(f32.'//to_text(digits(k) - 1 - floor(log10(abs(x))))//')') x
       t = trim(adjustl(buffer))
     end do
   end function exact_text

@@ -89,9 +89,10 @@ contains
       call make_history(d, r%history, h)
       call check_smooth(r, h)
       if (r%type == 'rotation') then
-        item = rotation_model(rows=1, drive=.true., angular=.true., rate=r%rate, target=h)
+        item = rotation_model(rows=1, drive=.true., angular=.true., rate=r%rate, pending=r%relative, target=h)
       else
-        item = line_model(rows=1, drive=.true., rate=r%rate, target=h, direction=r%direction, fixed=r%b%body == 0)
+        item = line_model(rows=1, drive=.true., rate=r%rate, pending=r%relative, target=h, direction=r%direction, &
+                          fixed=r%b%body == 0)
       end if
       item%name = r%name
     end subroutine make_drive

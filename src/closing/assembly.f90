@@ -7,7 +7,7 @@ module assembly
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: set_frames, marker_kinematics
-  use position_closing, only: close_positions, closed_gap
+  use position_closing, only: close_positions, closed_gap, warn_of_drives, warn_of_motion
   use redundancy, only: count_freedoms
   use velocity_closing, only: close_velocities
   implicit none (type, external)
@@ -23,6 +23,7 @@ contains
     real(wp), intent(out) :: q(:), v(:)             !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(out) :: report
     type(failure), intent(inout) :: fail
+    real(wp) :: stated(size(self%s%constraints))    ! what drives prescribe, as the deck has it [m] or [rad]
     real(wp) :: gap                                 ! distance up to which markers coincide [m]
     integer :: k
     allocate (character(160) :: report%warnings(0))
@@ -31,11 +32,22 @@ contains
     call set_frames(self, ev, q)
     call marker_kinematics(self, ev, q, v)
     do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%init_from_deck(ev%p)
+      associate (c => self%s%constraints(k)%item)
+        call c%init_from_deck(ev%p)
+        stated(k) = c%measure(ev%p)
+        if (c%rate) c%origin = stated(k)
+      end associate
     end do
     call close_positions(self, ev, q, v, report, fail)
     if (fail%happened()) return
-    do k = 1, size(self%s%constraints)
+    call warn_of_drives(self, stated, report)
+    do k = self%s%joints + 1, size(self%s%constraints)
+      call self%s%constraints(k)%item%init_from_assembly(ev%p)
+    end do
+    call close_positions(self, ev, q, v, report, fail)    ! a relative drive may begin beside the assembled value
+    if (fail%happened()) return
+    call warn_of_motion(self, ev, q, report)
+    do k = 1, self%s%joints
       call self%s%constraints(k)%item%init_from_assembly(ev%p)
     end do
     gap = closed_gap(self, ev)

@@ -1,11 +1,12 @@
 !> What assembly found, and its words.
 module assembly_reports
   use kinds, only: wp
+  use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use text, only: es_text
+  use text, only: to_text
   implicit none (type, external)
   private
-  public :: assembly_report, add_warning, open_joints
+  public :: assembly_report, add_warning, gap_text, open_joints
 
   character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
                                                   'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
@@ -36,23 +37,43 @@ contains
   end subroutine add_warning
 
   !> Names of the joints and drives whose rows do not hold, with how far they stay open.
-  function open_joints(self, row, limit, unit) result(text)
+  function open_joints(self, ev, row, limit, per) result(text)
     type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: row(:)             !! (rows) Phi [m] or its rate [m/s]
     real(wp), intent(in) :: limit              !! up to which a row holds [m] or [m/s]
-    character(*), intent(in) :: unit
+    character(*), intent(in) :: per            !! end of the unit: '' or '/s'
     character(:), allocatable :: text
-    real(wp) :: gap
     integer :: k
     text = ''
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
-        gap = maxval(abs(row(c%first:c%first + c%rows - 1)))
-        if (gap <= limit) cycle
+        if (maxval(abs(row(c%first:c%first + c%rows - 1))) <= limit) cycle
         if (len(text) > 0) text = text//', '
-        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//trim(adjustl(es_text(gap, 2)))// &
-               ' '//unit
+        text = text//merge('drive ', 'joint ', c%drive)//'"'//trim(c%name)//'" stays open by '//gap_text(self, ev, k, row)//per
       end associate
     end do
   end function open_joints
+
+  !> How far a constraint is open at the last evaluated positions: that of its rows which is open most, a length or an angle.
+  function gap_text(self, ev, k, row) result(text)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                   !! constraint
+    real(wp), intent(in), optional :: row(:)   !! (rows) in place of Phi: its rate [m/s]
+    character(:), allocatable :: text
+    real(wp) :: gap                            ! [m], [rad], or per second
+    integer :: i
+    associate (c => self%s%constraints(k)%item)
+      i = c%first - 1 + maxloc(abs(ev%rows%phi(c%first:c%first + c%rows - 1)), 1)
+      if (present(row)) i = c%first - 1 + maxloc(abs(row(c%first:c%first + c%rows - 1)), 1)
+      gap = abs(ev%rows%phi(i))
+      if (present(row)) gap = abs(row(i))
+      if (norm2([ev%rows%na(:, i), ev%rows%nb(:, i)]) > 0.0_wp) then
+        text = to_text(gap)//' m'
+      else
+        text = to_text(gap/c%size)//' rad'     ! rows of angles count times the size
+      end if
+    end associate
+  end function gap_text
 end module assembly_reports

@@ -3,6 +3,7 @@
 module position_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints
+  use elastic_closing, only: close_elastically
   use errors, only: failure, status_bad_input
   use evaluation_settings, only: usual_options
   use joint_response, only: apply_multipliers
@@ -10,13 +11,14 @@ module position_closing
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: set_frames, marker_kinematics
-  use text, only: es_text
+  use text, only: es_text, exact_text, to_text
   implicit none (type, external)
   private
-  public :: close_positions, closed_gap
+  public :: close_positions, warn_of_drives, warn_of_motion, closed_gap
 
   integer, parameter :: most_newton = 200
   real(wp), parameter :: closed = 1.0e-12_wp        !! |Phi| of a closed mechanism, relative to the scene's size [-]
+  real(wp), parameter :: small = 1.0e-5_wp          !! |Phi| that bending may close: rounded decks; relative to the size [-]
   real(wp), parameter :: far = 0.05_wp              !! motion of a frame that is worth a warning, relative to the size [-]
 
 contains
@@ -59,15 +61,20 @@ contains
           if (pass > 5) exit
         end if
       end do
-      report%newton = pass - 1
+      report%newton = report%newton + pass - 1
+      if (worst > closed_gap(self, ev) .and. worst <= small*self%s%size .and. any(self%flexible)) then
+        call add_warning(report, 'flexible bodies are bent at the start: their frames alone leave joints or drives open by '// &
+                         to_text(worst)//' m')
+        call close_elastically(self, ev, closed_gap(self, ev), q)
+        call frame_positions(self, ev, q, v, worst)
+      end if
       report%open = worst > closed_gap(self, ev)
       if (report%open) then
         call fail%raise(status_bad_input, 'the mechanism cannot be assembled: '// &
-                        open_joints(self, ev%rows%phi, closed_gap(self, ev), 'm')// &
+                        open_joints(self, ev, ev%rows%phi, closed_gap(self, ev), '')// &
                         '; expected positions near which every joint and drive holds at t = 0')
         return
       end if
-      call warn_of_motion(self, ev, q, report)
     end if
     call frame_positions(self, ev, q, v, worst)
   end subroutine close_positions
@@ -128,4 +135,25 @@ contains
                                         ': are its deck position and angle right?')
     end do
   end subroutine warn_of_motion
+
+  !> Warns where a drive moved its bodies by as much.
+  subroutine warn_of_drives(self, stated, report)
+    type(mechanism_model), intent(in) :: self
+    real(wp), intent(in) :: stated(:)     !! (constraints) the quantities as the deck has them [m] or [rad]
+    type(assembly_report), intent(inout) :: report
+    character(:), allocatable :: unit
+    real(wp) :: start
+    integer :: k
+    do k = self%s%joints + 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item)
+        if (c%pending) cycle
+        start = c%start_value()
+        if (abs(start - stated(k)) <= far*merge(1.0_wp, self%s%size, c%angular)) cycle
+        unit = trim(merge('rad', 'm  ', c%angular))
+        call add_warning(report, 'drive "'//trim(c%name)//'" starts at '//exact_text(start)//' '//unit// &
+                         ', the deck has its bodies at '//exact_text(stated(k))//' '//unit//': they were moved; expected the '// &
+                         'same value in both, or relative=.true., which adds the history to the assembled value')
+      end associate
+    end do
+  end subroutine warn_of_drives
 end module position_closing

@@ -64,7 +64,7 @@ contains
     else if (worst > goal) then
       call row_rates(self, ev, ev%lambda)
       call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
-                      open_joints(self, ev%lambda, goal, 'm/s')//'; the mechanism is locked or a drive starts from a '// &
+                      open_joints(self, ev, ev%lambda, goal, '/s')//'; the mechanism is locked or a drive starts from a '// &
                       'singular position; expected a drive that begins at rest, or another start')
       return
     end if

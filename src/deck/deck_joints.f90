@@ -55,6 +55,7 @@ contains
     call get(deck, 'direction', r%direction, kinds='position')
     call get_reference(deck, 'history', in_history, r%history, required)
     call get(deck, 'rate', r%rate)
+    call get(deck, 'relative', r%relative)
     call forbid_rigid_pair(deck, d, r%a, r%b)
   end subroutine read_drive
 

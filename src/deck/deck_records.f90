@@ -117,7 +117,8 @@ module deck_records
     type(marker_record) :: a, b              !! rotation: node 0 is the body's frame
     real(wp) :: direction = 0.0_wp           !! position [rad], from the section of marker b like a slider's
     integer :: history = 0                   !! index, always given
-    logical :: rate = .false.
+    logical :: rate = .false.                !! the history gives the rate
+    logical :: relative = .false.            !! the history is added to the assembled value
   end type drive_record
 
   !> &history

@@ -171,7 +171,7 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         )
         text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
     if dice.random() < 0.3:
-        more = dice.choice(["", " rate=.true."])
+        more = dice.choice(["", " rate=.true.", " relative=.true.", " rate=.true. relative=.true."])
         kind = dice.choice(["rotation", "position"])
         where = sides(dice, bodies, turns=kind == "rotation")
         text += f"&drive name='d' type='{kind}' {where} history='h{dice.randint(0, 2)}'{more} /\n"

@@ -62,17 +62,17 @@ contains
     list = pack(list, list%time > 0.0_wp .and. list%time < until)
   end function repeated_breaks
 
-  !> What a drive imposes: the history, or by rate the deck's own value plus the integral since t = 0, with two derivatives.
+  !> What a drive imposes: its origin plus the history, or by rate plus the integral since t = 0, with two derivatives.
   pure subroutine drive_values(self, rate, origin, t, left_limit, h)
     class(history_model), intent(in) :: self
     logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
-    real(wp), intent(in) :: origin      !! by rate: the quantity at t = 0 [unit]
+    real(wp), intent(in) :: origin      !! what the history is added to [unit]
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
     real(wp) :: now(-1:2), at_start(-1:2)
     call self%evaluate(t, left_limit, now)
-    h = now(0:2)
+    h = [origin + now(0), now(1:2)]
     if (.not. rate) return
     call self%evaluate(0.0_wp, .false., at_start)
     h = [origin + (now(-1) - at_start(-1)), now(0:1)]

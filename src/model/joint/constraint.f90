@@ -3,7 +3,7 @@
 !> metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
-  use history, only: breakpoint, history_model
+  use history, only: breakpoint, drive_values, history_model
   use marker, only: marker_states
   implicit none (type, external)
   private
@@ -18,6 +18,8 @@ module constraint
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
     logical :: left_limit = .false.       !! jumps of histories at the time of evaluation are not yet felt
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
+  contains
+    procedure :: empty
   end type constraint_rows
 
   !> Second derivatives of lambda.Phi with respect to (x, y, angle) of marker a, then of marker b.
@@ -37,14 +39,17 @@ module constraint
     real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
     class(history_model), allocatable :: target   !! of drives
     logical :: rate = .false.             !! drives: the history gives the rate
-    real(wp) :: origin = 0.0_wp           !! drives by rate: the deck's own value of the quantity [m] or [rad]
+    real(wp) :: origin = 0.0_wp           !! drives: what the history, or its integral, is added to [m] or [rad]
+    logical :: pending = .false.          !! takes its value from the assembled positions; until then its rows hold nothing
     logical :: angular = .false.          !! drives: the quantity is an angle
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
     procedure :: acts_on => both_positions    !! whether rows can act on x, y, section angle of marker a, then of b
     procedure :: init_from_deck => keep_as_is !! told the markers as the deck states them
-    procedure :: init_from_assembly => keep_as_is !! told the markers as assembled
+    procedure :: init_from_assembly => settle !! told the markers as assembled
+    procedure :: measure => no_quantity       !! the quantity that a drive prescribes
+    procedure :: start_value                  !! what a drive makes of it at t = 0
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
     procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
     procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
@@ -69,6 +74,19 @@ module constraint
   end interface
 
 contains
+
+  !> A row that holds nothing.
+  pure subroutine empty(self, i)
+    class(constraint_rows), intent(inout) :: self
+    integer, intent(in) :: i                      !! row
+    self%na(:, i) = 0.0_wp
+    self%sa(i) = 0.0_wp
+    self%nb(:, i) = 0.0_wp
+    self%sb(i) = 0.0_wp
+    self%phi(i) = 0.0_wp
+    self%phi_t(i) = 0.0_wp
+    self%acceleration_bias(i) = 0.0_wp
+  end subroutine empty
 
   !> Second derivatives of lambda.Phi with respect to the states of both markers: zero, since most rows are linear in them.
   pure subroutine no_geometric(self, p, lambda, k)
@@ -102,11 +120,36 @@ contains
     text = ''
   end function no_fault
 
-  !> Most constraints take nothing from the positions at the start.
+  !> Most constraints take nothing from the positions of the deck.
   subroutine keep_as_is(self, p)
     class(constraint_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
   end subroutine keep_as_is
+
+  !> A relative drive takes the assembled value.
+  subroutine settle(self, p)
+    class(constraint_model), intent(inout) :: self
+    type(marker_states), intent(in) :: p
+    if (self%pending) self%origin = self%measure(p)
+    self%pending = .false.
+  end subroutine settle
+
+  !> Joints prescribe no quantity.
+  pure function no_quantity(self, p) result(x)
+    class(constraint_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp) :: x                                 !! [m] or [rad]
+    x = 0.0_wp
+  end function no_quantity
+
+  !> What a drive prescribes at t = 0.
+  pure function start_value(self) result(x)
+    class(constraint_model), intent(in) :: self
+    real(wp) :: x                                 !! [m] or [rad]
+    real(wp) :: h(0:2)
+    call drive_values(self%target, self%rate, self%origin, 0.0_wp, .false., h)
+    x = h(0)
+  end function start_value
 
   !> Those of a drive's history: accelerations jump two orders below the quantity, one below its rate. Joints have none.
   pure function drive_breakpoints(self, until) result(list)

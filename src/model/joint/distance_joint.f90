@@ -8,8 +8,7 @@ module distance_joint
 
   !> |r_a - r_b| = length.
   type, extends(constraint_model), public :: distance_model
-    real(wp) :: length = 0.0_wp           !! [m]
-    logical :: pending = .false.          !! length still to be taken from the assembled positions
+    real(wp) :: length = 0.0_wp           !! taken from the assembled positions while that is pending [m]
   contains
     procedure :: evaluate => distance_rows
     procedure :: geometric => distance_second
@@ -21,7 +20,7 @@ module distance_joint
 
 contains
 
-  !> The row; while its length is pending it holds nothing.
+  !> The row.
   pure subroutine distance_rows(self, t, p, r)
     class(distance_model), intent(in) :: self
     real(wp), intent(in) :: t   !! [s]
@@ -30,18 +29,21 @@ contains
     real(wp) :: d(2), dd(2), e(2), l
     integer :: i
     i = self%first
+    if (self%pending) then
+      call r%empty(i)
+      return
+    end if
     d = p%r(:, self%ia) - p%r(:, self%ib)
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     l = max(sqrt(d(1)**2 + d(2)**2), tiny(1.0_wp))
     e = d/l
-    if (self%pending) e = 0.0_wp
     r%na(:, i) = e
     r%nb(:, i) = -e
     r%sa(i) = 0.0_wp
     r%sb(i) = 0.0_wp
-    r%phi(i) = merge(0.0_wp, l - self%length, self%pending)
+    r%phi(i) = l - self%length
     r%phi_t(i) = 0.0_wp
-    r%acceleration_bias(i) = merge(0.0_wp, (dot_product(dd, dd) - dot_product(e, dd)**2)/l, self%pending)
+    r%acceleration_bias(i) = (dot_product(dd, dd) - dot_product(e, dd)**2)/l
   end subroutine distance_rows
 
   !> lambda |r_a - r_b|: lambda/l (1 - e e^T) on the relative position.

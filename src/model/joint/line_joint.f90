@@ -19,6 +19,7 @@ module line_joint
     procedure :: evaluate => line_rows
     procedure :: geometric => line_second
     procedure :: init_from_deck => line_begin
+    procedure :: measure => distance_along
     procedure :: components => line_components
     procedure :: release_angle => prismatic_release
     procedure :: acts_on => line_acts_on
@@ -35,6 +36,10 @@ contains
     real(wp) :: n(2), d(2), dd(2), h(0:2), om, along
     integer :: i
     i = self%first
+    if (self%pending) then
+      call r%empty(i)
+      return
+    end if
     n = self%normal
     if (.not. self%fixed) n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
     d = p%r(:, self%ia) - p%r(:, self%ib)
@@ -96,13 +101,22 @@ contains
     yes = [.true., .true., self%prismatic, .true., .true., .true.]
   end function line_acts_on
 
-  !> The direction where it never turns, and the deck's own value, from which a drive by rate starts.
+  !> The direction where it never turns.
   subroutine line_begin(self, p)
     class(line_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
-    real(wp) :: angle
+    real(wp) :: angle   ! [rad]
     angle = p%angle(self%ib) + self%direction
     self%normal = [cos(angle), sin(angle)]
-    self%origin = dot_product(self%normal, p%r(:, self%ia) - p%r(:, self%ib))
   end subroutine line_begin
+
+  !> How far marker a lies from b along the direction.
+  pure function distance_along(self, p) result(x)
+    class(line_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp) :: x   !! [m]
+    real(wp) :: angle   ! [rad]
+    angle = p%angle(self%ib) + self%direction
+    x = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
+  end function distance_along
 end module line_joint

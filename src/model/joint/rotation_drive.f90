@@ -11,7 +11,7 @@ module rotation_drive
   type, extends(constraint_model), public :: rotation_model
   contains
     procedure :: evaluate => rotation_rows
-    procedure :: init_from_deck => rotation_begin
+    procedure :: measure => angle_between
     procedure :: acts_on => rotation_acts_on
   end type rotation_model
 
@@ -26,6 +26,10 @@ contains
     real(wp) :: h(0:2)
     integer :: i
     i = self%first
+    if (self%pending) then
+      call r%empty(i)
+      return
+    end if
     call drive_values(self%target, self%rate, self%origin, t, r%left_limit, h)
     call self%hold_angle(i, h(0), p, r)
     r%phi_t(i) = -self%size*h(1)
@@ -39,10 +43,11 @@ contains
     yes = [.false., .false., .true., .false., .false., .true.]
   end function rotation_acts_on
 
-  !> A drive by rate starts from the deck's own value.
-  subroutine rotation_begin(self, p)
-    class(rotation_model), intent(inout) :: self
+  !> The angle of a minus that of b.
+  pure function angle_between(self, p) result(x)
+    class(rotation_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    if (self%rate) self%origin = p%angle(self%ia) - p%angle(self%ib)
-  end subroutine rotation_begin
+    real(wp) :: x   !! [rad]
+    x = p%angle(self%ia) - p%angle(self%ib)
+  end function angle_between
 end module rotation_drive
