@@ -10,7 +10,6 @@ module elastic_closing
   use dynamic_stiffness, only: stiffness_system
   use dynamics, only: evaluate
   use evaluation_settings, only: usual_options
-  use force_element, only: element_action
   use frame_axes, only: to_global
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
@@ -34,7 +33,6 @@ contains
     real(wp), intent(in) :: gap                      !! up to which a row holds [m]
     real(wp), intent(inout) :: q(:)                  !! (nq) [m, rad]
     type(mechanism_model) :: bodies                  ! without springs: their stiffness is no part of K
-    type(element_action) :: none(0)
     type(linear_mechanism) :: lin
     type(stiffness_system) :: ds
     real(wp) :: rest(size(q)), z(self%s%nz), no_force(self%s%rows)
@@ -52,7 +50,7 @@ contains
       if (maxval(abs(ev%rows%phi)) <= gap .or. pass == most_newton) return
       call condense_geometry(self, ev)
       call ev%schur%weak_rows(redundant, dependent)
-      call linearise(bodies, ev, q, rest, rest, no_force, none, lin)
+      call linearise(bodies, ev, q, rest, rest, no_force, ev%action(:0), lin)
       call ds%build(bodies, lin, 0.0_wp, dependent)
       call ds%set_real(negligible*least_frequency(bodies, ds))
       call ds%factor()

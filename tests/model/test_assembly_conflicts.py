@@ -99,8 +99,8 @@ def test_a_drive_that_cannot_be_followed(run_deck):
     deck += "&history name='h' kind='polynomial' coefficients=-1.0 /\n"
     deck += "&drive name='m' type='rotation' body_a='rocker' history='h' /\n"
     words = told(run_deck, deck)
-    assert words.startswith('drive "m" in line 9 stays open by ')
-    assert "the lengths of its loop do not reach" in words
+    assert words.startswith('drive "m" in line 9 starts at -1 rad, but its bodies stand at ')
+    assert "rad where all others are closed: the lengths of its loop do not reach further" in words
 
 
 def test_many_links(run_deck):
@@ -114,3 +114,50 @@ def test_many_links(run_deck):
     words = told(run_deck, deck + f"&joint name='end' type='revolute' body_a='b{n - 1}' point_a=0.1,0.0 point_b=9.0,0.0 /\n")
     assert words.startswith(f'revolute joint "wrong" in line {n + 32} stays open by ')
     assert "one too many" in words
+
+
+ARM = "&body name='{0}' kind='beam' length=0.5 elements=2 material='m' section='s' {1} /\n"
+TWO_MOTORS = (
+    "&material name='m' density=2700 young=7e10 /\n&section name='s' shape='circle' diameter=0.01 /\n"
+    + ARM.format("a", "angle=1.0 reference='clamped'")
+    + ARM.format("b", "position=0.8,0.0 angle=2.0 reference='clamped'")
+    + bar("rod", 0.6, (0.3, 0.4))
+    + """&joint name='ja' type='revolute' body_a='a' node_a=1 /
+&joint name='jb' type='revolute' body_a='b' node_a=1 point_b=0.8,0.0 /
+&joint name='jr' type='revolute' body_a='rod' body_b='a' node_b=-1 /
+&joint name='js' type='revolute' body_a='rod' point_a=0.6,0.0 body_b='b' node_b=-1 /
+&history name='ha' kind='polynomial' coefficients=1.0 /
+&history name='hb' kind='polynomial' coefficients={} /
+&drive name='da' type='rotation' body_a='a' node_a=1 history='ha' /
+&drive name='db' type='rotation' body_a='b' node_a=1 history='hb' /
+&sensor name='fa' quantity='reaction' drive='da' /
+&sensor name='fb' quantity='reaction' drive='db' /
+"""
+)
+
+
+def test_a_drive_beside_the_loop_of_flexible_arms_is_told_where_it_stands(run_deck):
+    """A loop of one freedom with two motors: the second is told the angle to all digits; at 1e-6 rad from there the arms bend."""
+    words = told(run_deck, TWO_MOTORS.format(1.9))
+    found = re.match(r'drive "db" in line 13 starts at 1\.9 rad, but its bodies stand at (\S+) rad where all others are closed: ', words)
+    assert "these leave no motion that could follow it; expected a history that starts there, or relative=.true." in words
+    end = np.array([0.5 * np.cos(1.0), 0.5 * np.sin(1.0)])
+    reach = 0.8 - end[0], -end[1]
+    stands = float(found[1])
+    closed = np.hypot(reach[0] + 0.5 * np.cos(stands), reach[1] + 0.5 * np.sin(stands))
+    assert closed == pytest.approx(0.6, abs=1e-13)
+    run_deck(TWO_MOTORS.format(repr(stands)) + RUN.replace("0.01", "1e-5").replace("0.1", "1e-5"))
+    static = "&static /\n&transient t_end=1e-5 step=1e-6 /\n"
+    moments = [run_deck(TWO_MOTORS.format(repr(stands + off)) + static).history["fb.m"][0] for off in (1e-6, 2e-6)]
+    still = run_deck(TWO_MOTORS.format(repr(stands + 1e-6)) + static.replace("&static /\n", ""))
+    assert "flexible bodies are bent at the start" in still.stderr
+    assert moments[1] == pytest.approx(2 * moments[0], rel=1e-3)  # a spring: what the arms resist
+    assert np.abs(still.history["fb.m"] - moments[0]).max() < 1e-5 * abs(moments[0])  # bent as at rest
+
+
+def test_a_drive_that_turns_its_body_says_both_values(run_deck):
+    deck = bar("b", 1.0, angle=1.2) + "&joint name='j' type='revolute' body_a='b' /\n&history name='h' kind='polynomial' "
+    deck += "coefficients=0.0,1.0 /\n&drive name='d' type='rotation' body_a='b' history='h' /\n"
+    told = run_deck(deck + RUN).stderr
+    assert 'drive "d" starts at 0 rad, the deck has its bodies at 1.2 rad: they were moved; expected' in told
+    assert "moved" not in run_deck(deck.replace(" history='h'", " history='h' relative=.true.") + RUN).stderr

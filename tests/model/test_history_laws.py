@@ -147,3 +147,39 @@ def test_a_table_may_end_with_the_run_in_full_motion(run_deck, method):
     assert run.history["vd.x"][-1] == pytest.approx(400.0, rel=1e-9)
     assert run.history["m.m"][-1] == pytest.approx(400.0 * (0.02 + 0.7 * (0.05**2 + 0.02**2)), rel=1e-9)
     assert np.abs(read(run.folder, "energy")["velocity_violation"]).max() < 1e-9
+
+
+CRANK = """&scene gravity=0.0,-9.81 /
+&material name='m' density=1200.0 young=2.0e8 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='crank' kind='beam' length=0.4 elements=2 material='m' section='s' modes=2 angle=0.9 /
+&body name='rod' kind='rigid' mass=0.5 inertia=0.02 com=0.3,0.0 position=0.2,0.3 angle=-0.4 /
+&body name='sled' kind='rigid' mass=1.0 inertia=0.01 position=0.8,0.0 /
+&joint name='a' type='revolute' body_a='crank' node_a=1 /
+&joint name='b' type='revolute' body_a='rod' body_b='crank' node_b=-1 /
+&joint name='c' type='revolute' body_a='rod' point_a=0.6,0.0 body_b='sled' /
+&joint name='d' type='prismatic' body_a='sled' /
+&history name='h' kind='polynomial' coefficients=0.03,0.4,-2.0 /
+&sensor name='angle' quantity='angle' body='crank' /
+&sensor name='section' quantity='angle' body='crank' node=-1 /
+&sensor name='x' quantity='position' body='sled' /
+"""
+DRIVEN = {
+    "angle": "type='rotation' body_a='crank'",
+    "section": "type='rotation' body_a='crank' node_a=-1",
+    "x.x": "type='position' body_a='sled'",
+}
+
+
+@pytest.mark.parametrize("rate", [False, True])
+@pytest.mark.parametrize("column", DRIVEN)
+def test_a_relative_drive_adds_to_the_assembled_value(run_deck, column, rate):
+    """Assembly moves crank and sled from where the deck has them; gravity bends the crank, before and after an equilibrium."""
+    end = "&transient t_end=0.05 step=5e-4 output_step=0.005 method='radau' /\n"
+    at = run_deck(CRANK + "&transient t_end=1e-4 step=1e-4 method='radau' /\n").history[column][0]
+    assert min(abs(at - x) for x in (0.9, 0.8)) > 1e-3
+    drive = f"&drive name='q' {DRIVEN[column]} history='h' relative=.true. rate={'.true.' if rate else '.false.'} /\n"
+    for before in ("", "&static /\n"):
+        h = run_deck(CRANK + drive + before + end).history
+        value = 0.03 * h.time + 0.2 * h.time**2 - 2 / 3 * h.time**3 if rate else 0.03 + 0.4 * h.time - 2 * h.time**2
+        np.testing.assert_allclose(h[column], at + value, rtol=0, atol=1e-12)

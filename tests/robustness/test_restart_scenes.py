@@ -59,6 +59,9 @@ def scene(dice: random.Random) -> str:
             lines.append(f"&sensor name='{quantity}{k}' quantity='{quantity}' body='b{k}' {end} /")
         on, at = f"body_b='b{k}'", far
         x, y = x + length * cos(angle), y + length * sin(angle)
+    if dice.random() < 0.3:
+        lines.append("&history name='h' kind='cycloid' start_value=0.1 end_value=0.5 start=0.0 finish=0.1 /")
+        lines.append(f"&drive name='d' type='rotation' body_a='b0' history='h' relative=.true. rate={dice.choice(['.true.', '.false.'])} /")
     return "\n".join(lines) + "\n"
 
 
