@@ -34,7 +34,7 @@ BUILD    := $(if $(filter 1,$(DEBUG)),debug,release)
 B        := build/$(BUILD)
 SUFFIX   := $(BUILD:%=-%)
 SUFFIX   := $(SUFFIX:-release=)
-FLAGS_release  = $(FFLAGS) $(if $(filter 1,$(NATIVE)),-march=native)
+FLAGS_release  = $(FFLAGS) -fno-backtrace $(if $(filter 1,$(NATIVE)),-march=native)
 FLAGS_debug    = $(CHECKED)
 FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
 FLAGS_coverage = -O0 -g --coverage

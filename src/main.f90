@@ -4,7 +4,7 @@ program biela
   use command_line, only: parse_arguments, print_ending, command
   use errors, only: status_ok, status_signal
   use lapack, only: use_one_blas_thread
-  use process, only: begin_process, caught_signal
+  use process, only: begin_process, caught_signal, end_process
   use run_deck, only: run_one_deck
   use side_by_side, only: run_side_by_side
   implicit none (type, external)
@@ -23,5 +23,6 @@ program biela
       if (status > status_signal) exit
     end do
   end if
+  call end_process()
   if (status /= status_ok) stop status, quiet=.true.
 end program biela

@@ -4,7 +4,7 @@ module run_summary
   use kinds, only: wp
   use checkpoint, only: remove_checkpoint
   use errors, only: failure
-  use posix, only: remove_file, replace_file
+  use posix, only: remove_file, remove_scratch, replace_file
   use scene_run, only: run_state, no_output
   use summary, only: version
   use summary_text, only: json_number, json_text, summary_record
@@ -101,6 +101,6 @@ contains
     call file%close()
     ok = .not. file%failed
     if (ok) ok = replace_file(path//'.new', path)
-    if (.not. ok) call remove_file(path//'.new')
+    if (.not. ok) call remove_scratch(path//'.new')
   end subroutine write_whole
 end module run_summary

@@ -1,20 +1,21 @@
 !> The few calls of the operating system on files that Fortran lacks: folders, locks, atomic replacement, writes that tell
-!> whether they succeeded.
+!> whether they succeeded. Nothing is written through a symbolic link, and no file that exists is emptied.
 module posix
   use kinds, only: ip
   use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_size_t
   implicit none (type, external)
   private
-  public :: make_folder, lock_file, replace_file, remove_file, is_terminal, sync_file, close_lock, truncate_file
-  public :: create_file, extend_file, write_bytes, close_file, file_size, drop_lock, tell, c_open, c_close
-  public :: standard_output, standard_error, nameless_file, read_back
+  public :: make_folder, lock_file, replace_file, remove_file, remove_scratch, is_terminal, sync_file, sync_folder, close_lock
+  public :: create_file, extend_file, cut_file, write_bytes, close_file, file_size, drop_lock, tell, c_open, c_close
+  public :: standard_output, standard_error, nameless_file, read_back, c_getpid
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
-  integer, parameter :: read_only = 0, write_only = 1   !! O_RDONLY, O_WRONLY
+  integer, parameter :: read_only = 0, read_write = 2   !! O_RDONLY, O_RDWR
   integer, parameter :: at_once = 2048              !! O_NONBLOCK: a pipe that nobody reads is refused, not waited for
   integer, parameter :: from_end = 2                !! SEEK_END
   integer, parameter :: exists = 0                  !! F_OK
   integer, parameter :: was_interrupted = 4         !! EINTR
+  integer, parameter :: most_lock_trials = 1000     !! times that others may take a lock in between
   integer, parameter :: standard_output = 1, standard_error = 2   !! handles for write_bytes
   character(:, c_char), allocatable :: locked   !! path of the lock that this process holds
 
@@ -25,12 +26,6 @@ module posix
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
     end function c_mkdir
-    !> creat(2): opens a file for writing, made anew.
-    integer(c_int) function c_creat(path, mode) bind(c, name='creat')
-      import :: c_char, c_int
-      character(kind=c_char), intent(in) :: path(*)
-      integer(c_int), value :: mode
-    end function c_creat
     !> access(2): 0 where there is such a file.
     integer(c_int) function c_access(path, mode) bind(c, name='access')
       import :: c_char, c_int
@@ -74,11 +69,38 @@ module posix
       character(kind=c_char), intent(in) :: bytes(*)
       integer(c_size_t), value :: count
     end function c_write
-    !> mkstemp(3): makes and opens a file whose name ends with letters of its own choice, in place of XXXXXX.
+    !> mkstemp(3): makes and opens a new file whose name ends with letters of its own choice, in place of XXXXXX.
     integer(c_int) function c_mkstemp(name) bind(c, name='mkstemp')
       import :: c_char, c_int
-      character(kind=c_char), intent(inout) :: name(18)
+      character(kind=c_char), intent(inout) :: name(*)
     end function c_mkstemp
+    !> umask(2): sets the permissions that new files do not get, and returns those before.
+    integer(c_int) function c_umask(mask) bind(c, name='umask')
+      import :: c_int
+      integer(c_int), value :: mask
+    end function c_umask
+    !> fchmod(2): sets the permissions of an open file.
+    integer(c_int) function c_fchmod(fd, mode) bind(c, name='fchmod')
+      import :: c_int
+      integer(c_int), value :: fd, mode
+    end function c_fchmod
+    !> readlink(2): where a symbolic link leads; negative for anything else.
+    integer(c_long) function c_readlink(path, target, room) bind(c, name='readlink')
+      import :: c_char, c_size_t, c_long
+      character(kind=c_char), intent(in) :: path(*)
+      character(kind=c_char), intent(out) :: target(*)
+      integer(c_size_t), value :: room
+    end function c_readlink
+    !> getpid(2): number of this process.
+    integer(c_int) function c_getpid() bind(c, name='getpid')
+      import :: c_int
+    end function c_getpid
+    !> ftruncate(2): cuts an open file to a length.
+    integer(c_int) function c_ftruncate(fd, length) bind(c, name='ftruncate')
+      import :: c_int, c_long
+      integer(c_int), value :: fd
+      integer(c_long), value :: length
+    end function c_ftruncate
     !> read(2): bytes from an open file; how many there were.
     integer(c_long) function c_read(fd, bytes, count) bind(c, name='read')
       import :: c_char, c_int, c_size_t, c_long
@@ -102,12 +124,6 @@ module posix
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
     end function c_unlink
-    !> truncate(2): cuts a file to a length.
-    integer(c_int) function c_truncate(path, length) bind(c, name='truncate')
-      import :: c_char, c_int, c_long
-      character(kind=c_char), intent(in) :: path(*)
-      integer(c_long), value :: length
-    end function c_truncate
   end interface
 
 contains
@@ -124,20 +140,61 @@ contains
   end subroutine make_folder
 
   !> Opens and locks a file for this process alone; the lock ends with the process. Handle: > 0 locked, 0 held by
-  !> another process, -1 the file cannot be written.
+  !> another process, -1 the file cannot be written. Who held the lock before has perhaps removed the file between its opening
+  !> and its locking here, and a third process made another: so the file of that name must still be the one that is locked.
   integer function lock_file(path) result(handle)
     character(*), intent(in) :: path
-    integer(c_int) :: status
-    handle = create_file(path)
-    if (handle < 0) return
-    status = c_flock(handle, lock_exclusive_now)
-    if (status /= 0) then
+    character(80) :: here, there
+    integer(c_int) :: status, other
+    integer :: trial
+    do trial = 1, most_lock_trials
+      call make_lock(path)
+      handle = extend_file(path)
+      if (handle < 0) then
+        if (is_free(path)) cycle
+        return
+      end if
+      if (c_flock(handle, lock_exclusive_now) /= 0) then
+        status = c_close(handle)
+        handle = 0
+        return
+      end if
+      other = c_open(path//c_null_char, ior(read_only, at_once))
+      here = first_line(handle)
+      there = first_line(other)
+      if (other >= 0) status = c_close(other)
+      if (other >= 0 .and. here == there) then
+        locked = path//c_null_char
+        return
+      end if
       status = c_close(handle)
-      handle = 0
-    else
-      locked = path//c_null_char
-    end if
+    end do
+    handle = -1
   end function lock_file
+
+  !> Makes a lock's file where there is none, with a text that no other file has.
+  subroutine make_lock(path)
+    character(*), intent(in) :: path
+    integer(ip) :: clock
+    integer :: unit, status
+    open (newunit=unit, file=path, status='new', action='write', iostat=status)   ! exclusive, not through a link
+    if (status /= 0) return
+    call system_clock(clock)
+    write (unit, '(i0, 1x, i0)', iostat=status) c_getpid(), clock
+    close (unit, iostat=status)
+  end subroutine make_lock
+
+  !> Up to 80 characters at the beginning of an open file; empty where there is none.
+  function first_line(handle) result(text)
+    integer, intent(in) :: handle
+    character(80, c_char) :: text
+    integer(c_long) :: bytes
+    text = ''
+    if (handle < 0) return
+    if (c_lseek(handle, 0_c_long, 0) < 0) return
+    bytes = c_read(handle, text, len(text, c_size_t))
+    if (bytes < 1) text = ''
+  end function first_line
 
   !> Ends a lock and removes its file.
   subroutine close_lock(path, handle)
@@ -162,29 +219,68 @@ contains
     ok = c_rename(from//c_null_char, to//c_null_char) == 0
   end function replace_file
 
-  !> Removes an ordinary file, if there is one; a pipe of that name belongs to somebody else and stays.
+  !> Removes a result, or the link that has its name; a pipe or a folder belongs to somebody else and stays.
   subroutine remove_file(path)
     character(*), intent(in) :: path
     integer(c_int) :: status
-    if (file_size(path) >= 0) status = c_unlink(path//c_null_char)
+    logical :: ours
+    ours = is_link(path)
+    if (.not. ours) ours = file_size(path) >= 0
+    if (ours) status = c_unlink(path//c_null_char)
   end subroutine remove_file
 
-  !> Makes an empty file, in place of an old one, and opens it for writing; negative where that fails or where a pipe stands
-  !> there. The run-time library's own files do not report a full disk reliably: what it could not write is lost in silence.
-  integer function create_file(path) result(handle)
+  !> Removes what create_file has made or would replace, nothing else.
+  subroutine remove_scratch(path)
     character(*), intent(in) :: path
     integer(c_int) :: status
-    if (c_access(path//c_null_char, exists) == 0) then
+    integer :: handle
+    handle = extend_file(path)
+    if (handle < 0) return
+    status = c_unlink(path//c_null_char)
+    status = c_close(handle)
+  end subroutine remove_scratch
+
+  !> Whether a path is a symbolic link.
+  logical function is_link(path) result(yes)
+    character(*), intent(in) :: path
+    character(1, c_char) :: target
+    yes = c_readlink(path//c_null_char, target, 1_c_size_t) >= 0
+  end function is_link
+
+  !> Whether nothing has that name.
+  logical function is_free(path) result(yes)
+    character(*), intent(in) :: path
+    yes = .not. is_link(path)
+    if (yes) yes = c_access(path//c_null_char, exists) /= 0
+  end function is_free
+
+  !> Makes an empty file and opens it for writing. An ordinary file of that name is replaced, not emptied: its other names keep
+  !> what it holds. Negative where that fails, or where a link, pipe, device or folder has the name.
+  !> The run-time library's own files do not report a full disk reliably: what it could not write is lost in silence.
+  integer function create_file(path) result(handle)
+    character(*), intent(in) :: path
+    character(:, c_char), allocatable :: name
+    integer(c_int) :: status, mask
+    if (.not. is_free(path)) then
       handle = extend_file(path)
       if (handle < 0) return
       status = c_close(handle)
     end if
-    handle = c_creat(path//c_null_char, int(o'666'))
+    name = path//'.XXXXXX'//c_null_char
+    handle = c_mkstemp(name)
+    if (handle < 0) return
+    mask = c_umask(0_c_int)
+    status = c_umask(mask)
+    status = c_fchmod(handle, iand(int(o'666', c_int), not(mask)))   ! a disk without permissions refuses it
+    if (c_rename(name, path//c_null_char) == 0) return
+    status = c_unlink(name)
+    status = c_close(handle)
+    handle = -1
   end function create_file
 
   !> Opens a temporary file without a name, which the system removes when it is closed; negative where that fails.
   integer function nameless_file() result(handle)
-    character(18, c_char) :: name
+    character(:, c_char), allocatable :: name
     integer(c_int) :: status
     name = '/tmp/biela.XXXXXX'//c_null_char
     handle = c_mkstemp(name)
@@ -204,13 +300,19 @@ contains
     status = c_close(handle)
   end function read_back
 
-  !> Opens a file that exists to write behind its end; negative where that fails.
+  !> Opens an ordinary file that exists to write behind its end; negative where that fails, or where it is something else.
   integer function extend_file(path) result(handle)
     character(*), intent(in) :: path
+    integer(c_long) :: bytes
     integer(c_int) :: status
-    handle = c_open(path//c_null_char, ior(write_only, at_once))
+    handle = -1
+    if (is_link(path)) return
+    handle = c_open(path//c_null_char, ior(read_write, at_once))
     if (handle < 0) return
-    if (c_lseek(handle, 0_c_long, from_end) >= 0) return
+    bytes = c_lseek(handle, 0_c_long, from_end)        ! a pipe has no position, a device no length
+    if (bytes >= 0) then
+      if (c_ftruncate(handle, bytes) == 0) return
+    end if
     status = c_close(handle)
     handle = -1
   end function extend_file
@@ -258,12 +360,13 @@ contains
     ok = c_close(handle) == 0
   end function close_file
 
-  !> Cuts a file to a length in bytes.
-  logical function truncate_file(path, length) result(ok)
-    character(*), intent(in) :: path
+  !> Cuts an open file to a length in bytes; what is written then goes behind it.
+  logical function cut_file(handle, length) result(ok)
+    integer, intent(in) :: handle
     integer(ip), intent(in) :: length
-    ok = c_truncate(path//c_null_char, length) == 0
-  end function truncate_file
+    ok = c_ftruncate(handle, length) == 0
+    if (ok) ok = c_lseek(handle, 0_c_long, from_end) >= 0
+  end function cut_file
 
   !> Whether a file descriptor is a terminal (1: standard output, 2: standard error).
   logical function is_terminal(fd) result(yes)
@@ -271,8 +374,14 @@ contains
     yes = c_isatty(fd) == 1
   end function is_terminal
 
-  !> Waits until what was written to a file (or the names in a folder) is on the disk.
-  logical function sync_file(path) result(ok)
+  !> Waits until what was written to an open file is on the disk.
+  logical function sync_file(handle) result(ok)
+    integer, intent(in) :: handle
+    ok = c_fsync(handle) == 0
+  end function sync_file
+
+  !> Waits until the names in a folder are on the disk.
+  logical function sync_folder(path) result(ok)
     character(*), intent(in) :: path
     integer(c_int) :: fd, status
     fd = c_open(path//c_null_char, read_only)
@@ -280,5 +389,5 @@ contains
     if (.not. ok) return
     ok = c_fsync(fd) == 0
     status = c_close(fd)
-  end function sync_file
+  end function sync_folder
 end module posix

@@ -1,19 +1,19 @@
-!> Signals, the three standard streams, and what happens when memory or stack run out: however a run ends, it says why and
-!> leaves no lock behind.
+!> Signals, the three standard streams, decks in processes of their own, and what happens when memory ends: however a run ends,
+!> it says why. A lock that a killed process leaves does not hold any more.
 module process
   use errors, only: status_failed, status_signal
-  use posix, only: c_close, c_open, drop_lock, standard_error, standard_output, tell
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_loc, c_intptr_t, c_null_funptr
+  use posix, only: c_close, c_getpid, c_open, drop_lock, standard_error, standard_output, tell
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_intptr_t, c_null_funptr
   implicit none (type, external)
   private
-  public :: begin_process, hold_signals, caught_signal, start_child, wait_for_child, c_exit
+  public :: begin_process, end_process, hold_signals, caught_signal, start_child, wait_for_child, c_exit
 
-  integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_terminate = 15, signal_file_size = 25
+  integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_alarm = 14, signal_terminate = 15, signal_file_size = 25
   integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
-  integer(c_intptr_t), parameter :: on_own_stack = 134217728_c_intptr_t   !! SA_ONSTACK
   integer(c_int), volatile :: received = 0                 !! the last signal caught
   logical, volatile :: held = .false.                      !! signals are noted; else they end the program
-  character(kind=c_char), target :: own_stack(65536)       !! of the handler of memory faults
+  logical :: ended = .false.                               !! the program ends by its own decision
+  integer(c_int) :: parent = 0                             !! of a child: the process that started it
   integer, parameter, public :: most_children = 1024       !! that run at a time
   integer(c_int), volatile :: children(most_children) = 0  !! which a signal is handed on to; 0: none
 
@@ -54,19 +54,20 @@ module process
       integer(c_int), value :: child, options
       integer(c_int), intent(out) :: status
     end function c_waitpid
-    !> sigaltstack(2): where handlers run that ask for it.
-    integer(c_int) function c_sigaltstack(stack, old) bind(c, name='sigaltstack')
-      import :: c_int, c_intptr_t
-      integer(c_intptr_t), intent(in) :: stack(3)
-      integer(c_intptr_t), intent(out), optional :: old(3)
-    end function c_sigaltstack
-    !> sigaction(2): sets a handler with its flags.
-    integer(c_int) function c_sigaction(number, action, old) bind(c, name='sigaction')
-      import :: c_int, c_intptr_t
-      integer(c_int), value :: number
-      integer(c_intptr_t), intent(in) :: action(19)
-      integer(c_intptr_t), intent(out), optional :: old(19)
-    end function c_sigaction
+    !> alarm(2): sends this process a signal in so many seconds.
+    integer(c_int) function c_alarm(seconds) bind(c, name='alarm')
+      import :: c_int
+      integer(c_int), value :: seconds
+    end function c_alarm
+    !> getppid(2): number of the process that started this one, or of another one where that has ended.
+    integer(c_int) function c_getppid() bind(c, name='getppid')
+      import :: c_int
+    end function c_getppid
+    !> atexit(3): what is called when the program ends by exit(3), as the run-time library ends it.
+    integer(c_int) function c_atexit(handler) bind(c, name='atexit')
+      import :: c_int, c_funptr
+      type(c_funptr), value :: handler
+    end function c_atexit
   end interface
 
 contains
@@ -74,8 +75,10 @@ contains
   !> Prepares streams and handlers; called before anything else.
   subroutine begin_process()
     type(c_funptr) :: old
+    integer(c_int) :: status
     call fill_standard_handles()
-    call watch_memory()
+    status = c_atexit(c_funloc(say_why_ended))
+    old = c_signal(signal_memory, c_funloc(memory_fault))
     old = c_signal(signal_interrupt, c_funloc(note_signal))
     old = c_signal(signal_terminate, c_funloc(note_signal))
     ! a write beyond a limit on file sizes then fails like one on a full disk, instead of ending the program (SIG_IGN is 1)
@@ -96,23 +99,24 @@ contains
     end do
   end subroutine fill_standard_handles
 
-  !> Gives the handler of memory faults a stack of its own, since it may be called because the ordinary one is full.
-  subroutine watch_memory()
-    integer(c_intptr_t) :: stack(3), action(19)            ! stack_t: address, flags, bytes; sigaction: handler first
-    type(c_funptr) :: handler
-    integer(c_int) :: status
-    handler = c_funloc(memory_fault)
-    action = 0
-    action(1) = transfer(handler, action(1))
-    action(18) = on_own_stack                              ! behind the handler and 128 bytes of a signal mask
-    stack = [transfer(c_loc(own_stack), stack(1)), 0_c_intptr_t, int(size(own_stack), c_intptr_t)]
-    status = c_sigaltstack(stack)
-    if (status == 0) status = c_sigaction(signal_memory, action)
-  end subroutine watch_memory
+  !> The end of the program by its own decision: nothing is said any more.
+  subroutine end_process()
+    ended = .true.
+  end subroutine end_process
 
-  !> The handler of memory faults.
-  subroutine memory_fault() bind(c)
-    call end_now('the stack or the memory has ended (ulimit -s, ulimit -v), or the program has a fault', status_failed)
+  !> Called when the program ends. The run-time library ends it where memory cannot be had, with a line for programmers.
+  subroutine say_why_ended() bind(c)
+    if (ended) return
+    call drop_lock()
+    call tell('biela: ended before its time, most likely because memory has ended: the deck needs more than the system gives; '// &
+              'rows on disk are complete')
+  end subroutine say_why_ended
+
+  !> The handler of memory faults: compiled code does not ask everywhere whether it got the memory that it writes to.
+  subroutine memory_fault(number) bind(c)
+    integer(c_int), value :: number
+    call say_why_ended()
+    call c_exit(status_failed)
   end subroutine memory_fault
 
   !> While results are written signals are noted for `caught_signal`; at other times they end the program.
@@ -133,16 +137,29 @@ contains
     if (.not. held) call c_exit(status_signal + number)
   end subroutine note_signal
 
+  !> The handler of a child's alarm, once a second: a child whose parent has been killed ends as by a signal.
+  subroutine look_for_parent(number) bind(c)
+    integer(c_int), value :: number
+    integer(c_int) :: status
+    if (c_getppid() == parent) status = c_alarm(1_c_int)
+    if (c_getppid() /= parent) call note_signal(signal_terminate)
+  end subroutine look_for_parent
+
   !> A second process that goes on from here, its output and messages in a file; 0 in that process, its number in this one,
   !> negative where the system gives none. Signals that this process catches are handed on to it.
   integer function start_child(handle) result(child)
     integer, intent(in) :: handle                          !! of the open file
     integer(c_int) :: status
-    integer :: k
+    type(c_funptr) :: old
+    integer :: k, starter
+    starter = c_getpid()
     child = c_fork()
     if (child == 0) then
       children = 0
       held = .false.
+      parent = starter
+      old = c_signal(signal_alarm, c_funloc(look_for_parent))
+      call look_for_parent(signal_alarm)
       status = c_dup2(handle, standard_output)
       status = c_dup2(handle, standard_error)
     else if (child > 0) then
@@ -170,24 +187,4 @@ contains
   integer function caught_signal() result(number)
     number = received
   end function caught_signal
-
-  !> Removes the lock, writes one line to standard error and ends the process.
-  subroutine end_now(words, status)
-    character(*), intent(in) :: words
-    integer, intent(in) :: status                          !! exit status
-    call drop_lock()
-    call tell('biela: '//words)
-    call c_exit(status)
-  end subroutine end_now
-
-  !> In place of the run-time library's procedure of this name, which compiled code calls where memory cannot be had; its
-  !> arguments, a source line and words for programmers, are left alone.
-  subroutine allocation_failed() bind(c, name='_gfortran_os_error_at')
-    call end_now('memory has ended: the deck needs more than the system gives; rows on disk are complete', status_failed)
-  end subroutine allocation_failed
-
-  !> The same for temporary variables.
-  subroutine temporary_failed() bind(c, name='_gfortran_os_error')
-    call allocation_failed()
-  end subroutine temporary_failed
 end module process

@@ -4,7 +4,7 @@ module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: create_file, extend_file, write_bytes, close_file, file_size, sync_file, truncate_file
+  use posix, only: create_file, extend_file, write_bytes, close_file, cut_file, file_size, sync_file
   implicit none (type, external)
   private
   public :: result_file
@@ -17,7 +17,6 @@ module text_file
     integer :: used = 0                       !! characters waiting in the buffer
     integer(ip) :: written = 0                !! bytes handed to the system without failure, always whole lines
     logical :: failed = .false.
-    character(:), allocatable :: path
     character(:), allocatable :: buffer
   contains
     procedure :: open => open_file
@@ -38,7 +37,6 @@ contains
   subroutine open_file(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    self%path = path
     self%used = 0
     self%written = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
@@ -57,13 +55,11 @@ contains
   subroutine resume(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    self%path = path
     self%used = 0
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
-    self%failed = .not. truncate_file(path, self%written)
-    if (self%failed) return
     self%handle = extend_file(path)
     self%failed = self%handle < 0
+    if (.not. self%failed) self%failed = .not. cut_file(self%handle, self%written)
   end subroutine resume
 
   !> Writes one line of text.
@@ -131,7 +127,7 @@ contains
     class(result_file), intent(inout) :: self
     if (self%handle < 0) return
     call self%flush()
-    if (.not. self%failed) self%failed = .not. sync_file(self%path)
+    if (.not. self%failed) self%failed = .not. sync_file(self%handle)
   end subroutine sync
 
   !> What a checkpoint keeps of a file that has just been synchronised: its length.
@@ -147,8 +143,8 @@ contains
     logical :: cut
     if (self%handle < 0) return
     call self%flush()
+    if (self%failed) cut = cut_file(self%handle, self%written)
     if (.not. close_file(self%handle)) self%failed = .true.
-    if (self%failed) cut = truncate_file(self%path, self%written)
     self%handle = -1
   end subroutine close_result
 

@@ -41,13 +41,12 @@ static int fails(const char *call)
     if (fails(#call)) { errno = error; return -1; }                      \
     return ((type(*) parameters)dlsym(RTLD_NEXT, #call)) arguments;      \
   }
-WRAP(int, creat, (const char *path, mode_t mode), (path, mode))
 WRAP(int, rename, (const char *from, const char *to), (from, to))
 WRAP(int, fsync, (int fd), (fd))
 WRAP(int, close, (int fd), (fd))
 WRAP(int, mkdir, (const char *path, mode_t mode), (path, mode))
 WRAP(int, unlink, (const char *path), (path))
-WRAP(int, truncate, (const char *path, off_t length), (path, length))
+WRAP(int, ftruncate, (int fd, off_t length), (fd, length))
 WRAP(int, mkstemp, (char *path), (path))
 WRAP(int, flock, (int fd, int operation), (fd, operation))
 WRAP(off_t, lseek, (int fd, off_t offset, int whence), (fd, offset, whence))

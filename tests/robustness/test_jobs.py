@@ -87,6 +87,21 @@ def test_a_signal_to_the_first_process_stops_all(number, biela, tmp_path):
         os.killpg(process.pid, 0)
 
 
+def test_decks_end_when_the_process_that_started_them_is_killed(biela, tmp_path):
+    names = decks(tmp_path, 2, t_end=1e4)
+    process = subprocess.Popen([biela, "-j", "2", *names], cwd=tmp_path, stdout=subprocess.DEVNULL, start_new_session=True)
+    for name in ("d0", "d1"):
+        wait_for(tmp_path / "results" / name / "energy.txt", process)
+    process.kill()
+    process.wait(timeout=TIMEOUT)
+    until = time.monotonic() + 10
+    while list(tmp_path.glob("results/*/.lock")) and time.monotonic() < until:
+        time.sleep(0.02)
+    for name in ("d0", "d1"):
+        assert "outcome: stopped by signal 15" in (tmp_path / "results" / name / "summary.txt").read_text()
+        assert (tmp_path / "results" / name / "checkpoint").exists()
+
+
 @pytest.mark.parametrize("words", [("0",), ("x",), ("1025",), ()])
 def test_what_is_no_number_is_refused(words, biela, tmp_path):
     done = call(biela, tmp_path, "--jobs", *words)

@@ -5,7 +5,8 @@ module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words
   use errors, only: failure, status_bad_input
-  use posix, only: close_file, create_file, file_size, remove_file, replace_file, sync_file, write_bytes
+  use posix, only: close_file, create_file, file_size, remove_file, remove_scratch, replace_file, sync_file, &
+    sync_folder, write_bytes
   use summary, only: version
   use, intrinsic :: iso_fortran_env, only: compiler_version, compiler_options
   implicit none (type, external)
@@ -33,11 +34,11 @@ contains
     ok = handle >= 0
     if (.not. ok) return
     ok = write_bytes(handle, transfer(words, repeat(' ', 8*size(words))))
+    if (ok) ok = sync_file(handle)
     ok = close_file(handle) .and. ok
-    if (ok) ok = sync_file(folder//name//'.new')
     if (ok) ok = replace_file(folder//name//'.new', folder//name)
-    if (ok) ok = sync_file(folder)
-    if (.not. ok) call remove_file(folder//name//'.new')
+    if (ok) ok = sync_folder(folder)
+    if (.not. ok) call remove_scratch(folder//name//'.new')
   end subroutine write_checkpoint
 
   !> What the program is: a checkpoint of another version or build could not be continued bit for bit.
@@ -104,6 +105,6 @@ contains
   subroutine remove_checkpoint(folder)
     character(*), intent(in) :: folder
     call remove_file(folder//name)
-    call remove_file(folder//name//'.new')
+    call remove_scratch(folder//name//'.new')
   end subroutine remove_checkpoint
 end module checkpoint
