@@ -6,7 +6,8 @@ module assembly_conflict
   use assembly_reports, only: assembly_report, gap_text
   use build_scene, only: build
   use constraint, only: constraint_model
-  use deck_records, only: deck, origin, marker_record
+  use deck_origin, only: origin
+  use deck_records, only: deck, marker_record
   use dynamics, only: evaluate
   use errors, only: failure, fault_list
   use evaluation_settings, only: usual_options

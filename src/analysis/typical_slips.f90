@@ -4,7 +4,8 @@ module typical_slips
   use kinds, only: wp, pi
   use acting_markers, only: acting_marker, list_acting
   use build_history, only: make_history
-  use deck_records, only: deck, origin, marker_record, history_record
+  use deck_origin, only: origin
+  use deck_records, only: deck, marker_record, history_record
   use history, only: history_model
   use posix, only: tell
   use text, only: to_text

@@ -4,7 +4,8 @@
 module number_range
   use kinds, only: wp
   use body, only: body_model
-  use deck_records, only: deck, body_record, origin
+  use deck_origin, only: origin
+  use deck_records, only: deck, body_record
   use errors, only: fault_list
   use build_law, only: law_of
   use scene_model, only: scene

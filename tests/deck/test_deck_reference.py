@@ -7,7 +7,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 REFERENCE = (ROOT / 'input' / 'README.md').read_text(encoding='utf-8')
-READERS = sorted((ROOT / 'src' / 'deck').glob('deck_*.f90'))
+READERS = sorted((ROOT / 'src' / 'deck').rglob('deck_*.f90'))
 
 
 def joined_statements(text):
@@ -43,7 +43,7 @@ def test_every_word_of_the_reader_stands_in_the_reference(word):
 
 def known_groups():
     """Groups that the reader knows."""
-    text = '\n'.join(joined_statements((ROOT / 'src/deck/deck_kinds.f90').read_text(encoding='utf-8')))
+    text = '\n'.join(joined_statements((ROOT / 'src/deck/language/deck_kinds.f90').read_text(encoding='utf-8')))
     return re.findall(r"'(\w+)'", re.search(r'group_names\(group_kinds\) = \[(.*?)\]', text).group(1))
 
 

@@ -11,17 +11,18 @@ from conftest import ROOT
 # What each folder may use, besides itself. The deck and the model do not see each other; integrators know no mechanics.
 MAY_USE = {
     "base": set(),
-    "deck": {"base"},
-    "model": {"base"},
+    "algebra": {"base"},
+    "deck": {"base", "algebra"},
+    "model": {"base", "algebra"},
     "build": {"base", "deck", "model"},
-    "system": {"base", "model"},
+    "system": {"base", "algebra", "model"},
     "closing": {"base", "system"},
-    "integrate": {"base"},
-    "modes": {"base", "model", "system"},
-    "stability": {"base", "deck", "model", "build", "system", "closing", "integrate", "modes"},
+    "integrate": {"base", "algebra"},
+    "modes": {"base", "algebra", "model", "system"},
+    "stability": {"base", "algebra", "deck", "model", "build", "system", "closing", "integrate", "modes"},
     "output": {"base", "deck", "model", "build", "system", "closing", "modes"},
-    "analysis": {"base", "deck", "model", "build", "system", "closing", "integrate", "modes", "stability", "output"},
-    ".": {"base", "analysis"},
+    "analysis": {"base", "algebra", "deck", "model", "build", "system", "closing", "integrate", "modes", "stability", "output"},
+    ".": {"base", "algebra", "analysis"},
 }
 MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
 USE = re.compile(r"^\s*use\b\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)
@@ -63,6 +64,14 @@ def faults(src: Path) -> list[str]:
 def test_use_lines_point_downward():
     assert sources(ROOT / "src"), "no sources found"
     assert faults(ROOT / "src") == []
+
+
+def test_the_deck_language_knows_no_groups():
+    records = {path.stem for path in (ROOT / "src" / "deck" / "groups").glob("*.f90")}
+    texts = {path: text for path, text in sources(ROOT / "src").items() if path.parent.name == "language"}
+    assert texts
+    assert records
+    assert [path.name for path, text in texts.items() if records & {name for _, name in USE.findall(text)}] == []
 
 
 def test_each_module_is_named_as_its_file():

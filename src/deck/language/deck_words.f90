@@ -5,7 +5,7 @@ module deck_words
   use deck_get, only: get, text_of
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
   use deck_names, only: doubtful
-  use deck_records, only: name_length, named_record
+  use deck_origin, only: name_length, named_record
   use deck_syntax, only: value_token
   implicit none (type, external)
   private

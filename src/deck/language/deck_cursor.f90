@@ -2,7 +2,7 @@
 module deck_cursor
   use text, only: lower, to_text, printable, quoted
   use errors, only: fault_list
-  use deck_records, only: origin
+  use deck_origin, only: origin
   use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject
   implicit none (type, external)
   private

@@ -2,7 +2,7 @@
 !> one fault does not raise others.
 module deck_names
   use text, only: lower, nearest_word, word_hash
-  use deck_records, only: name_length
+  use deck_origin, only: name_length
   implicit none (type, external)
   private
 
