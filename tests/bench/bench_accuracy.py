@@ -13,7 +13,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
-from histories import read  # noqa: E402
+from biela.histories import read  # noqa: E402
 
 RADAU = [f"method='radau' tolerance={x}" for x in ("1e-1", "3e-2", "1e-2", "3e-3", "1e-3", "3e-4", "1e-4", "1e-5", "1e-6", "1e-7")]
 TRUTH = "method='radau' tolerance=1e-9"

@@ -10,10 +10,9 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
-import deck_models  # noqa: E402
-import deck_text  # noqa: E402
 from bench_scenes import driven_rod, explicit_step, slider_crank, transient  # noqa: E402
-from histories import read  # noqa: E402
+from biela import deck_models, deck_text  # noqa: E402
+from biela.histories import read  # noqa: E402
 
 ELEMENTS = 16  # of rod and engine
 MODES = range(1, 29)

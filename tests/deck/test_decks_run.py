@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import shutil
 
-import attenuation
 import numpy as np
 import pytest
+from biela import attenuation
+from biela.commands import attenuation as attenuation_command
 from conftest import ROOT, Run
 
 DECKS = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
@@ -117,7 +118,7 @@ def test_engine(run_deck):
 def test_attenuation(biela, tmp_path, monkeypatch, capfd):
     (tmp_path / "input").symlink_to(ROOT / "input")
     monkeypatch.chdir(tmp_path)
-    assert attenuation.main(["--biela", str(biela)]) == 0
+    assert attenuation_command.main(["--biela", str(biela)]) == 0
     told, warned = capfd.readouterr()
     assert warned == ""
     runs = {case: Run(tmp_path / "results" / attenuation.deck_name(case), 0, "", "") for case in attenuation.CASES}
@@ -133,5 +134,5 @@ def test_attenuation(biela, tmp_path, monkeypatch, capfd):
     told_energies = re.search(r"energy dissipated \[J\] +(.*)", told)[1].split()
     assert [float(word) for word in told_energies] == pytest.approx(dissipated, rel=1e-3)
     assert (tmp_path / "results/joints/attenuation.png").stat().st_size > 20000
-    assert attenuation.main(["--biela", "nowhere/biela"]) == 1
+    assert attenuation_command.main(["--biela", "nowhere/biela"]) == 1
     assert "nowhere/biela: cannot be started" in capfd.readouterr().err

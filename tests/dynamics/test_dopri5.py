@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
+from biela.histories import read
 from conftest import REFERENCE
-from histories import read
 
 SCENES = ("vrl_elastic", "vrl_ghm", "vrl_torque_on_rod", "four_bar", "viscoelastic_joint", "spin_up", "andrews")
 

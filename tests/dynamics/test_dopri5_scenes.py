@@ -14,7 +14,7 @@ from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from compare import differences
+from biela.compare import differences
 from random_springs import random_springs
 
 SCENES = int(os.environ.get("ERROR_SCENES", "3"))

@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
+from biela.histories import read
 from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
-from histories import read
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
 MIXED = (

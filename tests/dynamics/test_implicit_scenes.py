@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
 
 MATERIALS = """&material name='polymer' density=1200.0 young=3.0e9 {ghm} /
 &section name='s' shape='rectangle' width=0.02 height=0.01 /

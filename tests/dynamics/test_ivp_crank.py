@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import ivp_crank
 import numpy as np
 import pytest
+from biela import ivp_crank
+from biela.commands import ivp_crank as ivp_crank_command
+from biela.histories import read
+from biela.tradeoff_settings import Grid
 from conftest import REFERENCE, ROOT
-from histories import read
-from tradeoff_settings import Grid
 
 COLUMNS = {"rod": "phi2", "slider.x": "x3", "mid.v": "wmid_local"}
 # elements: largest errors of rod angle, slider and mid-rod deflection over their ranges, measured; a factor of 1.5 is allowed
@@ -36,7 +37,7 @@ def test_the_tool_makes_its_table_and_picture_from_any_folder(biela, tmp_path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(ivp_crank, "MESHES", (2,))
     monkeypatch.setattr(ivp_crank, "RADII", (0.9,))
-    assert ivp_crank.main(["--methods", "generalized_alpha", "--biela", str(biela)]) == 0
+    assert ivp_crank_command.main(["--methods", "generalized_alpha", "--biela", str(biela)]) == 0
     table = (tmp_path / "results" / "ivp_crank" / "table.txt").read_text()
     assert table in capsys.readouterr().out
     rows = [line.split() for line in table.splitlines()[1:]]
@@ -50,10 +51,10 @@ def test_the_tool_makes_its_table_and_picture_from_any_folder(biela, tmp_path, m
 
 def test_the_tools_faults_are_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert ivp_crank.main(["--biela", "nowhere/biela"]) == 1
+    assert ivp_crank_command.main(["--biela", "nowhere/biela"]) == 1
     assert capsys.readouterr().err.strip() == "ivp_crank: nowhere/biela: No such file or directory (`make` builds the solver)"
     monkeypatch.setattr(ivp_crank, "rows", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    assert ivp_crank.main(["--biela", __file__]) == 130
+    assert ivp_crank_command.main(["--biela", __file__]) == 130
     assert "interrupted" in capsys.readouterr().err
 
 

@@ -9,8 +9,8 @@ import re
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import REFERENCE
-from histories import read
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81

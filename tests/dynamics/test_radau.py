@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
+from biela.histories import read
 from conftest import REFERENCE, ROOT
-from histories import read
 from scipy.integrate import Radau
 from test_failures import PULL, failed
 from test_generalized_alpha import four_bars as row_of_four_bars

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
+from biela.histories import read
 from conftest import REFERENCE
-from histories import read
 
 # Largest error over the column's range that classical RK4 with projection shows, measured with the independent program.
 FIGURES = {

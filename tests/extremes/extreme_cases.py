@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from histories import History, HistoryError, read
+from biela.histories import History, HistoryError, read
 
 TIMEOUT = 60.0
 ROOT = Path(__file__).resolve().parents[2]

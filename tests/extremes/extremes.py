@@ -22,10 +22,10 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from biela.plot import COLOURS
 from extreme_cases import BIELA, Case, Row, judge
 from extreme_factors import all_factors
 from extreme_mixtures import COUNT, implicit_mixture, mixture
-from plot import COLOURS
 
 SEED = 2024
 FOLDER = Path("results") / "extremes"

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 
 MASS, STIFFNESS = 2.0, 100.0
 DECK = f"""&scene title='bush' gravity={{gravity}} /

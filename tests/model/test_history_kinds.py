@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 
-import deck_text
 import numpy as np
 import pytest
+from biela import deck_text
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 T_END, STEP = 2.0, 1.25e-2

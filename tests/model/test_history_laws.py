@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 from scipy.interpolate import CubicSpline
 
 T_END, STEP = 1.0, 0.01

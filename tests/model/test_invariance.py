@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
 from oracle import Scene
 from oracle_probe import Twins
 from scenes import ALL, LUMPS, MATERIALS, beam, rigid

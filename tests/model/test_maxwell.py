@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import ROOT
-from histories import read
 from scipy.linalg import expm
 
 ALPHA, TAU = np.array([0.6, 1.7, 0.2]), np.array([0.3, 0.021, 0.0016])

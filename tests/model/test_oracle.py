@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import REFERENCE
-from histories import read
 from oracle import Scene
 from scipy.integrate import solve_ivp
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from compare import differences
+from biela.compare import differences
 from conftest import REFERENCE
 from oracle_parts import read_deck
 

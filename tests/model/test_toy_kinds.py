@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import program
-from histories import read
 from scipy.optimize import brentq
 
 G, MASS, DROP, HARDNESS, GAP = 9.81, 2.0, 0.1, 4.0e5, 0.05

@@ -8,7 +8,7 @@ import json
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 from scipy.optimize import brentq
 
 SCALES = {"time": (0, 0, 20), "length": (0, -10, 0), "mass": (-10, 0, 0), "all": (20, 30, -10)}  # powers of 2 of kg, m, s

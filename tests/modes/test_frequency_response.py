@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import ROOT
-from histories import read
 from linear_oracle import LinearOracle, settle
 from oracle_probe import Twins
 from scipy.optimize import brentq

@@ -10,8 +10,8 @@ Largest relative error of the first three bending frequencies against the closed
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import ROOT
-from histories import read
 from linear_oracle import LinearOracle, settle
 from oracle_probe import Twins
 

@@ -9,7 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 from test_linearisation import evaluate, layout
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)

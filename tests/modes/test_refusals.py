@@ -4,8 +4,8 @@ import os
 import subprocess
 
 import pytest
+from biela.histories import read
 from conftest import preloaded
-from histories import read
 
 CRANK = """&body name='b' kind='rigid' mass=0.08 inertia=0.0014 com=0.1,0.0 /
 &joint name='j' type='revolute' body_a='b' /

@@ -9,7 +9,7 @@ from math import cos, sin
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 
 OMEGA, ALPHA, RAYLEIGH = 12.0, 90.0, 2.0e-4
 GHM = {"arm": ([0.6, 0.3], [1.2, 0.7], [60.0, 300.0]), "hold": ([0.8], [0.9], [40.0])}

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 from linear_oracle import settle
 from oracle_probe import Twins
 from test_modal import AREA, DENSITY, HELD, INERTIA, LENGTH, YOUNG, beam, closed_mechanism

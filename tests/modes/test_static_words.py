@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 
 PENDULUM = """&scene title='inverted pendulum' gravity=0.0,-9.81 /
 &body name='rod' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 angle=1.5707963267948966 /

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 
 getcontext().prec = 60
 RATIOS = [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9]

@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 COPY = ROOT / "build" / "mutants"
 SEEN = COPY / "seen"
-LINKED = ["tests", "post", "input", "share", ".venv", "README.md", "requirements.txt", "setup.sh", "setup.py"]
+LINKED = ["tests", "post", "input", "share", ".venv", "README.md", "requirements.txt", "setup.sh"]
 LINKED += ["pyproject.toml", "fortitude.toml"]
 # what builds the program, or reads its sources, says nothing about a mistake
 APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]

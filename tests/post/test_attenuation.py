@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import attenuation
-import demo
 import numpy as np
 import pytest
-from histories import History, read
+from biela import attenuation, demo
+from biela.commands import attenuation as attenuation_command
+from biela.histories import History, read
 
 TIME = np.linspace(0.0, 0.02, 2001)
 
@@ -83,5 +83,5 @@ def test_cases_with_other_rows_are_not_compared(monkeypatch, capsys):
     runs = {attenuation.deck_name(case): np.linspace(0.0, 1.0, count)[:, None] for case, count in rows.items()}
     monkeypatch.setattr(attenuation, "run", lambda *_: None)
     monkeypatch.setattr(attenuation, "read", lambda path: History(path, ["t"], {"t": "s"}, runs[path.name]))
-    assert attenuation.main([]) == 1
+    assert attenuation_command.main([]) == 1
     assert capsys.readouterr() == ("", "attenuation: the four decks do not have the same output times\n")

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import subprocess
 import sys
 
-import command
-import compare
-import deck_runs
-import histories
+import biela
 import pytest
-import tools
+from biela import command, deck_runs, histories, tools
+from biela.commands import compare as compare_command
 from conftest import ROOT
 
 POST = ROOT / "post"
-TOOLS = sorted(path.name for path in POST.glob("*.py") if "__main__" in path.read_text(encoding="utf-8"))
-SPEAKING = "import sys, command; command.run(lambda: print('4 µs, α = ζ', *range({count})) or {status})"
+SPEAKING = "import sys; from biela import command; command.run(lambda: print('4 µs, α = ζ', *range({count})) or {status})"
 
 
 def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:
@@ -26,15 +22,6 @@ def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:
     environment = {**os.environ, "PYTHONPATH": str(POST), **keywords.pop("env", {})}
     words = [sys.executable, "-c", SPEAKING.format(count=count, status=status)]
     return subprocess.Popen(words, stderr=subprocess.PIPE, env=environment, **keywords)
-
-
-def test_there_are_tools():
-    assert {"demo.py", "compare.py", "plot.py", "animate.py", "modes.py", "tradeoff.py"} <= set(TOOLS)
-
-
-@pytest.mark.parametrize("tool", TOOLS)
-def test_every_tool_begins_and_ends_by_the_same_rule(tool):
-    assert (POST / tool).read_text(encoding="utf-8").endswith('if __name__ == "__main__":\n    command.run(main)\n')
 
 
 SHOWN = {"ascii": "4 ?s, ? = ? 0", "latin-1": "4 µs, ? = ? 0", "utf-8": "4 µs, α = ζ 0"}
@@ -88,7 +75,7 @@ def test_numbers_of_a_command_line(kind, text, found):
 
 def test_commands_of_the_package_are_the_tools():
     called = tools.compare
-    assert (called.func, called.args) == (command.run, (compare.main,))
+    assert (called.func, called.args) == (command.run, (compare_command.main,))
     with pytest.raises(AttributeError):
         _ = tools._private
     with pytest.raises(ModuleNotFoundError, match="no_tool"):
@@ -96,8 +83,7 @@ def test_commands_of_the_package_are_the_tools():
 
 
 def test_the_package_has_the_reader_and_the_runner():
-    spec = importlib.util.spec_from_file_location("biela_as_package", POST / "__init__.py")
-    package = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(package)
-    assert (package.read, package.History) == (histories.read, histories.History)
-    assert {name: getattr(package, name) for name in package.__all__}["Runner"] is deck_runs.Runner
+    assert (biela.read, biela.History, biela.Runner) == (histories.read, histories.History, deck_runs.Runner)
+    assert all(hasattr(biela, name) for name in biela.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'write'"):
+        _ = biela.write

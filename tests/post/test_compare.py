@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from compare import differences, main
-from histories import History, HistoryError
+from biela.commands.compare import main
+from biela.compare import differences
+from biela.histories import History, HistoryError
 
 TIME = np.linspace(0.0, 1.0, 11)
 

@@ -10,10 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import deck_runs
 import numpy as np
 import pytest
-from deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
+from biela import deck_runs
+from biela.deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
 
 ENDLESS = "sleep 600\n"
 GOOD = """mkdir out

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 
-import demo
 import numpy as np
 import pytest
+from biela import demo
+from biela.commands import demo as demo_command
+from biela.histories import read
 from conftest import ROOT
-from histories import read
 from PIL import Image
 
 
@@ -21,7 +22,7 @@ def place(tmp_path, monkeypatch):
 
 
 def test_the_demonstration(biela, place, capfd):
-    assert demo.main(["--biela", str(biela)]) == 0
+    assert demo_command.main(["--biela", str(biela)]) == 0
     told, warned = capfd.readouterr()
     # the solver tells of the paper's two elements what the demonstration measures: once for each deck that has them
     assert len(warned.splitlines()) == 3 * len(demo.PAIRS)
@@ -60,8 +61,8 @@ def test_the_elastic_twin_dissipates_nothing(biela, place):
 
 
 def test_a_missing_solver_or_deck_is_one_line(biela, place, capfd, monkeypatch):
-    assert demo.main(["--biela", "nowhere/biela"]) == 1
+    assert demo_command.main(["--biela", "nowhere/biela"]) == 1
     assert "nowhere/biela: cannot be started" in capfd.readouterr().err
     monkeypatch.setattr(demo.command, "ROOT", place / "nowhere")
-    assert demo.main(["--biela", str(biela)]) == 1
+    assert demo_command.main(["--biela", str(biela)]) == 1
     assert capfd.readouterr().err.splitlines()[-1].endswith("ended with status 2")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import draw
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from biela import draw
+from biela.histories import HistoryError
 from conftest import ROOT
-from histories import HistoryError
 from matplotlib.colors import to_rgb
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-import deck_text
-import fit_material
 import numpy as np
 import pytest
+from biela import deck_text, fit_material
+from biela.commands import fit_material as fit_material_command
+from biela.material_data import DataError, read
+from biela.material_fit import choose_terms, fit, master_curve, relative_error, shift_factor
+from biela.material_law import Material, of_group, pole_factor
 from conftest import ROOT
-from material_data import DataError, read
-from material_fit import choose_terms, fit, master_curve, relative_error, shift_factor
-from material_law import Material, of_group, pole_factor
 
 ELASTOMER = "f,E_stor,eta\nHz,MPa,-\n1,23.2,1.1\n10,58,.85\n50,145,.7\n100,203,.6\n500,348,.4\n1000,435,.35\n1500,464,.34\n"
 SHIPPED = ROOT / "input" / "materials" / "elastomer.nml"
@@ -74,7 +74,7 @@ def test_overdamped_ghm_terms_are_differences_of_maxwell_terms():
 
 def test_the_law_is_converted_with_its_error_told(tmp_path, capsys):
     words = [str(SHIPPED), "--law", "maxwell", "--terms", "3", "--band", "1", "1500", "--output", str(tmp_path / "out")]
-    assert fit_material.main(words) == 0
+    assert fit_material_command.main(words) == 0
     printed = capsys.readouterr().out
     back = of_group(deck_text.parse(printed).one("material"))
     shipped = of_group(deck_text.read(SHIPPED).one("material"))
@@ -102,7 +102,7 @@ def test_tables_at_several_temperatures_are_shifted_back(tmp_path, law, constant
     if law == "arrhenius":
         np.testing.assert_allclose(values, constants, rtol=0.02)
     words = ["--law", "maxwell", "--shift", law, "--reference", "20", "--output", str(tmp_path / "out")]
-    assert fit_material.main([str(tmp_path / "data.csv"), *words]) == 0
+    assert fit_material_command.main([str(tmp_path / "data.csv"), *words]) == 0
     back = of_group(deck_text.read(tmp_path / "out.nml").one("material"))
     reduced = np.logspace(-1.0, 3.0, 40)
     assert relative_error(back, reduced, truth.modulus(reduced)).max() < 0.05
@@ -111,7 +111,7 @@ def test_tables_at_several_temperatures_are_shifted_back(tmp_path, law, constant
 def test_printed_lines_run_and_the_bound_of_a_deck_is_told(tmp_path, biela, capsys):
     words = [str(table(tmp_path, ELASTOMER)), "--law", "ghm", "--terms", "2", "--density", "1200", "--output", str(tmp_path / "m")]
     deck = ROOT / "input" / "elastomer_cantilever.nml"
-    assert fit_material.main([*words, "--deck", str(deck), "--biela", str(biela)]) == 0
+    assert fit_material_command.main([*words, "--deck", str(deck), "--biela", str(biela)]) == 0
     printed = capsys.readouterr().out
     assert "stable steps of explicit methods" in printed
     assert "rk4: safe bound" in printed
@@ -135,7 +135,7 @@ def test_printed_lines_run_and_the_bound_of_a_deck_is_told(tmp_path, biela, caps
     ],
 )
 def test_bad_tables_end_in_one_line(tmp_path, capsys, text, told):
-    assert fit_material.main([str(table(tmp_path, text)), "--density", "1200"]) == 2
+    assert fit_material_command.main([str(table(tmp_path, text)), "--density", "1200"]) == 2
     said = capsys.readouterr().err
     assert told in said
     assert said.count("\n") == 1
@@ -153,7 +153,7 @@ def test_units_and_unsorted_rows(tmp_path):
 def test_options_that_make_no_sense(tmp_path, capsys):
     path = str(table(tmp_path, ELASTOMER))
     for words in (["--terms", "0"], ["--fastest-pole", "1"], ["--band", "5", "2"], ["--band", "2", "9"], ["--target", "nan"]):
-        assert fit_material.main([path, *words]) == 2
+        assert fit_material_command.main([path, *words]) == 2
     assert capsys.readouterr().err.count("\n") == 5
 
 
@@ -187,7 +187,7 @@ def test_files_that_cannot_be_read_or_written_are_told(tmp_path, capsys, monkeyp
         ([str(tmp_path / "binary.csv")], "binary.csv: cannot be read as text"),
         ([path, "--law", "maxwell", "--terms", "1", "--output", f"{tmp_path}/out"], "out.nml: cannot be written (Is a directory)"),
     ):
-        assert fit_material.main(words) == 2
+        assert fit_material_command.main(words) == 2
         said = capsys.readouterr().err
         assert told in said
         assert said.count("\n") == 1
@@ -195,7 +195,7 @@ def test_files_that_cannot_be_read_or_written_are_told(tmp_path, capsys, monkeyp
 
 def test_the_law_is_chosen_for_a_given_number_of_terms(tmp_path):
     data = read(table(tmp_path, ELASTOMER))
-    args = fit_material.arguments().parse_args(["data.csv", "--terms", "1"])
+    args = fit_material_command.arguments().parse_args(["data.csv", "--terms", "1"])
     found, told = fit_material.chosen_fit(args, data.frequency, data.modulus)
     assert found.material.weight.size == 2, "two Maxwell terms cost as much as one GHM term"
     other = fit("ghm", 1, data.frequency, data.modulus, 20.0 * np.pi * 1500.0)
@@ -217,7 +217,7 @@ def test_a_storage_modulus_that_falls_is_noted():
 def test_a_temperature_that_the_table_lacks(tmp_path, capsys):
     rows = "".join(f"{f},{2 + f},{3},{T}\n" for T in (10, 20) for f in (1, 10))
     path = table(tmp_path, "f,E_stor,E_loss,T\nHz,MPa,MPa,C\n" + rows)
-    assert fit_material.main([str(path), "--reference", "17"]) == 2
+    assert fit_material_command.main([str(path), "--reference", "17"]) == 2
     assert capsys.readouterr().err == "fit_material: --reference 17: no temperature of the table (283.15, 293.15 K)\n"
 
 
@@ -249,7 +249,8 @@ def test_what_the_solver_says_of_the_deck_is_told(tmp_path):
         ("solver", f"{tmp_path}/deck.nml: with the fitted terms the solver says: deck.nml:1: too soft"),
         ("none", f"{tmp_path}/none: cannot be run (No such file or directory): build it, or name it with --biela"),
     ):
-        args = fit_material.arguments().parse_args(["d.csv", "--deck", f"{tmp_path}/deck.nml", "--biela", f"{tmp_path}/{program}"])
+        words = ["d.csv", "--deck", f"{tmp_path}/deck.nml", "--biela", f"{tmp_path}/{program}"]
+        args = fit_material_command.arguments().parse_args(words)
         with pytest.raises(DataError) as fault:
             fit_material.stable_steps(args, Material(1e6))
         assert str(fault.value) == told

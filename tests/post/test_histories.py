@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from histories import HistoryError, read, read_summary
+from biela.histories import HistoryError, read, read_summary
 
 GOOD = "# biela: sensors\n# columns: t[s] a.q[rad] a.qd[rad/s] b\n0.0 1.0 -2.5e3 1\n1.0e-3 2.0 1E-300 2\n"
 

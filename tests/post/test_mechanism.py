@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import animate
-import mechanism
 import numpy as np
 import pytest
-from histories import History, HistoryError
-from mechanism import Mechanism, add_text, add_trace, from_motion
+from biela import animate, mechanism
+from biela.histories import History, HistoryError
+from biela.mechanism import Mechanism, add_text, add_trace, from_motion
 
 TIME = np.linspace(0.0, 1.0, 5)
 

@@ -4,10 +4,11 @@ import os
 import re
 from pathlib import Path
 
-import modes
 import numpy as np
 import pytest
-from histories import History, HistoryError, read
+from biela import modes
+from biela.commands import modes as modes_command
+from biela.histories import History, HistoryError, read
 from PIL import Image
 from test_frequency_response import FORCE, sweep
 from test_modal import beam
@@ -29,7 +30,7 @@ def ink(path):
 
 def test_all_three_pictures_are_drawn(run, capsys):
     done, deck = run
-    assert modes.main([str(done.folder), "--deck", str(deck)]) == 0
+    assert modes_command.main([str(done.folder), "--deck", str(deck)]) == 0
     for name in ("modes", "poles", "response"):
         for ending in ("png", "pdf"):
             assert f"modal_{name}.{ending}" in capsys.readouterr().out or (done.folder / f"modal_{name}.{ending}").is_file()
@@ -97,8 +98,8 @@ def test_a_response_says_to_what(run):
 
 
 def test_faults_are_one_line(run, tmp_path, capsys):
-    assert modes.main([str(tmp_path / "nowhere")]) == 2
-    assert modes.main([str(run[0].folder), "--modes", "9"]) == 2
+    assert modes_command.main([str(tmp_path / "nowhere")]) == 2
+    assert modes_command.main([str(run[0].folder), "--modes", "9"]) == 2
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 2
     assert "neither" in told[0]
@@ -153,7 +154,7 @@ def test_panels_that_shapes_do_not_need_are_empty(run):
 def test_the_file_itself_stands_for_its_folder(run, monkeypatch, capsys):
     monkeypatch.setattr(modes, "save", lambda figure, stem: modes.plt.close(figure) or [stem])
     folder = run[0].folder
-    assert modes.main([str(folder / "modes.txt"), "--modes", "1"]) == 0
+    assert modes_command.main([str(folder / "modes.txt"), "--modes", "1"]) == 0
     assert capsys.readouterr().out == f"wrote {folder}/modal_modes, {folder}/modal_poles, {folder}/modal_response\n"
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import animate
-import mechanism
 import numpy as np
-import plot
 import pytest
-from histories import HistoryError, read
+from biela import animate, mechanism, plot
+from biela.commands import animate as animate_command
+from biela.commands import plot as plot_command
+from biela.histories import HistoryError, read
 from PIL import Image
 
 TIME = np.linspace(0.0, 0.01, 21)
@@ -63,7 +63,7 @@ def colours_in(path):
 
 
 def test_two_runs_lie_over_each_other_blue_and_red(runs, tmp_path):
-    assert plot.main([*map(str, runs), "--columns", "q.*", "--output", str(tmp_path / "out" / "both")]) == 0
+    assert plot_command.main([*map(str, runs), "--columns", "q.*", "--output", str(tmp_path / "out" / "both")]) == 0
     blue, red = colours_in(tmp_path / "out" / "both.png")
     assert blue > 500
     assert red > 500
@@ -100,7 +100,7 @@ def test_a_column_against_another(runs):
     ],
 )
 def test_plot_refuses_in_one_line(runs, capsys, options, told):
-    assert plot.main([str(runs[0]), *options]) == 2
+    assert plot_command.main([str(runs[0]), *options]) == 2
     message = capsys.readouterr().err
     assert told in message
     assert message.startswith("plot: ")
@@ -124,9 +124,9 @@ def test_an_equilibrium_is_drawn_by_its_sensors_and_modes_are_left_to_modes_py(t
     static = written(tmp_path / "static.txt", names, [[0.5, 0.0, 2.0, 0.1, 0.0], [1.0, 0.0, 2.0, 0.2, 0.0]])
     assert plot.usual_columns(read(static)) == ["tip.u"]
     written(tmp_path / "modes.txt", ["number[-]", "frequency[Hz]"], [[1.0, 3.0], [2.0, 7.0]])
-    assert plot.main([str(tmp_path), "--file", "modes"]) == 2
+    assert plot_command.main([str(tmp_path), "--file", "modes"]) == 2
     assert "its rows are modes, not times: name --columns, or draw them with post/modes.py" in capsys.readouterr().err
-    assert plot.main([str(tmp_path), "--file", "modes", "--columns", "frequency"]) == 0
+    assert plot_command.main([str(tmp_path), "--file", "modes", "--columns", "frequency"]) == 0
 
 
 @pytest.mark.parametrize(("unit", "shown"), [("rad/s2", "rad/s²"), ("Nm", "N m"), ("m/s", "m/s"), ("m^2", "m²"), ("", "")])
@@ -183,7 +183,8 @@ def test_the_outline_of_points(points, outline):
 def test_animation_and_sheet(motion, tmp_path):
     path, deck = motion
     stem = tmp_path / "film"
-    assert animate.main([str(path), "--deck", str(deck), "--frames", "5", "--pictures", "4", "--output", str(stem)]) == 0
+    words = [str(path), "--deck", str(deck), "--frames", "5", "--pictures", "4", "--output", str(stem)]
+    assert animate_command.main(words) == 0
     with Image.open(stem.with_suffix(".gif")) as film:
         assert film.n_frames == 5
         first = np.asarray(film.convert("RGB")).astype(int)
@@ -207,7 +208,7 @@ def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
         ([str(path), "--trace", "rod.9"], "no place 'rod.9' to trace; there are rod.1, plate"),
     ]
     for words, told in cases:
-        assert animate.main(words) == 2
+        assert animate_command.main(words) == 2
         message = capsys.readouterr().err
         assert told in message
         assert message.count("\n") == 1
@@ -226,7 +227,7 @@ def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
 )
 def test_numbers_of_the_command_line_are_refused_with_what_was_expected(motion, capsys, words, told):
     with pytest.raises(SystemExit) as ended:
-        animate.main([str(motion[0]), *words])
+        animate_command.main([str(motion[0]), *words])
     assert ended.value.code == 2
     assert told in capsys.readouterr().err
 
@@ -245,7 +246,8 @@ def test_lumps_names_and_paths_are_drawn_and_a_film_is_written(motion, tmp_path)
     assert any(np.array_equal(line.get_xydata(), scene.traces[0]) for line in first.lines)
     plot.plt.close(figure)
     stem = tmp_path / "film"
-    assert animate.main([str(path), "--deck", str(deck), "--frames", "4", "--pictures", "1", "--mp4", "--output", str(stem)]) == 0
+    words = [str(path), "--deck", str(deck), "--frames", "4", "--pictures", "1", "--mp4", "--output", str(stem)]
+    assert animate_command.main(words) == 0
     assert stem.with_suffix(".mp4").read_bytes()[4:8] == b"ftyp"
 
 
@@ -265,7 +267,7 @@ def test_columns_of_zeros_are_left_out_and_told_and_shown_where_they_are_named(r
         history = read(folder)
         names = [f"{name}[{history.units[name]}]" for name in history.names]
         written(folder / "history.txt", [*names, "idle.x[N]"], np.column_stack([history.data, 0.0 * history.time]))
-    assert plot.main([str(runs[0])]) == 0
+    assert plot_command.main([str(runs[0])]) == 0
     assert "left out, zero or rounding throughout: idle.x" in capsys.readouterr().out
     assert plot.chosen_columns([read(run) for run in runs], ["idle.*"], None) == (["idle.x"], [])
     assert "idle.x" not in plot.chosen_columns([read(run) for run in runs], None, None)[0]
@@ -295,16 +297,16 @@ def test_a_run_without_a_column_is_refused_by_name(runs, capsys):
     history = read(runs[1])
     written(runs[1] / "history.txt", [f"{name}[{history.units[name]}]" for name in history.names[:-1]], history.data[:, :-1])
     for words in ([], ["--columns", "small"]):
-        assert plot.main([*map(str, runs), *words]) == 2
+        assert plot_command.main([*map(str, runs), *words]) == 2
         told = capsys.readouterr().err
         assert str(runs[1] / "history.txt") in told
         assert "small" in told
 
 
 def test_pictures_are_named_after_what_they_show(runs):
-    assert plot.main([str(runs[0])]) == 0
-    assert plot.main([str(runs[0]), "--columns", "q.*"]) == 0
-    assert plot.main([*map(str, runs), "--columns", "near", "--against", "large"]) == 0
+    assert plot_command.main([str(runs[0])]) == 0
+    assert plot_command.main([str(runs[0]), "--columns", "q.*"]) == 0
+    assert plot_command.main([*map(str, runs), "--columns", "near", "--against", "large"]) == 0
     found = {path.name for path in runs[0].glob("*.png")}
     assert found == {"history.png", "history_q.png", "history_near_against_large_viscoelastic.png"}
 

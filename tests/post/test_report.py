@@ -9,9 +9,10 @@ from html.parser import HTMLParser
 
 import matplotlib.pyplot as plt
 import pytest
-import report as report_tool
+from biela import report as report_tool
+from biela.commands import report as report_command
+from biela.histories import HistoryError, read
 from conftest import ROOT
-from histories import HistoryError, read
 from PIL import Image
 from test_frequency_response import FORCE, sweep
 from test_modal import beam
@@ -172,7 +173,7 @@ def test_what_is_wrong_with_the_command_is_told_in_a_line(modal_run, tmp_path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(report_tool, "page", lambda *_: "<html></html>")
     (tmp_path / "file").write_text("")
-    assert report_tool.main([str(modal_run), *words]) == 2
+    assert report_command.main([str(modal_run), *words]) == 2
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", told)
 

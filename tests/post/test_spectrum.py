@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import export
 import numpy as np
 import pandas
 import pytest
-import spectrum
+from biela import export, spectrum
+from biela.commands import export as export_command
+from biela.commands import spectrum as spectrum_command
+from biela.histories import read
 from conftest import ROOT
-from histories import read
 from scipy.io import loadmat
 
 HEAD = "# columns: t[s] crank[rad] speed[rad/s] tone[m] chirp[m] ring[m]\n"
@@ -38,7 +39,7 @@ def test_a_tone_has_its_frequency_and_amplitude(run):
 
 
 def test_orders_follow_a_drive_that_runs_up(run, capsys):
-    assert spectrum.main([str(run), "--columns", "chirp", "--orders", "crank", "--peaks", "1"]) == 0
+    assert spectrum_command.main([str(run), "--columns", "chirp", "--orders", "crank", "--peaks", "1"]) == 0
     words = capsys.readouterr().out.split()
     assert float(words[1]) == pytest.approx(3.0, abs=0.02)
     assert float(words[5]) == pytest.approx(0.3, rel=0.03)
@@ -50,7 +51,7 @@ def test_a_waterfall_follows_the_frequency(run):
     ridge = frequency[np.argmax(size, axis=0)]
     expected = 3.0 * (20.0 + 30.0 * times) / (2.0 * np.pi)
     assert np.abs(ridge - expected).max() < 3.5
-    assert spectrum.main([str(run), "--columns", "chirp", "--waterfall", "--speed", "speed"]) == 0
+    assert spectrum_command.main([str(run), "--columns", "chirp", "--waterfall", "--speed", "speed"]) == 0
     assert (run / "spectrum.png").exists()
 
 
@@ -59,7 +60,7 @@ def test_a_decay_has_its_damping_ratio(run, capsys):
     _, found = spectrum.decay(history.time, history["ring"])
     assert found["damping_ratio"] == pytest.approx(0.03, rel=2.0e-2)
     assert found["frequency"] == pytest.approx(8.0, rel=2.0e-3)
-    assert spectrum.main([str(run), "--columns", "ring", "--decay"]) == 0
+    assert spectrum_command.main([str(run), "--columns", "ring", "--decay"]) == 0
     assert "damping ratio 0.03" in capsys.readouterr().out
 
 
@@ -92,7 +93,7 @@ def test_uneven_rows_are_interpolated():
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(run, capsys, words, told):
-    assert spectrum.main([str(run), *words]) == 2
+    assert spectrum_command.main([str(run), *words]) == 2
     said = capsys.readouterr().err
     assert told in said
     assert said.count("\n") == 1
@@ -103,7 +104,7 @@ def test_tables_keep_every_number_and_name(run):
     frame = history.to_dataframe()
     assert list(frame.columns[:3]) == ["t_[s]", "crank_[rad]", "speed_[rad/s]"]
     for form in ("csv", "parquet", "matlab"):
-        assert export.main([str(run), "--to", form]) == 0
+        assert export_command.main([str(run), "--to", form]) == 0
     pandas.testing.assert_frame_equal(pandas.read_csv(run / "history.csv"), frame)
     pandas.testing.assert_frame_equal(pandas.read_parquet(run / "history.parquet"), frame)
     back = loadmat(run / "history.mat", squeeze_me=True)
@@ -120,7 +121,7 @@ def test_motion_in_vtk_is_that_of_the_run(run_deck):
 
     deck = ROOT / "input" / "slider_crank_viscoelastic.nml"
     result = run_deck(deck)
-    assert export.main([str(result.folder), "--to", "vtk", "--deck", str(deck)]) == 0
+    assert export_command.main([str(result.folder), "--to", "vtk", "--deck", str(deck)]) == 0
     files = sorted((result.folder / "vtk").glob("*.vtu"))
     motion = result.motion
     assert len(files) == motion.time.size
@@ -148,7 +149,7 @@ def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, 
     if modes:
         (run / "modes.txt").write_text(modes)
     assert spectrum.nearest_mode(run, 8.0) == told
-    assert spectrum.main([str(run), "--columns", "ring", "--decay"]) == 0
+    assert spectrum_command.main([str(run), "--columns", "ring", "--decay"]) == 0
     assert [line.strip() for line in capsys.readouterr().out.splitlines()[1:-1]] == ([told] if told else [])
 
 
@@ -162,7 +163,7 @@ def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, 
     ],
 )
 def test_options_that_cannot_be_met_are_told(run, capsys, words, told):
-    assert spectrum.main([str(run), *words]) == 2
+    assert spectrum_command.main([str(run), *words]) == 2
     said = capsys.readouterr().err
     assert told in said
     assert said.count("\n") == 1
@@ -175,7 +176,7 @@ def test_exports_that_cannot_be_written_are_told(run, capsys):
         ([str(run), "--output", f"{run}/file/x.csv"], f"export: {run}/file/x.csv: cannot be written (Cannot save file into"),
         ([str(run), "--output", str(run)], f"export: {run}: cannot be written (Is a directory)\n"),
     ):
-        assert export.main([*words, "--to", "csv"]) == 2
+        assert export_command.main([*words, "--to", "csv"]) == 2
         said = capsys.readouterr().err
         assert said.startswith(told)
         assert said.count("\n") == 1

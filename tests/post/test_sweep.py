@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sweep
-import sweep_scalars
-import sweep_study
+from biela import sweep, sweep_scalars, sweep_study
+from biela.commands import sweep as sweep_command
+from biela.histories import read
+from biela.sweep_scalars import Scalar
 from conftest import ROOT
-from histories import read
-from sweep_scalars import Scalar
 
 DECK = """&include file='steel.nml' /
 &section name='strip' shape='rectangle' width=0.02 height=0.004 /
@@ -64,7 +63,7 @@ def study(tmp_path, biela, monkeypatch):
 
     def run(text: str, *words: str) -> tuple[int, list[dict]]:
         (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-        status = sweep.main(["study.toml", "--biela", str(biela), *words])
+        status = sweep_command.main(["study.toml", "--biela", str(biela), *words])
         with (tmp_path / "results" / "sweep" / "study" / "table.csv").open(encoding="utf-8") as file:
             return status, list(csv.DictReader(file))
 

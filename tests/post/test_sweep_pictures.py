@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import sweep_picture
-import sweep_study
-from sweep_scalars import Scalar
+from biela import sweep_picture, sweep_study
+from biela.sweep_scalars import Scalar
 
 
 def named(name: str, **words: object) -> sweep_study.Parameter:

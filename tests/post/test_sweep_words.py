@@ -9,13 +9,11 @@ from pathlib import Path
 import f90nml
 import numpy as np
 import pytest
-import sweep
-import sweep_run
-import sweep_study
-from histories import HistoryError
-from sweep_run import Batch, assign, run_batch
-from sweep_scalars import Scalar, measure
-from sweep_study import StudyError, Target
+from biela import sweep, sweep_run, sweep_study
+from biela.histories import HistoryError
+from biela.sweep_run import Batch, assign, run_batch
+from biela.sweep_scalars import Scalar, measure
+from biela.sweep_study import StudyError, Target
 
 PARAMETER = "[[parameter]]\nname = 'h'\nset = 'section/strip/height'\n"
 RESULT = "[[result]]\nname = 'peak'\nmeasure = 'peak'\ncolumn = 'tip.v'\n"
@@ -276,8 +274,8 @@ def test_lean_decks_keep_what_is_measured(tmp_path):
 def test_a_worker_that_never_saw_the_folder_runs_a_batch(tmp_path, monkeypatch):
     import pickle
 
-    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep.HERE])
-    rows = sweep._on_worker(str(sweep.HERE), pickle.dumps(batch(tmp_path, "exit 0")))
+    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep.FOLDER])
+    rows = sweep._on_worker(str(sweep.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
     assert [row.reason for row in rows] == ["history.txt: No such file or directory"] * 2
 
 

@@ -10,18 +10,17 @@ import sys
 import time
 from pathlib import Path
 
-import deck_models
-import deck_text
 import numpy as np
 import pytest
-from compare import differences
+from biela import deck_models, deck_text
+from biela.compare import differences
+from biela.deck_runs import Outcome
+from biela.histories import read
+from biela.tradeoff_curves import Curve, doubt
+from biela.tradeoff_errors import Compared
 from conftest import REFERENCE, ROOT
-from deck_runs import Outcome
-from histories import read
 from oracle import Scene
 from scipy.integrate import solve_ivp
-from tradeoff_curves import Curve, doubt
-from tradeoff_errors import Compared
 
 TOOL = ROOT / "post" / "tradeoff.py"
 CRANK = REFERENCE / "vrl_ghm" / "deck.nml"

@@ -7,24 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import deck_models
-import deck_runs
-import deck_terms
-import deck_text
 import numpy as np
 import pytest
-import tradeoff
-import tradeoff_causes
-import tradeoff_truth
+from biela import deck_models, deck_runs, deck_terms, deck_text, tradeoff, tradeoff_causes, tradeoff_truth
+from biela.commands import tradeoff as tradeoff_command
+from biela.deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
+from biela.histories import read_summary
+from biela.material_law import of_group
+from biela.tradeoff_errors import Compared, Gap, gap, truth_of
+from biela.tradeoff_report import Result
+from biela.tradeoff_settings import Setting, columns, grid_of
+from biela.tradeoff_study import FULL, Point, Study
+from biela.tradeoff_truth import Base
 from conftest import REFERENCE, ROOT, Run
-from deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
-from histories import read_summary
-from material_law import of_group
-from tradeoff_errors import Compared, Gap, gap, truth_of
-from tradeoff_report import Result
-from tradeoff_settings import Setting, columns, grid_of
-from tradeoff_study import FULL, Point, Study
-from tradeoff_truth import Base
 
 CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
 TIMES = np.linspace(0.0, 1.0, 11)
@@ -54,14 +49,14 @@ def point(a: float, b: float, seconds: float, model: str = FULL, index: int = 3,
 @pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "-5"], ["--jobs", "x"], ["--tolerance", "nan"], ["--time", "inf"]])
 def test_numbers_of_the_command_line_are_refused(words, capsys):
     with pytest.raises(SystemExit) as ended:
-        tradeoff.main([str(CRANK), *words])
+        tradeoff_command.main([str(CRANK), *words])
     assert ended.value.code == 2
     assert "expected" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_the_solver_is_found_from_any_folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert tradeoff.arguments().parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
+    assert tradeoff_command.arguments().parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
 
 
 def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():
@@ -84,7 +79,7 @@ def tables(biela: Path, folder: Path, monkeypatch, runs: int, *options: str) -> 
 
     monkeypatch.setattr(Runner, "_run", counted)
     words = [str(CRANK), "--sensor", "rod", "mid.v", "--tolerance", "1e-2", "--methods", "rk4", "generalized_alpha", *options]
-    status = tradeoff.main([*words, "--biela", str(biela), "--output", str(folder), "--quiet", "--jobs", "1"])
+    status = tradeoff_command.main([*words, "--biela", str(biela), "--output", str(folder), "--quiet", "--jobs", "1"])
     return status, (folder / "tradeoff.txt").read_text()
 
 
@@ -95,7 +90,7 @@ def test_a_study_in_which_no_run_ends_says_how_far_they_came_and_what_would_do(t
     program.write_text(f"#!/bin/sh\ntrap \"echo '{said}' >&2; exit 143\" TERM\nwhile :; do sleep 0.01; done\n")
     program.chmod(0o755)
     words = [str(CRANK), "--biela", str(program), "--output", str(tmp_path / "study"), "--quiet", "--time", "3", "--jobs", "2"]
-    assert tradeoff.main(words) == 1
+    assert tradeoff_command.main(words) == 1
     text = (tmp_path / "study" / "tradeoff.txt").read_text()
     rows = re.findall(r"^(?:rk4|generalized_alpha) .*  (?:t = 0.002 s of 0.01 s|its set-up)$", text, re.MULTILINE)
     assert rows, text
@@ -299,7 +294,7 @@ def test_recommended_decks_of_own_mechanisms_keep_their_promise_and_are_no_slowe
     (tmp_path / "deck.nml").write_text(deck.text)
     words = [str(tmp_path / "deck.nml"), "--tolerance", "1e-2", "--biela", str(biela), "--quiet", "--jobs", "2"]
     words += ["--time", "1e5", "--longest-run", "1e5"]  # the search ends by itself, however busy the machine
-    assert tradeoff.main([*words, "--output", str(tmp_path / "study")]) == 0
+    assert tradeoff_command.main([*words, "--output", str(tmp_path / "study")]) == 0
     path = tmp_path / "study" / "recommended.nml"
     fine = deck.set(deck.one("transient"), step=step)
     truth, run, own = (run_deck(d) for d in (fine.text, path, tmp_path / "deck.nml"))
@@ -376,7 +371,7 @@ def test_the_elastomer_is_told_to_be_maxwell_terms_by_a_reference_of_radau(biela
     (tmp_path / "deck.nml").write_text(deck.text)
     words = [str(tmp_path / "deck.nml"), "--tolerance", "1e-3", "--biela", str(biela), "--quiet", "--jobs", "2", "--sensor", "tip"]
     words += ["--time", "1e5", "--longest-run", "1e5", "--methods", "rk4", "radau"]
-    assert tradeoff.main([*words, "--output", str(tmp_path / "study")]) == 0
+    assert tradeoff_command.main([*words, "--output", str(tmp_path / "study")]) == 0
     text = (tmp_path / "study" / "tradeoff.txt").read_text()
     assert "the deck's model, radau tolerance" in text
     assert re.search(r"elastomer: 3 Maxwell terms \(modulus within \de-05\) .* taken", text)

@@ -6,21 +6,18 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
-import deck_models
-import deck_text
 import numpy as np
 import pytest
-import tradeoff
-import tradeoff_search
-import tradeoff_truth
-from deck_runs import Outcome, OutOfTimeError, RunsError
+from biela import deck_models, deck_text, tradeoff, tradeoff_search, tradeoff_truth
+from biela.commands import tradeoff as tradeoff_command
+from biela.deck_runs import Outcome, OutOfTimeError, RunsError
+from biela.tradeoff_curves import Curve
+from biela.tradeoff_errors import Compared, Gap, gap, truth_of
+from biela.tradeoff_report import Result, head, verdict
+from biela.tradeoff_settings import Setting
+from biela.tradeoff_study import FULL, Step, Study
+from biela.tradeoff_truth import Base, deck_truth, refined_truth
 from test_tradeoff_promises import CRANK, TIMES, outcome, point, study_with
-from tradeoff_curves import Curve
-from tradeoff_errors import Compared, Gap, gap, truth_of
-from tradeoff_report import Result, head, verdict
-from tradeoff_settings import Setting
-from tradeoff_study import FULL, Step, Study
-from tradeoff_truth import Base, deck_truth, refined_truth
 
 DECK = deck_text.read(CRANK)
 FAILED = Outcome(2, "line 3: refused")
@@ -241,7 +238,7 @@ def test_removals_that_were_run_before_the_time_ended_stay_in_the_table(study, m
 def test_a_solver_that_is_no_program_is_told_in_one_line(tmp_path, capsys):
     (tmp_path / "text").write_text("no program\n")
     words = [str(CRANK), "--biela", str(tmp_path / "text"), "--output", str(tmp_path / "out"), "--quiet"]
-    assert tradeoff.main(words) == 2
+    assert tradeoff_command.main(words) == 2
     assert capsys.readouterr().err == f"tradeoff: {tmp_path / 'text'}: Permission denied\n"
 
 

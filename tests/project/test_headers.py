@@ -6,7 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from histories import read
+from biela.histories import read
 
 SCENE = """&scene title='all columns' /
 &material name='m' density=1200.0 young=1.0e8 rayleigh_stiffness=1.0e-5 /

@@ -17,6 +17,7 @@ except ImportError:
     import tomli as tomllib
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+OWN = {"biela", "start", "tomllib"}
 DISTRIBUTION = {"imageio_ffmpeg": "imageio-ffmpeg", "PIL": "matplotlib"}  # Pillow comes with matplotlib
 
 
@@ -25,7 +26,8 @@ def package(tmp_path_factory):
     """Return the folder with the package `biela` as pip builds it."""
     pytest.importorskip("setuptools")
     folder = tmp_path_factory.mktemp("package")
-    command = [sys.executable, "setup.py", "-q", "egg_info", "-e", folder, "build_py", "--build-lib", folder]
+    text = "from setuptools import setup; setup()"
+    command = [sys.executable, "-c", text, "-q", "egg_info", "-e", folder, "build_py", "--build-lib", folder]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     return folder
 
@@ -39,13 +41,12 @@ def python(folder, text, *words, path=""):
     return done.stdout
 
 
-def test_modules_of_the_package_import_each_other_by_its_name(package):
-    names = sorted(path.stem for path in (package / "biela").glob("*.py") if path.stem != "__init__")
-    assert {"histories", "sweep", "report", "tools"} <= set(names)
-    text = "import importlib, sys, biela\nfor name in sys.argv[1:]: importlib.import_module('biela.' + name)\n"
+def test_every_module_of_the_package_can_be_imported(package):
+    names = [".".join(path.relative_to(package).with_suffix("").parts) for path in package.glob("biela/**/*.py")]
+    assert {"biela.histories", "biela.commands.sweep", "biela.report", "biela.tools"} <= set(names)
+    text = "import importlib, sys, biela\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
     text += "from biela.histories import HistoryError\nassert HistoryError is biela.HistoryError\n"
-    text += "print(' '.join(set(sys.argv[1:]) & set(sys.modules)))"
-    assert python(package, text, *names).strip() == ""
+    python(package, text, *names)
 
 
 def test_commands_show_the_help_of_their_tools(package):
@@ -72,12 +73,11 @@ def test_the_installed_solver_is_found(package, biela, tmp_path):
 def test_every_library_in_use_is_a_dependency():
     named = {re.split(r"[>=<;\s]", line)[0] for line in PROJECT["dependencies"]}
     named |= {re.split(r"[>=<;\s]", line)[0] for extra in PROJECT["optional-dependencies"].values() for line in extra}
-    own = {path.stem for path in (ROOT / "post").glob("*.py")}
-    for path in (ROOT / "post").glob("*.py"):
+    for path in (ROOT / "post").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules = [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
             modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            for top in {module.partition(".")[0] for module in modules} - own - set(sys.stdlib_module_names) - {"tomllib"}:
+            for top in {module.partition(".")[0] for module in modules} - set(sys.stdlib_module_names) - OWN:
                 assert DISTRIBUTION.get(top, top) in named, f"{path.name}: {top}"
 
 

@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 
 import pytest
 from conftest import ROOT
@@ -43,7 +44,7 @@ def run(line: str) -> None:
         return
     tool = words[0][len("post/") : -len(".py")]
     try:
-        status = importlib.import_module(tool).main([*words[1:], *SHORTER.get(tool, [])])
+        status = importlib.import_module(f"biela.commands.{tool}").main([*words[1:], *SHORTER.get(tool, [])])
     except SystemExit as end:  # what the command line's parser refuses
         status = end.code
     assert status in STATUS.get(tool, {0}), line
@@ -61,9 +62,19 @@ def test_commands_work_as_they_are_written(clone, capsys):
 
 
 def test_programs_run_from_any_folder_by_the_projects_own_python(tmp_path):
-    for tool in sorted(path for path in (ROOT / "post").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")):
-        assert os.access(tool, os.X_OK), tool.name
-        assert tool.read_text(encoding="utf-8").splitlines()[0].startswith("#!/usr/bin/env -S sh -c "), tool.name
+    tools = [path.stem for path in (ROOT / "post" / "biela" / "commands").glob("[!_]*.py")]
+    for tool in tools:
+        script = ROOT / "post" / f"{tool}.py"
+        assert os.access(script, os.X_OK), tool
+        assert script.read_text(encoding="utf-8").endswith(f'\nif __name__ == "__main__":\n    start("{tool}")\n')
     done = subprocess.run([ROOT / "post" / "compare.py", "a", "b"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("compare: a")
+
+
+def test_a_python_without_the_packages_is_told_how_to_get_them(tmp_path):
+    shutil.copytree(ROOT / "post", tmp_path / "post")  # beside it there is no .venv
+    words = [sys.executable, "-S", "-s", tmp_path / "post" / "plot.py", "run"]
+    done = subprocess.run(words, env={"PATH": os.environ["PATH"]}, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert re.fullmatch(r"plot: the Python package '(numpy|matplotlib)' is missing: `make setup` installs it\n", done.stderr)

@@ -1,0 +1,204 @@
+"""A mechanism's motion as a moving picture and as a sheet of snapshots."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import imageio_ffmpeg
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib import patheffects as path_effects
+from PIL import Image
+
+from .histories import read
+from .mechanism import Mechanism, add_deck, add_trace, from_motion
+from .plot import COLOURS, LOOK, STYLES
+from .result_files import HistoryError
+
+DARK = "#333333"
+MARGIN = 0.1  # around what is drawn, by its larger side
+SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
+LARGEST, SMALLEST = 4.5, 1.4  # width of one panel [inch]
+
+
+class Picture:
+    """The mechanism on one axis: lines made once, moved to a row of the motion by `show`."""
+
+    def __init__(self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False):
+        self.scene, self.axis = scene, axis
+        low, high = corners or scene.extent()
+        room = MARGIN * (max(high - low) or 1.0)
+        axis.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
+        self.reach = 4.0 * max(high - low)
+        self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
+        self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
+        self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
+        self.bodies = [
+            axis.plot([], [], color=COLOURS[k % len(COLOURS)], ls=STYLES[k // len(COLOURS) % len(STYLES)], lw=2.2, zorder=3)[0]
+            for k in range(len(scene.bodies))
+        ]
+        outlined = [path_effects.withStroke(linewidth=2.5, foreground="white")]
+        look = {"fontsize": 8, "va": "bottom", "path_effects": outlined, "zorder": 7}
+        self.names = [axis.text(0, 0, f"  {name}  ", **look) for name in scene.bodies if named]
+        self.nodes = [axis.plot([], [], "o", color=line.get_color(), ms=3.5, zorder=4)[0] for line in self.bodies]
+        for path in scene.traces:
+            axis.plot(*path.T, "-", color="#999999", lw=0.8, zorder=1)
+        self.lumps = axis.plot([], [], "o", color=DARK, ms=7, zorder=5)[0]
+        self.blocks = axis.plot([], [], "s", color="white", mec=DARK, ms=9, mew=1.3, zorder=5)[0]
+        self.pins = axis.plot([], [], "o", color="white", mec=DARK, ms=5.5, mew=1.3, zorder=6)[0]
+        fixed = [place.point for place in scene.pins if place.body is None]
+        if fixed:
+            axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
+        self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
+        lines = [*self.rails, *self.links, *self.springs, *self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
+        self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
+
+    def show(self, row: int) -> None:
+        """Move everything to one row of the motion."""
+        scene = self.scene
+        for line, dots, body in zip(self.bodies, self.nodes, scene.bodies.values()):
+            outline = scene.outline(body, row)
+            line.set_data(*outline.T)
+            nodes = body.to_global(row, scene.nodes(body, row)) if len(body.rest) else outline
+            dots.set_data(*nodes.T)
+        for text, line in zip(self.names, self.bodies):
+            points = line.get_xydata()
+            text.set_position(np.nanmean(points, axis=0) if len(points) else (0.0, 0.0))
+            along = points[-1] - points[0] if len(points) else np.zeros(2)
+            text.set_ha("right" if along[0] * along[1] > 0.0 else "left")  # above a line that rises its left side is free
+        for lines, pairs in ((self.links, scene.links), (self.springs, scene.springs)):
+            for line, pair in zip(lines, pairs):
+                line.set_data(*np.transpose([scene.at(place, row) for place in pair]))
+        for line, (_, base, direction) in zip(self.rails, scene.sliders):
+            angle = direction + (base.body.frame[row, 2] if base.body else 0.0)
+            along = self.reach * np.array([np.cos(angle), np.sin(angle)])
+            line.set_data(*np.transpose([scene.at(base, row) - along, scene.at(base, row) + along]))
+        _dots(self.lumps, [scene.at(place, row) for place in scene.lumps])
+        _dots(self.blocks, [scene.at(place, row) for place, _, _ in scene.sliders])
+        _dots(self.pins, [scene.at(place, row) for place in scene.pins])
+        self.stamp.set_text(f"t = {scene.time[row] * 1.0e3:.4g} ms" if scene.time[-1] < 0.1 else f"t = {scene.time[row]:.4g} s")
+
+
+def _dots(line: plt.Line2D, points: list[np.ndarray]) -> None:
+    line.set_data(*(np.transpose(points) if points else ([], [])))
+
+
+def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, float, float]:
+    """Return lines, columns, width and height [inch] of as many panels, drawn to scale, as large as a sheet takes them.
+
+    Args:
+        count: of panels
+        low: lower left corner of what a panel shows [m], shape (2,)
+        high: upper right corner
+    """
+    size = high - low + 2.0 * MARGIN * (max(high - low) or 1.0)
+    ratio = float(np.clip(size[1] / size[0], 0.25, 4.0))
+    found = []
+    for columns in range(1, count + 1):
+        lines = -(-count // columns)
+        width = max(min(SHEET[0] / columns, LARGEST, SHEET[1] / (lines * ratio)), SMALLEST)
+        found.append((width * count / (lines * columns), lines, columns, width, width * ratio))
+    return max(found)[1:]
+
+
+def _height(scene: Mechanism, width: float) -> float:
+    """Return the height that suits a picture of that width [inch]."""
+    low, high = scene.extent()
+    size = high - low + 2.0 * MARGIN * (max(high - low) or 1.0)
+    return float(np.clip(width * size[1] / size[0], 0.2 * width, 1.5 * width))
+
+
+def film(scene: Mechanism, frames: int) -> list[Image.Image]:
+    """Return at most that many frames, evenly spread over time; what does not move is drawn once."""
+    rows = np.unique(np.linspace(0, len(scene.time) - 1, min(frames, len(scene.time))).round().astype(int))
+    with plt.rc_context(LOOK | {"axes.grid": False, "figure.dpi": 80}):
+        figure, axis = plt.subplots(figsize=(6.4, max(2.0, _height(scene, 6.4))), layout="constrained")
+        axis.set(xlabel="x [m]", ylabel="y [m]")
+        picture = Picture(axis, scene, named=True)
+        for artist in picture.moving:
+            artist.set_animated(True)
+        canvas = figure.canvas
+        canvas.draw()
+        still = canvas.copy_from_bbox(figure.bbox)
+        images = []
+        for row in rows:
+            canvas.restore_region(still)
+            picture.show(row)
+            for artist in picture.moving:
+                axis.draw_artist(artist)
+            images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
+    return images
+
+
+def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
+    """Return a figure of that many snapshots, evenly spread over time."""
+    rows = np.linspace(0, len(scene.time) - 1, pictures).round().astype(int)
+    corners = scene.extent()
+    lines, columns, width, height = tiles(pictures, *corners)
+    with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
+        size = (width * columns + 0.5, (height + 0.15) * lines + 0.7)
+        figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
+        for axis, row in zip(axes.flat, rows):
+            Picture(axis, scene, corners, named=axis is axes[0, 0]).show(row)
+        for axis in axes.flat[pictures:]:
+            axis.axis("off")
+        figure.supxlabel("x [m]", fontsize=9)
+        figure.supylabel("y [m]", fontsize=9)
+        if title:
+            figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def write_mp4(images: list[Image.Image], path: Path, seconds: float) -> None:
+    """Write frames as a film of that many seconds, its sides cut to even numbers of pixels as the codec asks."""
+    width, height = (side // 2 * 2 for side in images[0].size)
+    writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=len(images) / seconds, macro_block_size=2)
+    writer.send(None)
+    for image in images:
+        writer.send(image.crop((0, 0, width, height)).tobytes())
+    writer.close()
+
+
+def write(
+    scene: Mechanism, stem: Path, frames: int = 100, seconds: float = 5.0, pictures: int = 6, title: str = "", mp4: bool = False
+) -> list[Path]:
+    """Write STEM.gif, STEM.png and where it is asked for STEM.mp4, and return their paths.
+
+    Raises:
+        HistoryError: they cannot be written.
+    """
+    paths = [stem.with_name(stem.name + ending) for ending in (".gif", ".png", ".mp4")[: 3 if mp4 else 2]]
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        images = film(scene, frames)
+        if mp4:
+            write_mp4(images, paths[2], seconds)
+        images = [image.quantize(64) for image in images]
+        images[0].save(paths[0], save_all=True, append_images=images[1:], duration=round(1000.0 * seconds / len(images)), loop=0)
+        sheet(scene, pictures, title).savefig(paths[1], dpi=110)
+    except OSError as fault:
+        raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
+    finally:
+        plt.close("all")
+    return paths
+
+
+def animate(args: argparse.Namespace) -> int:
+    """Draw as the command line asks and say which files were written; raises HistoryError."""
+    if args.frames < 2:
+        raise HistoryError("at least 2 frames are needed")
+    motion = read(args.run, "motion")
+    scene = from_motion(motion, args.exaggerate)
+    if args.deck:
+        add_deck(scene, args.deck)
+    for name in args.trace:
+        add_trace(scene, name)
+    note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""
+    stem = args.output or motion.path.parent / "motion"
+    paths = write(scene, stem, args.frames, args.seconds, args.pictures, note, args.mp4)
+    print("wrote " + " and ".join(map(str, paths)))
+    return 0

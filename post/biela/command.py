@@ -1,0 +1,90 @@
+"""How the programs begin and end as commands."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Callable, NoReturn
+
+from .result_files import HistoryError
+
+CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
+ROOT = Path(__file__).resolve().parents[2]
+SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
+if not SOLVER.is_file():  # the installed package
+    SOLVER = Path(shutil.which("biela") or SOLVER)
+
+
+def parser(tool: str, words: str) -> argparse.ArgumentParser:
+    """Return a tool's parser, its help beginning with the tool's own words, layout kept."""
+    return argparse.ArgumentParser(prog=f"{tool}.py", description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def finite(text: str) -> float:
+    """Return a number from the command line; infinities and NaN are none."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text!r}: a number expected")
+    return number
+
+
+def positive(text: str) -> float:
+    """Return a number above zero from the command line."""
+    number = finite(text)
+    if number <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 expected")
+    return number
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least one from the command line."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of at least 1 expected")
+    return number
+
+
+def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
+    """Return the status of a tool's work; a fault of its files becomes one line on standard error.
+
+    Args:
+        tool: name of the tool, which begins the line
+        work: what the tool does; returns its exit status
+        failed: status after a fault
+    """
+    try:
+        return work()
+    except HistoryError as fault:
+        print(f"{tool}: {fault}", file=sys.stderr)
+        return failed
+
+
+def run(main: Callable[[], int]) -> NoReturn:
+    """Call a tool and end with its status; what it prints never ends it.
+
+    Characters that the terminal's encoding lacks are shown as '?'. Where the reader has gone (`| head`), the tool ends quietly.
+
+    Args:
+        main: the tool; returns its exit status
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.reconfigure(errors="replace")
+    try:
+        status = main()
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is still buffered has no reader
+        status = CLOSED
+    sys.exit(status)

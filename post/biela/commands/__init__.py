@@ -1,0 +1,1 @@
+"""The command lines of the programs: what stands here is loaded for --help, the work itself only when it is asked for."""

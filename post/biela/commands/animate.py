@@ -1,0 +1,37 @@
+"""Draw a mechanism's motion from motion.txt: a moving picture (GIF, MP4) and a sheet of snapshots (PNG); no window is needed.
+
+The run must have written motion.txt (motion_step in the deck's transient). With --deck the massless links, springs, slider
+lines, pins, lumps and rigid bodies' outlines are drawn too. Between the nodes of a beam a smooth curve is drawn through them.
+
+Example: post/animate.py results/four_bar --deck input/four_bar.nml --trace coupler.3 --mp4
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("animate", __doc__)
+    parser.add_argument("run", type=Path, help="results folder or motion.txt")
+    parser.add_argument("--deck", type=Path, help="the deck of the run: draws links, pins, sliders and rigid bodies too")
+    parser.add_argument("--exaggerate", type=command.finite, default=1.0, metavar="FACTOR", help="multiply the deflections (1)")
+    parser.add_argument("--frames", type=command.count, default=100, help="largest number of frames (%(default)d)")
+    parser.add_argument("--seconds", type=command.positive, default=5.0, help="how long the animation lasts (%(default)g)")
+    parser.add_argument("--pictures", type=command.count, default=6, help="snapshots on the sheet (%(default)d)")
+    parser.add_argument("--trace", nargs="+", default=[], metavar="NAME", help="draw the path of a BODY, BODY.NODE or sensor")
+    parser.add_argument("--mp4", action="store_true", help="write STEM.mp4 too")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.gif and STEM.png (motion, in the run's folder)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..animate import animate
+
+    return command.attempt("animate", lambda: animate(args))

@@ -1,0 +1,30 @@
+"""Draw the assembled mechanism of a deck with its names, before any run: bodies, joints, drives, springs, loads, sensors.
+
+The solver assembles the deck (biela --check --json); a results folder is drawn from its summary.json. Lengths are to scale.
+
+    post/draw.py input/four_bar.nml          writes results/four_bar/scene.png and .pdf
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("draw", __doc__)
+    parser.add_argument("source", type=Path, metavar="DECK", help="a deck, or a results folder")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (results/<deck name>/scene)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with what is wrong on standard error."""
+    args = arguments().parse_args(words)
+    from ..draw import work
+
+    return command.attempt("draw", lambda: work(args))

@@ -1,0 +1,35 @@
+"""Write results in the formats of other programs: CSV, Parquet, MATLAB, VTK for ParaView.
+
+    export.py results/four_bar --to csv                        history.csv beside history.txt, units in the columns' names
+    export.py results/four_bar --to matlab --file energy       energy.mat: a vector a column, the units in `units`
+    export.py results/four_bar --to vtk --deck input/four_bar.nml    vtk/motion.pvd: the moving mechanism
+
+VTK takes the motion of bodies and nodes: the deck needs a motion_step in its &transient.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+from ..result_files import RESULT_FILES, TABLES
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("export", __doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder or results file")
+    parser.add_argument("--to", choices=[*TABLES, "vtk"], required=True, help="format")
+    parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
+    parser.add_argument("--deck", type=Path, help="the deck: VTK shows massless links, springs and rigid bodies too")
+    parser.add_argument("--output", type=Path, metavar="PATH", help="file to write (folder for vtk), where there is one RUN")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Export; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..export import export
+
+    return command.attempt("export", lambda: export(args))

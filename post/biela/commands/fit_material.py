@@ -1,0 +1,54 @@
+"""Fit GHM or Maxwell terms to a measured complex modulus and print the `&material` lines; or draw and convert a deck's material.
+
+    fit_material.py DATA.csv --density 1200                       terms of the law that fits better at equal cost
+    fit_material.py DATA.csv --density 1200 --law ghm --terms 3   a law and a number of terms
+    fit_material.py DATA.csv --density 1200 --shift wlf           tables at several temperatures, shifted to a master curve
+    fit_material.py MATERIAL.nml --band 1 1500                    draws the modulus of a material
+    fit_material.py MATERIAL.nml --band 1 1500 --law maxwell      the same modulus by terms of the other law
+
+DATA.csv has the header f,E_stor,E_loss[,T] (or E_stor,eta) and a line of units, such as Hz,MPa,MPa,C; other names of columns
+are given by options. What is made small is the relative error |E_fit/E - 1|, root mean square over the rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+
+QUANTITIES = ("frequency", "storage", "loss", "factor", "temperature")  # columns of a table, of material_data.USUAL
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = argparse.ArgumentParser(
+        prog="fit_material.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("source", type=Path, metavar="DATA.csv|MATERIAL.nml", help="measurements, or a deck with a material")
+    parser.add_argument("--law", choices=["ghm", "maxwell"], help="kind of the terms (the better one at equal cost)")
+    parser.add_argument("--terms", type=int, metavar="N", help="number of terms (as few as reach --target)")
+    parser.add_argument("--target", type=float, default=0.01, metavar="E", help="error at which terms are enough (%(default)s)")
+    parser.add_argument("--fastest-pole", type=float, metavar="1/s", help="bound of the terms' poles (a decade above the band)")
+    parser.add_argument("--name", help="name of the material: printed, or picked from MATERIAL.nml")
+    parser.add_argument("--density", type=float, metavar="KG/M3", help="density that the printed lines state")
+    parser.add_argument("--source-note", default="", metavar="TEXT", help="where the data come from, for the printed comment")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.png, STEM.pdf and STEM.nml (beside the source, its name)")
+    parser.add_argument("--band", nargs=2, type=float, metavar=("LOW", "HIGH"), help="frequencies used [Hz]")
+    parser.add_argument("--deck", type=Path, help="a deck: tells its stable steps with the fitted terms in its material NAME")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
+    table = parser.add_argument_group("the table")
+    for quantity in QUANTITIES:
+        table.add_argument(f"--{quantity}", metavar="COLUMN", help=f"name of the column of {quantity}")
+    table.add_argument("--units", default="", metavar="LIST", help="units, where it has none: Hz,MPa,MPa,C")
+    table.add_argument("--shift", choices=["free", "wlf", "arrhenius"], default="wlf", help="law of the shift with temperature")
+    table.add_argument("--reference", type=float, metavar="T", help="reference temperature, K or C (the middle one)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Fit, or draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..fit_material import work
+
+    return command.attempt("fit_material", lambda: work(args))

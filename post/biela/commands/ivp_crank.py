@@ -1,0 +1,32 @@
+"""The flexible slider-crank of the IVP test set: error against its converged history and cost, for every method.
+
+Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against evaluations. The
+converged history (linear elasticity, by an independent program) is tests/reference/published/crank_conv_lin_ini2.csv.
+
+Example: post/ivp_crank.py
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+from ..tradeoff_settings import FAMILIES
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("ivp_crank", __doc__)
+    parser.add_argument("--methods", nargs="+", choices=list(FAMILIES), default=list(FAMILIES), help="curves (all)")
+    parser.add_argument("--output", type=Path, default=Path("results") / "ivp_crank", help="folder (%(default)s)")
+    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Make the table and the picture; status 0, or 1 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..ivp_crank import work
+
+    return work(args)

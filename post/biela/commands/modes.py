@@ -1,0 +1,34 @@
+"""Draw what a modal analysis and a frequency response left in a results folder, as PNG and PDF; no window is needed.
+
+STEM_modes: the shapes over the mechanism at the place about which they were computed (with --deck joints, links and springs
+too). STEM_poles: the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
+
+Example: post/modes.py results/modal_four_bar --deck input/modal_four_bar.nml
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("modes", __doc__)
+    parser.add_argument("run", type=Path, metavar="RUN", help="results folder with modes.txt, frequency_response.txt or both")
+    parser.add_argument("--deck", type=Path, help="its deck: joints, links, springs and rigid outlines are drawn too")
+    parser.add_argument("--modes", nargs="+", type=int, metavar="N", help="modes whose shapes are drawn (the first six)")
+    parser.add_argument("--columns", nargs="+", metavar="NAME", help="sensors of the response, wildcards allowed (all)")
+    parser.add_argument("--title", default="", help="written above the pictures")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="first part of the pictures' names (RUN/modal)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..modes import draw_all
+
+    return command.attempt("modes", lambda: draw_all(args))

@@ -1,0 +1,37 @@
+"""Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
+
+Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are
+zero throughout, or rounding beside others of their unit, are left out, unless they are named. Several runs lie over each other in
+one picture: the first blue, the second red (elastic, viscoelastic). Lengths against lengths (a path) are drawn to scale.
+
+Example: post/plot.py results/slider_crank_elastic results/slider_crank_viscoelastic --columns 'qf4.*'
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+from ..result_files import RESULT_FILES
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("plot", __doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder, results file or .csv")
+    parser.add_argument("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
+    parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (the first: time, load, frequency)")
+    parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
+    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
+    parser.add_argument("--title", default="", help="written above the picture")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (in the first run's folder)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Draw; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..plot import plot
+
+    return command.attempt("plot", lambda: plot(args))

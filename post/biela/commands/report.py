@@ -1,0 +1,35 @@
+"""Write one page (HTML) about a run, or about two runs side by side: it opens from the disk and needs no network.
+
+The scene with its names, what was modelled, histories, energy, accuracy and validity, modes, responses, the table of a trade-off
+where there is one, the deck, version, date and machine. Of two runs the differences are drawn and tabulated, too.
+
+    post/report.py results/slider_crank_elastic results/slider_crank_viscoelastic
+
+writes results/slider_crank_elastic/report.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import command
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    parser = command.parser("report", __doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RESULTS", help="one results folder, or two to compare")
+    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs (those of their folders)")
+    parser.add_argument("--title", help="headline (the first deck's title)")
+    parser.add_argument("--tradeoff", type=Path, metavar="FOLDER", help="of a trade-off study (results/tradeoff/<deck name>)")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="the page (report.html in the first folder)")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    """Write a report; status 0, or 2 with one line on standard error."""
+    args = arguments().parse_args(words)
+    from ..report import work
+
+    return command.attempt("report", lambda: work(args))

@@ -1,0 +1,397 @@
+"""Runs of many variants of a deck: side by side on the cores at hand, each kept, so that an interrupted study resumes.
+
+The key of a kept run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
+another run. What a run costs is read from its summary: seconds of the analyses without start-up, evaluations of the equations
+of motion, residuals of implicit methods, banded solves, unknowns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from .histories import read, read_summary
+from .result_files import HistoryError
+
+COUNTS = {
+    "steps": ("transient", "steps"),
+    "rejected": ("transient", "rejected"),
+    "evaluations": ("transient", "evaluations"),
+    "newton": ("transient", "newton_iterations"),
+    "residuals": ("transient", "residual_evaluations"),
+    "solves": ("transient", "banded_solves"),
+    "coordinates": ("model", "coordinates"),
+    "dissipative": ("model", "dissipative_coordinates"),
+    "first_order": ("model", "dissipative_coordinates_of_first_order"),
+    "multipliers": ("model", "constraints"),
+}
+ALONE = 9  # a run timed alone is repeated so often at most
+ENOUGH = 1.0  # [s] by the clock after which a run timed alone is not repeated any more
+GRACE = 0.5  # [s] that a run has to write how far it came
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+MARK = "\n! timed alone\n"
+
+
+class RunsError(Exception):
+    """The solver or the folder cannot be used."""
+
+
+class InterruptedRunsError(Exception):
+    """Ctrl-C: what was finished is kept."""
+
+
+class OutOfTimeError(Exception):
+    """No run is begun any more: the study has had its time."""
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """A run that the time ended.
+
+    Attributes:
+        text: of the deck
+        seconds: by the clock that it had [s]
+        reached: the time of the motion that it came to, nan where it had not begun [s]
+    """
+
+    text: str
+    seconds: float
+    reached: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave and cost.
+
+    Attributes:
+        status: exit status of the solver, -1: stopped for taking too long
+        message: its first error line, '' where it ran
+        names: columns without the time
+        data: rows of the history, shape (rows, 1 + columns), the time first
+        seconds: of the processor, analyses only; median of the repeats where it was timed alone [s]
+        counts: steps, evaluations, newton, residuals, solves, coordinates, dissipative,
+            first_order, multipliers
+    """
+
+    status: int
+    message: str
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    data: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    seconds: float = float("nan")
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run went to its end."""
+        return self.status == 0
+
+    @property
+    def unknowns(self) -> int:
+        """First-order unknowns: twice the coordinates and the dissipative ones of GHM terms, once those of Maxwell terms."""
+        second_order = self.counts.get("coordinates", 0) + self.counts.get("dissipative", 0)
+        return 2 * second_order - self.counts.get("first_order", 0)
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the equations of motion, residuals of implicit steps among them (one a Newton iteration or stage)."""
+        return self.counts.get("evaluations", 0) + self.counts.get("residuals", self.counts.get("newton", 0))
+
+    @property
+    def steps(self) -> int:
+        """Steps, the rejected ones included."""
+        return self.counts.get("steps", 0) + self.counts.get("rejected", 0)
+
+    @property
+    def work(self) -> int:
+        """Evaluations times unknowns: a cost that no machine changes."""
+        return self.evaluations * self.unknowns
+
+
+@dataclass
+class Runner:
+    """Runs decks and keeps what they gave.
+
+    Attributes:
+        biela: the solver
+        folder: where runs are kept
+        jobs: how many run at a time
+        longest: a run that takes longer is stopped [s]
+        quiet: no progress bar
+        time: that the study may take, from the start of the process [s]
+        share: of that time after which no run of the present phase goes on
+        unfinished: runs that the time ended
+    """
+
+    biela: Path
+    folder: Path
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    longest: float = 300.0
+    quiet: bool = False
+    time: float = math.inf
+    share: float = 1.0
+    unfinished: list[Unfinished] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.digest = hashlib.sha256(self.biela.read_bytes()).hexdigest()
+        except OSError as fault:
+            hint = " (`make` builds the solver)" if fault.filename == str(self.biela) else ""
+            raise RunsError(f"{fault.filename}: {fault.strerror}{hint}") from None
+        self.children: set[subprocess.Popen] = set()
+        self.stopped = threading.Event()
+        self.drawing = threading.Lock()
+        self.made = self.found = 0
+        self.started, self.loading, self.others = time.monotonic(), time.process_time(), _of_children()
+        self.waits: list[float] = []  # by the clock, for each run [s]
+
+    def slowness(self) -> float:
+        """Return how many times longer than by its processor a run takes by the clock, other work on the machine being as it is."""
+        used = _of_children() - self.others
+        return max(sum(self.waits) / used, 1.0) if used > 0.0 else 1.0
+
+    def left(self) -> float:
+        """Return the seconds that the present phase of the study still has; what loading the tool took is counted."""
+        return self.share * self.time - (time.monotonic() - self.started) - self.loading * self.slowness()
+
+    def late(self, share: float = 1.0) -> bool:
+        """Whether that share of the time until the present phase ends is over."""
+        return self.left() <= (1.0 - share) * self.share * self.time if math.isfinite(self.time) else False
+
+    def one(self, text: str) -> Outcome:
+        """Run one deck."""
+        return self.all([text])[0]
+
+    def all(self, texts: Iterable[str], stage: str = "") -> list[Outcome]:
+        """Run decks side by side; the outcomes in their order.
+
+        Raises:
+            InterruptedRunsError: after Ctrl-C.
+            OutOfTimeError: the time of the phase is over and one of them was neither kept nor finished.
+        """
+        texts = list(texts)
+        pool = ThreadPoolExecutor(self.jobs)
+        jobs = {text: pool.submit(self._kept, text) for text in dict.fromkeys(texts)}
+        try:
+            open_jobs = set(jobs.values())
+            while open_jobs:
+                done, open_jobs = wait(open_jobs, timeout=0.25, return_when=FIRST_COMPLETED)
+                self._show(stage, len(jobs) - len(open_jobs), len(jobs))
+                for job in done:
+                    job.result()
+            return [jobs[text].result() for text in texts]
+        except KeyboardInterrupt:
+            self.stop()
+            raise InterruptedRunsError from None
+        finally:
+            for job in jobs.values():
+                job.cancel()
+            pool.shutdown(wait=True)
+
+    def spread(self, task: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Return task(item) of each item, several at a time; tasks may call `all`. InterruptedRunsError after Ctrl-C."""
+        pool = ThreadPoolExecutor(self.jobs)
+        jobs = [pool.submit(task, item) for item in items]
+        try:
+            return [job.result() for job in jobs]
+        except KeyboardInterrupt:
+            self.stop()
+            raise InterruptedRunsError from None
+        finally:
+            for job in jobs:
+                job.cancel()
+            pool.shutdown(wait=True)
+
+    def stop(self) -> None:
+        """End the solvers that run; nothing is started any more."""
+        self.stopped.set()
+        for child in list(self.children):
+            _end(child)
+
+    def timed(self, text: str) -> Outcome:
+        """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
+        return self.all([text + MARK])[0]
+
+    def beside(self, first: str, second: str) -> tuple[Outcome, Outcome]:
+        """Run two decks in turn, so that other work on the machine slows both alike; kept like other runs."""
+        marked = [f"{a}{MARK}! beside {self._key(b)}\n" for a, b in ((first, second), (second, first))]
+        found = [self.kept(text) for text in marked]
+        if all(found):
+            return found[0], found[1]
+        runs: list[tuple[Outcome, Outcome]] = []
+        begun = time.monotonic()
+        while not runs or (len(runs) < ALONE and time.monotonic() - begun < ENOUGH):
+            try:
+                runs.append(tuple(self._made(text.replace(MARK, "\n"), self._key(text)) for text in marked))
+            except OutOfTimeError:
+                if runs:
+                    break
+                raise
+        done = [_median(outcomes) for outcomes in zip(*runs)]
+        for text, outcome in zip(marked, done):
+            _save(self.folder / f"{self._key(text)}.npz", outcome)
+        return done[0], done[1]
+
+    def _key(self, text: str) -> str:
+        """Return the name under which a run is kept."""
+        return hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
+
+    def kept(self, text: str) -> Outcome | None:
+        """Return a kept run, None where it was not made yet."""
+        with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+            return _load(self.folder / f"{self._key(text)}.npz")
+        return None
+
+    def _kept(self, text: str) -> Outcome:
+        """Return a kept run or make it."""
+        outcome = self.kept(text)
+        if outcome:
+            self.found += 1
+            return outcome
+        if self.stopped.is_set():
+            raise InterruptedRunsError
+        key = self._key(text)
+        outcome = self._made(text, key)
+        if self.stopped.is_set() and not outcome.ok:
+            raise InterruptedRunsError
+        _save(self.folder / f"{key}.npz", outcome)
+        self.made += 1
+        return outcome
+
+    def _made(self, text: str, key: str) -> Outcome:
+        """Run a deck, several times where it is timed alone."""
+        place = self.folder / f"{key}.{os.getpid()}.run"
+        place.mkdir(exist_ok=True)
+        try:
+            (place / "deck.nml").write_text(text, encoding="utf-8")
+            begun = time.monotonic()
+            outcomes = [self._run(place)]
+            with contextlib.suppress(OutOfTimeError):
+                while text.endswith(MARK) and len(outcomes) < ALONE and time.monotonic() - begun < ENOUGH:
+                    outcomes.append(self._run(place))
+            return _median(outcomes)
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+
+    def _run(self, place: Path) -> Outcome:
+        """Call the solver on the deck in a folder; OutOfTimeError where the phase ends before the run."""
+        limit = min(self.longest, self.left())
+        if limit <= 0.0:
+            raise OutOfTimeError
+        command = [str(self.biela.resolve()), "--quiet", "--output", "out", "deck.nml"]
+        child = subprocess.Popen(
+            command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self.children.add(child)
+        if self.stopped.is_set():
+            _end(child)
+        begun = time.monotonic()
+        try:
+            _, told = child.communicate(timeout=limit)
+            status = child.returncode
+        except subprocess.TimeoutExpired:
+            reached = _reached(child)
+            if limit < self.longest:
+                self.unfinished.append(Unfinished((place / "deck.nml").read_text(encoding="utf-8"), limit, reached))
+                raise OutOfTimeError from None
+            status, told = -1, f"deck.nml: stopped after {self.longest:g} s" + (f" at t = {reached:g} s" if reached > 0.0 else "")
+        except BaseException:
+            _end(child)
+            raise
+        finally:
+            self.children.discard(child)
+            self.waits.append(time.monotonic() - begun)
+        lines = [line for line in told.splitlines() if "warning" not in line]
+        message = re.sub(r"^deck\.nml:(?=\d)", "line ", lines[0]).removeprefix("deck.nml: ") if lines else ""
+        if status:
+            return Outcome(status, message or f"the solver ended with status {status}")
+        try:
+            history = read(place / "out")
+            summary = read_summary(place / "out")
+        except HistoryError as fault:
+            return Outcome(-2, str(fault))
+        counts = {name: summary[part][key] for name, (part, key) in COUNTS.items() if key in summary.get(part, {})}
+        seconds = summary["timing"]["processor_seconds"]
+        units = tuple(history.units[name] for name in history.names[1:])
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts)
+
+    def _show(self, stage: str, done: int, count: int) -> None:
+        """Draw the progress bar on a terminal."""
+        if self.quiet or not sys.stderr.isatty():
+            return
+        bar = ("#" * (20 * done // max(count, 1))).ljust(20, ".")
+        seconds = time.monotonic() - self.started
+        line = f"[{bar}] {stage}: {done}/{count}   {self.made} runs made, {self.found} kept ones used, {seconds:.0f} s"
+        with self.drawing:
+            print("\r" + line[:118].ljust(118), end="", file=sys.stderr, flush=True)
+
+    def clear_line(self) -> None:
+        """Take the progress bar away."""
+        if not self.quiet and sys.stderr.isatty():
+            print("\r" + " " * 118 + "\r", end="", file=sys.stderr, flush=True)
+
+
+def _median(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the first of several runs of a deck with the median of their seconds."""
+    return replace(outcomes[0], seconds=float(np.median([outcome.seconds for outcome in outcomes])))
+
+
+def _of_children() -> float:
+    """Return the seconds of the processor that all solvers that have ended took."""
+    return sum(os.times()[2:4])
+
+
+def _reached(child: subprocess.Popen) -> float:
+    """Stop a solver and return the time of the motion that it says it came to [s], nan where it says nothing."""
+    _end(child, signal.SIGTERM)
+    try:
+        _, told = child.communicate(timeout=GRACE)
+    except subprocess.TimeoutExpired:
+        _end(child)
+        _, told = child.communicate()
+    found = re.search(r"stopped by signal \d+ at t = +(\S+) s", told)
+    return float(found[1]) if found else math.nan
+
+
+def _end(child: subprocess.Popen, how: int = signal.SIGKILL) -> None:
+    """Stop a solver that was started here."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, how)
+
+
+def _save(path: Path, outcome: Outcome) -> None:
+    """Keep a run, never half of it: written beside and renamed."""
+    plain = {k: v for k, v in outcome.__dict__.items() if k != "data"}
+    new = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.new")
+    with new.open("wb") as file:
+        np.savez_compressed(file, data=outcome.data, rest=np.array(json.dumps(plain)))
+    new.replace(path)
+
+
+def _load(path: Path) -> Outcome:
+    """Return a kept run."""
+    with np.load(path) as kept:
+        rest = json.loads(str(kept["rest"]))
+        rest["names"], rest["units"] = tuple(rest["names"]), tuple(rest["units"])
+        return Outcome(data=kept["data"], **rest)

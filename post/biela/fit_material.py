@@ -1,0 +1,271 @@
+"""Fits GHM or Maxwell terms to a measured complex modulus; draws and converts the modulus of a material."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from . import deck_text, material_data
+from .material_data import DataError, Measurements
+from .material_fit import NEAR, Fit, choose_terms, fit, master_curve, relative_error, rms
+from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
+from .plot import COLOURS, LOOK, save
+from .result_files import HistoryError
+
+DECADE = 10.0
+EDGE = 1.0e-9  # rounding of a frequency that stands on the band's end
+
+
+def check(args: argparse.Namespace) -> None:
+    """Refuse options that make no sense; DataError."""
+    if args.terms is not None and not 1 <= args.terms <= 12:
+        raise DataError(f"--terms {args.terms}: 1 to 12 expected")
+    for option in ("target", "fastest_pole", "density"):
+        value = getattr(args, option)
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise DataError(f"--{option.replace('_', '-')} {value:g}: a positive number expected")
+    if args.band and not 0.0 < args.band[0] < args.band[1] < np.inf:
+        raise DataError(f"--band {args.band[0]:g} {args.band[1]:g}: two positive frequencies expected, the lower one first")
+
+
+def read_material(args: argparse.Namespace) -> tuple[str, Material, float]:
+    """Return name, modulus and density of the deck's material; DeckError."""
+    deck = deck_text.read(args.source)
+    group = deck.one("material", (args.name or "").lower())
+    return group.word("name"), of_group(group), group.number("density")
+
+
+def chosen_fit(args: argparse.Namespace, frequency: np.ndarray, modulus: np.ndarray) -> tuple[Fit, list[str]]:
+    """Return the fit that the command line asks for, and lines that say how it was chosen."""
+    fastest = args.fastest_pole or DECADE * 2.0 * np.pi * frequency.max()
+    if fastest <= 2.0 * np.pi * frequency.min():
+        raise DataError(f"--fastest-pole {fastest:g}: lies below the band, which begins at {2.0 * np.pi * frequency.min():g} 1/s")
+    if args.terms:
+        if args.law:
+            return fit(args.law, args.terms, frequency, modulus, fastest), []
+        tried = [fit("ghm", args.terms, frequency, modulus, fastest), fit("maxwell", 2 * args.terms, frequency, modulus, fastest)]
+    elif args.law:
+        return choose_terms(args.law, frequency, modulus, fastest, args.target, 8), []
+    else:
+        tried = [choose_terms(law, frequency, modulus, fastest, args.target, most) for law, most in (("ghm", 4), ("maxwell", 8))]
+    least = max(args.target, NEAR * min(one.error for one in tried))
+    best = min((one for one in tried if one.error <= least), key=lambda one: (one.material.internal_variables, one.error))
+    other = tried[0] if best is tried[1] else tried[1]
+    told = "; ".join(
+        f"{law_of(one.material)}: {100 * one.error:.3g} % with {one.material.internal_variables} internal variables"
+        for one in (best, other)
+    )
+    return best, [f"law chosen: {told}"]
+
+
+def law_of(material: Material) -> str:
+    """Return the words for a material's terms."""
+    return f"{material.alpha.size} GHM terms" if material.alpha.size else f"{material.weight.size} Maxwell terms"
+
+
+def errors_by_decade(material: Material, frequency: np.ndarray, modulus: np.ndarray) -> list[str]:
+    """Return 'low to high Hz: error' for each decade of the data."""
+    error = relative_error(material, frequency, modulus)
+    decades = np.floor(np.log10(frequency) + 1.0e-9).astype(int)
+    return [f"{10.0**k:g} to {10.0 ** (k + 1):g} Hz {100 * rms(error[decades == k]):.2g} %" for k in np.unique(decades)]
+
+
+def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
+    """Return a note where the storage modulus falls with frequency, which that of a relaxing material never does."""
+    wide = np.logspace(np.log10(band[0]) - 1.0, np.log10(band[1]) + 1.0, 400)
+    storage = material.modulus(wide).real
+    fall = 1.0 - storage / np.maximum.accumulate(storage)
+    worst = int(np.argmax(fall))
+    if fall[worst] < 0.01:
+        return []
+    words = f"the storage modulus falls by {100 * fall[worst]:.2g} % up to {wide[worst]:.3g} Hz"
+    return [f"{words}: an under-damped term; try Maxwell terms"]
+
+
+def material_lines(material: Material, name: str, density: float | None, notes: list[str]) -> str:
+    """Return the lines of a deck: comments, then the `&material` group."""
+    said = material.assignments()
+    lists = [f"          {key} = {said[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in said]
+    head = f"&material name='{name}' density={density:g} young={said['young']}"
+    return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
+
+
+def picture(
+    material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]
+) -> plt.Figure:
+    """Draw storage modulus, loss factor and the loss moduli of the terms over frequency.
+
+    Args:
+        material: the curve
+        title: written above
+        band: frequencies of the data, grey outside [Hz]
+        points: (label, frequencies [Hz], complex moduli [Pa]) of measurements
+    """
+    wide = np.logspace(np.log10(band[0]) - 1.0, np.log10(band[1]) + 1.0, 400)
+    curve = material.modulus(wide)
+    marks = "osD^vP*X<>"
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(3, 1, figsize=(8.0, 8.2), sharex=True, layout="constrained")
+        for k, (label, frequency, modulus) in enumerate(points):
+            look = dict(marker=marks[k % len(marks)], linestyle="none", markersize=4, color=COLOURS[k % len(COLOURS)])
+            axes[0].plot(frequency, modulus.real, label=label, **look)
+            axes[1].plot(frequency, modulus.imag / modulus.real, **look)
+            axes[2].plot(frequency, modulus.imag, **look)
+        axes[0].plot(wide, curve.real, color="black", label=law_of(material))
+        axes[1].plot(wide, curve.imag / curve.real, color="black")
+        axes[2].plot(wide, curve.imag, color="black", label="sum")
+        for k, (name, term) in enumerate(material.term_curves(wide)):
+            style = ("--", ":", "-.")[k % 3]
+            axes[2].plot(wide, term.imag, style, color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=name)
+        for axis, label in zip(axes, ("storage modulus E' [Pa]", "loss factor E''/E' [-]", "loss modulus E'' [Pa]")):
+            axis.set_ylabel(label)
+            axis.set_xscale("log")
+            axis.set_yscale("log")
+            axis.margins(x=0.0)
+            axis.axvspan(wide[0], band[0], color="#eeeeee", linewidth=0)
+            axis.axvspan(band[1], wide[-1], color="#eeeeee", linewidth=0)
+        top = max(curve.imag.max(), *(modulus.imag.max() for _, _, modulus in points)) if points else curve.imag.max()
+        axes[2].set_ylim(top * 1.0e-3, top * 2.0)
+        for axis, entries in ((axes[0], 3), (axes[2], 5)):
+            axis.legend(ncols=entries, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        axes[2].set_xlabel("frequency [Hz] (grey: outside the data)")
+        figure.suptitle(title)
+    return figure
+
+
+def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
+    """Return what the solver says of the explicit steps of a deck whose material NAME gets the terms; DataError."""
+    deck = deck_text.read(args.deck)
+    group = deck.one("material", (args.name or "").lower())
+    values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale")) | material.assignments()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / args.deck.name
+        copy.write_text(deck.set(group, **values).text, encoding="utf-8")
+        try:
+            done = subprocess.run([args.biela, "--check", copy], capture_output=True, text=True, check=False)
+        except OSError as fault:
+            raise DataError(f"{args.biela}: cannot be run ({fault.strerror}): build it, or name it with --biela") from None
+    if done.returncode == 2:
+        said = (done.stderr.strip() or done.stdout).splitlines()[0]
+        raise DataError(f"{args.deck}: with the fitted terms the solver says: {said}")
+    lines = done.stdout.splitlines()
+    first = next((k for k, line in enumerate(lines) if line.startswith("stable steps")), len(lines))
+    told = [line for line in lines[first : first + 8] if line.startswith("stable") or "bound" in line or "limited" in line]
+    return [f"{args.deck}, material {group.word('name')!r}:", *told]
+
+
+def shifted(args: argparse.Namespace, data: Measurements) -> tuple[np.ndarray, list, list[str]]:
+    """Return frequencies at the reference temperature [Hz], the points to draw, and notes about the shift."""
+    temperatures = data.temperatures
+    if temperatures.size < 2:
+        return data.frequency, [("data", data.frequency, data.modulus)], []
+    celsius = 273.15
+    middle = temperatures[temperatures.size // 2]
+    wanted = middle if args.reference is None else args.reference
+    reference = min(temperatures, key=lambda t: min(abs(t - wanted), abs(t - celsius - wanted)))
+    if min(abs(reference - wanted), abs(reference - celsius - wanted)) > 0.01:
+        have = ", ".join(f"{temperature:g}" for temperature in temperatures)
+        raise DataError(f"--reference {wanted:g}: no temperature of the table ({have} K)")
+    shifts, constants, reduced = master_curve(data, args.shift, reference)
+    words = {"wlf": "WLF, C1 = {0:.4g}, C2 = {1:.4g} K", "arrhenius": "Arrhenius, {0:.4g} kJ/mol", "free": "a factor each"}
+    notes = [f"reference temperature {reference:g} K ({reference - celsius:g} C); shift: {words[args.shift].format(*constants)}"]
+    points = []
+    for temperature, shift in zip(temperatures, shifts):
+        part = data.temperature == temperature
+        points.append((f"{temperature - celsius:g} °C", reduced[part], data.modulus[part]))
+        notes.append(f"  at {temperature - celsius:g} C: a_T = {10.0**shift:.4g}, ghm_frequency_scale = {10.0**-shift:.4g}")
+    return reduced, points, notes
+
+
+def fit_table(args: argparse.Namespace) -> int:
+    """Fit the table, print the lines, draw the picture; DataError."""
+    names = {quantity: getattr(args, quantity) for quantity in material_data.USUAL if getattr(args, quantity)}
+    data = material_data.read(args.source, names, args.units)
+    frequency, points, notes = shifted(args, data)
+    return deliver(args, args.source.stem if not args.name else args.name, frequency, data.modulus, points, notes, args.density)
+
+
+def deliver(args, name: str, frequency, modulus, points: list, notes: list[str], density: float | None) -> int:
+    """Fit, print and draw.
+
+    Args:
+        args: the command line
+        name: of the material
+        frequency: [Hz]
+        modulus: what is fitted [Pa]
+        points: what the picture shows beside the fit
+        notes: lines for the comment
+        density: [kg/m3]
+    """
+    inside = np.ones(frequency.size, dtype=bool)
+    if args.band:
+        inside = (frequency >= args.band[0] * (1.0 - EDGE)) & (frequency <= args.band[1] * (1.0 + EDGE))
+    if inside.sum() < 2:
+        raise DataError(f"{args.source}: fewer than two rows lie inside the band {args.band[0]:g} to {args.band[1]:g} Hz")
+    frequency, modulus = frequency[inside], modulus[inside]
+    band = (frequency.min(), frequency.max())
+    found, told = chosen_fit(args, frequency, modulus)
+    material = found.material
+    worst = float(relative_error(material, frequency, modulus).max())
+    notes = [
+        f"{law_of(material)} fitted to {args.source_note or args.source.name}, "
+        f"{frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
+        f"relative error |E_fit/E - 1|: {100 * found.error:.3g} % rms, {100 * worst:.3g} % at most; by decade:",
+        *(f"  {line}" for line in errors_by_decade(material, frequency, modulus)),
+        "outside that band the terms extrapolate: nothing is claimed there",
+        f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation",
+        *falling_storage(material, band),
+        *told,
+        *notes,
+    ]
+    if density is None:
+        notes.append("no --density was given: set it before use")
+    text = material_lines(material, name, density or 1000.0, notes)
+    print(text, end="")
+    stem = args.output or args.source.with_name(f"{args.source.stem}_fit")
+    drawn = save(picture(material, f"{name}: {law_of(material)}, {100 * found.error:.2g} % rms", band, points), stem)
+    try:
+        stem.with_name(stem.name + ".nml").write_text(text, encoding="utf-8")
+    except OSError as fault:
+        raise DataError(f"{stem}.nml: cannot be written ({fault.strerror})") from None
+    if args.deck:
+        print("\n".join(["", *stable_steps(args, material)]))
+    print(f"\nwrote {stem.name}.nml, {', '.join(path.name for path in drawn)} in {stem.parent}/", file=sys.stderr)
+    return 0
+
+
+def show_material(args: argparse.Namespace) -> int:
+    """Draw a deck's material, or convert it where a law is asked for; DataError, DeckError."""
+    name, material, density = read_material(args)
+    poles = [1.0e-3 * material.fastest_pole, material.fastest_pole] if material.internal_variables else [1.0, 1.0e3]
+    band = tuple(args.band) if args.band else (poles[0] / (2.0 * np.pi), poles[1] / (2.0 * np.pi))
+    if args.law or args.terms:
+        frequency = np.logspace(*np.log10(band), 120)
+        modulus = material.modulus(frequency)
+        return deliver(args, name, frequency, modulus, [("as stated", frequency, modulus)], [], density)
+    stem = args.output or args.source.with_name(f"{args.source.stem}_modulus")
+    drawn = save(picture(material, f"{name}: {law_of(material)}", band, []), stem)
+    for frequency in np.logspace(*np.log10(band), 7):
+        value = material.modulus(np.array([frequency]))[0]
+        print(f"{frequency:12.4g} Hz   E' {value.real:11.4e} Pa   loss factor {value.imag / value.real:8.4f}")
+    print(f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation")
+    print(f"wrote {' and '.join(map(str, drawn))}", file=sys.stderr)
+    return 0
+
+
+def work(args: argparse.Namespace) -> int:
+    """Do what the command line asks; a fault of a file is a HistoryError."""
+    try:
+        check(args)
+        return show_material(args) if args.source.suffix == ".nml" else fit_table(args)
+    except (DataError, deck_text.DeckError) as fault:
+        raise HistoryError(str(fault)) from None

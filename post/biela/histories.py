@@ -1,0 +1,201 @@
+"""The one reader of biela's results: history.txt, energy.txt, motion.txt, and comma-separated references.
+
+A results file has comment lines that start with `#`, the last of them `# columns: t[s] name[unit] ...`, then one row of
+numbers a line, separated by blanks. A reference has the names on its first line and commas between; it needs no units.
+Every fault is a `HistoryError` of one line, the file and where possible the line in front.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .result_files import RESULT_FILES, HistoryError
+
+if TYPE_CHECKING:
+    import pandas
+
+HEADER = "# columns:"
+COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
+
+
+@dataclass(frozen=True)
+class History:
+    """Columns of numbers against time.
+
+    Attributes:
+        path: the file they come from
+        names: column names; the first is the independent one, `t` in every file of a transient
+        units: unit of each name, '' where the file states none
+        data: array of shape (rows, columns), in the columns' units
+    """
+
+    path: Path
+    names: list[str]
+    units: dict[str, str]
+    data: np.ndarray
+
+    @property
+    def time(self) -> np.ndarray:
+        """The first column, shape (rows,) [s]."""
+        return self.data[:, 0]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Return one column, shape (rows,); HistoryError with the nearest names where there is none of that name."""
+        if name not in self.names:
+            raise HistoryError(f"{self.path}: no column {name!r}; {self._have()}")
+        return self.data[:, self.names.index(name)]
+
+    def label(self, name: str) -> str:
+        """Return the name with its unit in brackets, as axes show it."""
+        unit = self.units[name]
+        return f"{name} [{unit}]" if unit else name
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas table with the units in the columns' names, as `mid.v_[m]`."""
+        import pandas
+
+        labels = [f"{name}_[{self.units[name]}]" if self.units[name] else name for name in self.names]
+        return pandas.DataFrame(self.data, columns=labels)
+
+    def match(self, patterns: list[str] | None = None) -> list[str]:
+        """Return the names that shell patterns (`*`, `?`) select, in file order; without patterns all but the first.
+
+        Raises:
+            HistoryError: a pattern selects nothing.
+        """
+        if not patterns:
+            return self.names[1:]
+        chosen = set()
+        for pattern in patterns:
+            found = fnmatch.filter(self.names, pattern)
+            if not found:
+                raise HistoryError(f"{self.path}: no column matches {pattern!r}; {self._have()}")
+            chosen.update(found)
+        return [name for name in self.names if name in chosen]
+
+    def _have(self) -> str:
+        shown = ", ".join(self.names[:12])
+        return f"it has {shown}" + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
+
+
+def read(source: str | Path, kind: str = "history") -> History:
+    """Read a results file, a reference (`.csv`), or the file of the given kind in a results folder.
+
+    Args:
+        source: a file, or a folder such as results/<deck name>
+        kind: 'history', 'energy' or 'motion': which file of a folder
+
+    Raises:
+        HistoryError: the file is missing or unreadable, has no column names, no rows, a row of the wrong length, a word that
+            is no finite number, or a time that does not increase.
+    """
+    path = Path(source)
+    if path.is_dir():
+        path = path / RESULT_FILES[kind]
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
+    except OSError as fault:
+        raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
+    separator = "," if path.suffix == ".csv" else None
+    first, columns = _header(path, lines, separator)
+    names = [name for name, _ in columns]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise HistoryError(f"{path}: the column {twice[0]!r} stands there twice")
+    data = _rows(path, lines, first, len(names), separator)
+    _check_order(path, names[0], data[:, 0])
+    return History(path, names, dict(columns), data)
+
+
+def read_summary(folder: str | Path) -> dict:
+    """Read the figures of a run, summary.json of its results folder (input/README.md says what they mean).
+
+    Raises:
+        HistoryError: the file is missing or damaged.
+    """
+    path = Path(folder) / "summary.json"
+    try:
+        found = json.loads(path.read_text(encoding="utf-8", errors="replace"))
+    except FileNotFoundError:
+        raise HistoryError(f"{path}: no such file (has the run been made?)") from None
+    except (OSError, ValueError) as fault:
+        raise HistoryError(f"{path}: cannot be read ({fault})") from None
+    if not isinstance(found, dict):
+        raise HistoryError(f"{path}: cannot be read (no figures of a run)")
+    return found
+
+
+def _why_missing(path: Path) -> str:
+    """Return what may be the reason why a results file is not there, from what else its folder holds."""
+    others = [name for name in RESULT_FILES.values() if (path.parent / name).is_file()]
+    if path.name not in RESULT_FILES.values() or not others:
+        return "has the run been made?"
+    if path.name == "motion.txt" and "history.txt" in others:
+        return "it is written where the deck's &transient has a motion_step"
+    return f"this run wrote {' and '.join(others)}"
+
+
+def _header(path: Path, lines: list[str], separator: str | None) -> tuple[int, list[tuple[str, str]]]:
+    """Return the index of the first line of numbers and the (name, unit) pairs of the columns."""
+    if separator:
+        words, first = (lines[0].split(separator), 1) if lines else ([], 0)
+    else:
+        first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
+        heads = [line for line in lines[:first] if line.startswith(HEADER)]
+        words = heads[-1][len(HEADER) :].split() if heads else []
+    if not words:
+        wanted = "names on its first line" if separator else f"a line {HEADER!r}"
+        raise HistoryError(f"{path}: is no history: {wanted} expected")
+    columns = []
+    for word in words:
+        parts = COLUMN.fullmatch(word.strip())
+        if not parts:
+            raise HistoryError(f"{path}: {word.strip()!r} is no column name, name[unit] expected")
+        columns.append((parts["name"], parts["unit"] or ""))
+    return first, columns
+
+
+def _rows(path: Path, lines: list[str], first: int, width: int, separator: str | None) -> np.ndarray:
+    """Return the numbers, shape (rows, width); the fast parser first, then line by line to name the faulty one."""
+    if not any(line.strip() for line in lines[first:]):
+        raise HistoryError(f"{path}: holds no rows (was the run interrupted at its start?)")
+    try:
+        data = np.loadtxt(lines[first:], delimiter=separator, ndmin=2, comments=None)
+    except ValueError:
+        data = np.empty((0, 0))
+    if data.shape[1] == width and np.isfinite(data).all():
+        return data
+    for number, line in enumerate(lines[first:], first + 1):
+        words = line.split(separator)
+        if words and len(words) != width:
+            raise HistoryError(f"{path}:{number}: {len(words)} values, {width} expected (is the file complete?)")
+        for word in words:
+            if not _finite(word):
+                raise HistoryError(f"{path}:{number}: {word.strip()!r} is no finite number")
+    raise HistoryError(f"{path}: cannot be read as rows of {width} numbers")
+
+
+def _finite(word: str) -> bool:
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
+
+
+def _check_order(path: Path, name: str, values: np.ndarray) -> None:
+    """Refuse a file whose first column does not increase from row to row."""
+    back = np.flatnonzero(np.diff(values) <= 0.0)
+    if back.size:
+        raise HistoryError(f"{path}: {name} does not increase after row {back[0] + 1} ({name} = {values[back[0]]:g})")

@@ -1,0 +1,267 @@
+"""Fits GHM or Maxwell terms to a complex modulus, and shifts tables of several temperatures onto one master curve.
+
+What is made small is the relative complex error |E_fit/E - 1|, root mean square over the rows. The weights of the terms enter it
+linearly: for given poles they follow from non-negative least squares (Lawson & Hanson). Poles start from those which that
+picks on a fine grid, and from evenly spaced ones; then poles and weights together are refined by bounded non-linear
+least squares in their logarithms. All starts are fixed, so that a fit repeats itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares, nnls
+
+from .material_data import DataError, Measurements
+from .material_law import Material, ghm_shapes, maxwell_shapes, pole_factor
+
+GRID = 6  # poles of the grid in a decade
+ZETAS = (0.3, 20.0)  # bounds of the damping ratio of a GHM term
+NEAR = 1.2  # errors within this factor count as equal: the fewer internal variables win
+STATIC = 1.0e-2  # smallest static modulus, in parts of the smallest storage modulus
+GAS = 8.314462618  # molar gas constant [J/(mol K)]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted material.
+
+    Attributes:
+        material: the terms
+        error: root mean square of |E_fit/E - 1| over the rows [-]
+    """
+
+    material: Material
+    error: float
+
+
+def relative_error(material: Material, frequency: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+    """Return |E_fit/E - 1| at each frequency [Hz]."""
+    return np.abs(material.modulus(frequency) / modulus - 1.0)
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+class _Law:
+    """How the parameters of one law's poles become the columns of the linear problem.
+
+    The poles of n terms are a vector of logarithms: of 1/tau, or of the fastest pole, then of zeta, for GHM.
+    """
+
+    def __init__(self, kind: str, slowest: float, fastest: float) -> None:
+        self.kind = kind
+        self.range = (np.log(slowest), np.log(fastest))
+
+    def bounds(self, terms: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the poles' parameters."""
+        low, high = np.full(terms, self.range[0]), np.full(terms, self.range[1])
+        if self.kind == "maxwell":
+            return low, high
+        return np.append(low, np.full(terms, np.log(ZETAS[0]))), np.append(high, np.full(terms, np.log(ZETAS[1])))
+
+    def shapes(self, s: np.ndarray, poles: np.ndarray) -> np.ndarray:
+        """Return the shape of each term at s, a column each."""
+        if self.kind == "maxwell":
+            return maxwell_shapes(s, np.exp(-poles))
+        zeta, omega = self.split(poles)
+        return ghm_shapes(s, zeta, omega)
+
+    def split(self, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return zeta and omega [rad/s] of GHM terms."""
+        zeta = np.exp(poles[poles.size // 2 :])
+        return zeta, np.exp(poles[: poles.size // 2]) / pole_factor(zeta)
+
+    def material(self, static: float, weights: np.ndarray, poles: np.ndarray) -> Material:
+        """Return the material, terms from slow to fast; terms without weight are left out."""
+        kept = weights > 1.0e-9
+        if self.kind == "maxwell":
+            order = np.argsort(poles[kept])
+            return Material(static, weight=weights[kept][order], tau=np.exp(-poles[kept])[order])
+        zeta, omega = (values[kept] for values in self.split(poles))
+        order = np.argsort(omega)
+        return Material(static, weights[kept][order], zeta[order], omega[order])
+
+    def starts(self, picked: np.ndarray, terms: int) -> list[np.ndarray]:
+        """Return starting poles: those that the grid's fit picked, and evenly spaced ones.
+
+        Args:
+            picked: logarithms of the rates that non-negative least squares picked from the grid, slow to fast
+            terms: number of terms
+        """
+        inner = np.linspace(*self.range, terms + 2)[1:-1]
+        rates = [inner]
+        if picked.size:
+            rates.append(np.interp(np.linspace(0.0, 1.0, terms), np.linspace(0.0, 1.0, picked.size), picked))
+        if picked.size > terms:  # neighbours become one
+            rates.append(np.array([group.mean() for group in np.array_split(picked, terms)]))
+        if self.kind == "maxwell":
+            return rates
+        starts = []
+        for slow in rates:
+            for zeta in (0.8, 2.0, 5.0):
+                spread = np.log(pole_factor(np.array(zeta)) ** 2)
+                starts.append(np.append(np.clip(slow + spread, *self.range), np.full(terms, np.log(zeta))))
+        return starts
+
+
+def _weights(columns: np.ndarray, modulus: np.ndarray, floor: float) -> np.ndarray:
+    """Return static modulus and moduli of the terms that make the relative error least, none negative, the first above a floor."""
+    matrix = columns / modulus[:, None]
+    matrix = np.vstack([matrix.real, matrix.imag])
+    target = np.append(np.ones(modulus.size), np.zeros(modulus.size))
+    found = nnls(matrix, target - floor * matrix[:, 0])[0]
+    return found + np.append(floor, np.zeros(found.size - 1))
+
+
+def _refine(law: _Law, s: np.ndarray, modulus: np.ndarray, poles: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
+    """Refine poles and moduli together from one start; returns the error and the parameters (moduli, poles)."""
+    terms = law.shapes(s, poles).shape[1]
+    columns = np.column_stack([np.ones(s.size), law.shapes(s, poles)])
+    moduli = np.log(np.maximum(_weights(columns, modulus, floor), 1.0e-6 * floor))
+    low, high = law.bounds(terms)
+    low = np.concatenate([[np.log(floor)], np.full(terms, np.log(1.0e-9 * floor)), low])
+    high = np.concatenate([np.full(terms + 1, np.log(10.0 * np.abs(modulus).max())), high])
+    start = np.clip(np.append(moduli, poles), low + 1.0e-9, high - 1.0e-9)
+
+    def error(x: np.ndarray) -> np.ndarray:
+        fitted = np.exp(x[0]) + law.shapes(s, x[terms + 1 :]) @ np.exp(x[1 : terms + 1])
+        return ((fitted / modulus - 1.0)[:, None].view(float)).ravel() / np.sqrt(modulus.size)
+
+    solution = least_squares(error, start, bounds=(low, high), xtol=1.0e-8, ftol=1.0e-8, gtol=1.0e-12, max_nfev=200)
+    return float(np.linalg.norm(solution.fun)), solution.x
+
+
+def fit(kind: str, terms: int, frequency: np.ndarray, modulus: np.ndarray, fastest: float) -> Fit:
+    """Fit a number of terms of one law.
+
+    Args:
+        kind: 'ghm' or 'maxwell'
+        terms: number of terms, 1 or more
+        frequency: [Hz], ascending or not
+        modulus: complex modulus [Pa]
+        fastest: bound of the poles [1/s]
+    """
+    s = 2j * np.pi * frequency[:, None]
+    slowest = 2.0 * np.pi * frequency.min() / 10.0
+    law = _Law(kind, slowest, fastest)
+    floor = STATIC * modulus.real.min()
+    grid = np.linspace(*law.range, max(2, round(GRID * (law.range[1] - law.range[0]) / np.log(10.0))))
+    on_grid = _weights(np.column_stack([np.ones(s.size), maxwell_shapes(s, np.exp(-grid))]), modulus, floor)[1:]
+    picked = grid[on_grid > 1.0e-6 * on_grid.max()]
+    error, best = min((_refine(law, s, modulus, poles, floor) for poles in law.starts(picked, terms)), key=lambda found: found[0])
+    moduli = np.exp(best[: terms + 1])
+    return Fit(law.material(moduli[0], moduli[1:] / moduli[0], best[terms + 1 :]), error)
+
+
+def choose_terms(kind: str, frequency: np.ndarray, modulus: np.ndarray, fastest: float, target: float, most: int) -> Fit:
+    """Return the fit of the fewest terms whose error is below the target, else of the fewest that are about as good as any.
+
+    Errors are compared per degree of freedom (two numbers a row, less two or three a term and one), so that terms which only
+    follow the scatter of the data do not win; no more terms are tried than the rows can determine.
+    """
+    rows = 2 * frequency.size
+    per_term = 2 if kind == "maxwell" else 3
+    tried, scatter = [], []
+    for terms in range(1, max(1, min(most, (rows - 2) // per_term)) + 1):
+        tried.append(fit(kind, terms, frequency, modulus, fastest))
+        scatter.append(tried[-1].error * np.sqrt(rows / max(rows - 1 - per_term * terms, 1)))
+        if tried[-1].error <= target:
+            return tried[-1]
+    return next(one for one, size in zip(tried, scatter) if size <= NEAR * min(scatter))
+
+
+def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, reference: float) -> np.ndarray:
+    """Return log10 a_T of temperatures [K]: at T a frequency f acts as a_T f at the reference temperature.
+
+    Args:
+        law: 'wlf' (Williams, Landel & Ferry 1955; constants C1 [-], C2 [K]) or 'arrhenius' (activation energy [kJ/mol])
+        constants: of the law
+        temperature: [K]
+        reference: [K]
+    """
+    if law == "wlf":
+        return -constants[0] * (temperature - reference) / (constants[1] + temperature - reference)
+    return constants[0] * 1.0e3 / (GAS * np.log(10.0)) * (1.0 / temperature - 1.0 / reference)
+
+
+def master_curve(data: Measurements, law: str, reference: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shift tables of several temperatures onto one curve.
+
+    The shifts are those for which a fine spectrum of Maxwell terms (non-negative weights) fits all rows together best.
+
+    Args:
+        data: measurements with temperatures
+        law: 'free' (a factor each), 'wlf' or 'arrhenius'
+        reference: temperature that is not shifted [K], one of the table's
+
+    Returns:
+        log10 a_T of each temperature of `data.temperatures`, the constants of the law (empty for 'free'), reduced frequencies [Hz].
+
+    Raises:
+        DataError: WLF's C2 cannot be bounded, or the curves of neighbouring temperatures do not overlap.
+    """
+    temperatures = data.temperatures
+    index = np.searchsorted(temperatures, data.temperature)
+    base = int(np.argmin(np.abs(temperatures - reference)))
+    first = _chained_shifts(data, temperatures, base)
+    others = np.arange(temperatures.size) != base
+
+    def spread(constants: np.ndarray) -> np.ndarray:
+        """Return log10 a_T of all temperatures."""
+        if law != "free":
+            return shift_factor(law, constants, temperatures, temperatures[base])
+        shifts = np.zeros(temperatures.size)
+        shifts[others] = constants
+        return shifts
+
+    def misfit(constants: np.ndarray) -> np.ndarray:
+        frequency = data.frequency * 10.0 ** spread(constants)[index]
+        s = 2j * np.pi * frequency[:, None]
+        decades = np.log10(frequency.max() / frequency.min()) + 2.0
+        rates = 2.0 * np.pi * np.logspace(np.log10(frequency.min()) - 1.0, np.log10(frequency.max()) + 1.0, round(3 * decades))
+        columns = np.column_stack([np.ones(s.size), maxwell_shapes(s, 1.0 / rates)])
+        weights = _weights(columns, data.modulus, STATIC * data.modulus.real.min())
+        return ((columns @ weights / data.modulus - 1.0)[:, None].view(float)).ravel()
+
+    start, bounds = _shift_start(law, first, temperatures, base)
+    found = least_squares(misfit, start, bounds=bounds, x_scale=np.maximum(np.abs(start), 1.0), diff_step=1.0e-4)
+    shifts = spread(found.x)
+    return shifts, found.x if law != "free" else np.zeros(0), data.frequency * 10.0 ** shifts[index]
+
+
+def _chained_shifts(data: Measurements, temperatures: np.ndarray, base: int) -> np.ndarray:
+    """Return a first log10 a_T of each temperature: neighbours are shifted until their moduli lie over each other."""
+    curves = [data.temperature == temperature for temperature in temperatures]
+    steps = []
+    for cold, warm in zip(curves, curves[1:]):
+        x, y = (np.log10(data.frequency[part]) for part in (cold, warm))
+        u, v = (np.log10(np.abs(data.modulus[part])) for part in (cold, warm))
+        offsets = np.linspace(-1.0, 6.0, 281)
+        errors = []
+        for offset in offsets:  # the colder curve acts as one of higher frequency
+            inside = (x + offset >= y.min()) & (x + offset <= y.max())
+            errors.append(np.mean((np.interp(x[inside] + offset, y, v) - u[inside]) ** 2) if inside.sum() >= 2 else np.inf)
+        if not np.isfinite(errors).any():
+            raise DataError("neighbouring temperatures share no frequencies to shift by: three rows or more at each expected")
+        steps.append(offsets[int(np.argmin(errors))])
+    total = -np.append(0.0, np.cumsum(steps))
+    return total - total[base]
+
+
+def _shift_start(law: str, first: np.ndarray, temperatures: np.ndarray, base: int) -> tuple[np.ndarray, tuple]:
+    """Return the constants of a law of shifts that come nearest to first shifts, and their bounds."""
+    others = np.arange(temperatures.size) != base
+    reference = temperatures[base]
+    if law == "free":
+        return first[others], (-np.inf, np.inf)
+    if law == "arrhenius":
+        unit = shift_factor(law, np.ones(1), temperatures, reference)
+        return np.maximum([unit @ first / (unit @ unit)], 1.0), (0.0, np.inf)
+    least = max(1.0, 1.0 - (temperatures.min() - reference))  # C2 + T - T_ref stays positive
+    bounds = ([0.0, least], [200.0, 2000.0])
+    guess = least_squares(lambda c: shift_factor(law, c, temperatures, reference) - first, [10.0, least + 60.0], bounds=bounds)
+    return guess.x, bounds

@@ -1,0 +1,115 @@
+"""Complex modulus of a viscoelastic material: GHM terms, Maxwell terms, or both, and the lines of a deck that state them.
+
+    E(s) = E_R [1 + sum alpha (s^2 + 2 zeta omega s)/(s^2 + 2 zeta omega s + omega^2) + sum alpha s tau/(1 + s tau)]
+
+(Golla & Hughes 1985; generalised Maxwell solid, a Prony series in time.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .deck_text import DeckError, Group
+
+NONE = np.zeros(0)
+GHM_KEYS = ("ghm_alpha", "ghm_zeta", "ghm_omega")
+MAXWELL_KEYS = ("prony_alpha", "prony_tau")
+
+
+@dataclass(frozen=True)
+class Material:
+    """A complex modulus.
+
+    Attributes:
+        young: static modulus E_R [Pa]
+        alpha: weights of the GHM terms [-]
+        zeta: their damping ratios [-]
+        omega: their frequencies [rad/s]
+        weight: weights of the Maxwell terms [-]
+        tau: their relaxation times [s]
+    """
+
+    young: float
+    alpha: np.ndarray = field(default_factory=lambda: NONE)
+    zeta: np.ndarray = field(default_factory=lambda: NONE)
+    omega: np.ndarray = field(default_factory=lambda: NONE)
+    weight: np.ndarray = field(default_factory=lambda: NONE)
+    tau: np.ndarray = field(default_factory=lambda: NONE)
+
+    def modulus(self, frequency: np.ndarray) -> np.ndarray:
+        """Return the complex modulus [Pa] at frequencies [Hz]."""
+        s = 2j * np.pi * np.asarray(frequency, dtype=float)[:, None]
+        return self.young * (1.0 + ghm_shapes(s, self.zeta, self.omega) @ self.alpha + maxwell_shapes(s, self.tau) @ self.weight)
+
+    @property
+    def internal_variables(self) -> int:
+        """First-order internal variables of one deformation: two a GHM term, one a Maxwell term."""
+        return 2 * self.alpha.size + self.weight.size
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Parameters of all terms, in the order of the attributes."""
+        return self.alpha, self.zeta, self.omega, self.weight, self.tau
+
+    @property
+    def slowest_pole(self) -> float:
+        """Smallest modulus of a pole of E(s) [1/s]; infinite without terms."""
+        return min([np.inf, *(self.omega / pole_factor(self.zeta)), *(1.0 / self.tau)])
+
+    @property
+    def fastest_pole(self) -> float:
+        """Largest modulus of a pole of E(s) [1/s]: with it an explicit step shrinks."""
+        return max([0.0, *(self.omega * pole_factor(self.zeta)), *(1.0 / self.tau)])
+
+    def term_curves(self, frequency: np.ndarray) -> list[tuple[str, np.ndarray]]:
+        """Return (name, complex modulus [Pa]) of each term by itself at frequencies [Hz]."""
+        s = 2j * np.pi * np.asarray(frequency, dtype=float)[:, None]
+        ghm = self.young * ghm_shapes(s, self.zeta, self.omega) * self.alpha
+        maxwell = self.young * maxwell_shapes(s, self.tau) * self.weight
+        return [(f"GHM {k + 1}", curve) for k, curve in enumerate(ghm.T)] + [
+            (f"Maxwell {k + 1}", curve) for k, curve in enumerate(maxwell.T)
+        ]
+
+    def assignments(self, static: str = "young") -> dict[str, str]:
+        """Return what a `&material` group says of the modulus, as text by name; `&spring` has another word for the static one."""
+        lists = dict(zip(GHM_KEYS, (self.alpha, self.zeta, self.omega))) | dict(zip(MAXWELL_KEYS, (self.weight, self.tau)))
+        said = {static: f"{self.young:.8g}"}
+        return said | {key: ", ".join(f"{value:.8g}" for value in values) for key, values in lists.items() if values.size}
+
+
+def pole_factor(zeta: np.ndarray) -> np.ndarray:
+    """Return the fastest pole of a GHM term over its omega: zeta + sqrt(zeta^2 - 1), 1 for under-damped terms."""
+    return np.where(zeta > 1.0, zeta + np.sqrt(np.maximum(zeta**2, 1.0) - 1.0), 1.0)
+
+
+def ghm_shapes(s: np.ndarray, zeta: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Return (s^2 + 2 zeta omega s)/(s^2 + 2 zeta omega s + omega^2), a column a term; s is a column [1/s]."""
+    x = s * (s + 2.0 * zeta * omega)
+    return x / (x + omega**2)
+
+
+def maxwell_shapes(s: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Return s tau/(1 + s tau), a column a term; s is a column [1/s], tau in s."""
+    return s * tau / (1.0 + s * tau)
+
+
+def static_key(group: Group) -> str:
+    """Return the name of the static modulus of a `&material`, or of the static stiffness of a `&spring`."""
+    return "stiffness" if group.kind == "spring" else "young"
+
+
+def of_group(group: Group) -> Material:
+    """Return the modulus of a `&material` group of a deck, the stiffness of a `&spring`; DeckError where its lists do not fit."""
+    ghm = [np.array(group.numbers(key)) for key in GHM_KEYS]
+    maxwell = [np.array(group.numbers(key)) for key in MAXWELL_KEYS]
+    if len({values.size for values in ghm}) > 1 or len({values.size for values in maxwell}) > 1:
+        raise DeckError(f"&{group.kind} {group.name}: the lists of its terms differ in length")
+    static = static_key(group)
+    young = group.number(static)
+    if young <= 0.0 or any((values <= 0.0).any() for values in (*ghm, *maxwell)):
+        raise DeckError(f"&{group.kind} {group.name}: {static} and all terms have to be positive")
+    scale = group.number("ghm_frequency_scale", 1.0)
+    ghm[2], maxwell[1] = ghm[2] * scale, maxwell[1] / scale
+    return Material(young, *ghm, *maxwell)

@@ -1,0 +1,262 @@
+"""Pictures of modes, poles and frequency responses."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from .animate import Picture, tiles
+from .histories import History, read
+from .mechanism import Mechanism, add_deck, add_text, from_motion
+from .plot import COLOURS, LOOK, STYLES, axis_label, moving, save
+from .result_files import RESULT_FILES, HistoryError
+
+UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
+SIZE = 0.12
+ROUNDED = 1.0e-9  # the part of a pole that is rounding
+DECADES = 7  # of the axes of a picture of poles
+POSITIONS = "# positions:"
+INPUT = "# input:"
+KINDS = {
+    UNDAMPED: ("undamped", "o", "none"),
+    VIBRATION: ("vibration", "o", COLOURS[0]),
+    FURTHER: ("further pole of GHM", "D", COLOURS[3]),
+    REAL: ("real pole", "s", COLOURS[1]),
+}
+
+
+def positions(path: Path) -> np.ndarray:
+    """Return where frames and nodes are, from the comment of a modes file, in the order of the shapes' columns [m, rad].
+
+    Raises:
+        HistoryError: the file has no such line.
+    """
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        if line.startswith(POSITIONS):
+            words = line[len(POSITIONS) :].split()
+            try:
+                return np.array(words, dtype=float)
+            except ValueError as fault:
+                raise HistoryError(f"{path}: its line {POSITIONS!r} is damaged ({fault})") from None
+        if not line.startswith("#"):
+            break
+    raise HistoryError(f"{path}: has no line {POSITIONS!r}: is it a modes.txt?")
+
+
+def shapes(table: History) -> tuple[list[str], np.ndarray]:
+    """Return the names of the shapes' columns without .re, and the complex shapes, shape (rows, columns); HistoryError."""
+    names = [name[: -len(".re")] for name in table.names if name.endswith(".re")]
+    if not names:
+        raise HistoryError(f"{table.path}: has no columns of shapes")
+    return names, np.column_stack([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names])
+
+
+def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list[int]:
+    """Return the rows to draw: of each wanted mode the vibration, or where there is none the undamped mode.
+
+    Raises:
+        HistoryError: a wanted mode is not in the file.
+    """
+    rows = []
+    modes = table["mode"].astype(int)
+    kinds = table["kind"].astype(int)
+    for mode in wanted or sorted(set(modes))[:most]:
+        mine = [k for k in np.flatnonzero(modes == mode) if kinds[k] in (UNDAMPED, VIBRATION)]
+        if not mine:
+            raise HistoryError(f"{table.path}: has no mode {mode}, it has 1 to {modes.max()}")
+        rows.append(max(mine, key=lambda k: kinds[k]))
+    return rows
+
+
+def moved(table: History, row: int, deck: Path | str | None) -> Mechanism:
+    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2); deck: where it is, or its text.
+
+    Raises:
+        HistoryError: the file or the deck cannot be read.
+    """
+    names, shape = shapes(table)
+    rest = positions(table.path)
+    if len(rest) != len(names):
+        raise HistoryError(f"{table.path}: {len(rest)} positions for {len(names)} shape columns")
+    points = np.array([rest[[k, k + 1]] for k, name in enumerate(names) if name.endswith(".x")])
+    extent = max(np.max(np.ptp(points, axis=0)), 1.0e-9)
+    # an angle counts by how far it moves a rigid body, which has no nodes; those of a flexible body show what it moves
+    rigid = [name.endswith(".angle") and f"{name[:-6]}.1.x" not in names for name in names]
+    seen = np.array([extent * turns if name.endswith(".angle") else 1.0 for name, turns in zip(names, rigid)]) * shape[row]
+    largest = seen[np.argmax(np.abs(seen))] or 1.0
+    part = SIZE * extent * (shape[row] / largest).real  # at the instant when the largest displacement is at its extreme
+    rows = np.array([[0.0, *rest], [1.0, *(rest + part)], [2.0, *(rest - part)]])
+    scene = from_motion(History(table.path, ["t", *names], {}, rows))
+    if isinstance(deck, str):
+        add_text(scene, deck, table.path)
+    elif deck:
+        add_deck(scene, deck)
+    return scene
+
+
+def caption(table: History, row: int) -> str:
+    """Return frequency and damping ratio of a row in words."""
+    frequency, ratio = table["frequency"][row], table["damping_ratio"][row]
+    text = f"mode {int(table['mode'][row])}: {frequency:.4g} Hz"
+    return text if table["kind"][row] == UNDAMPED else text + f", ζ = {ratio:.3g}"
+
+
+def draw_shapes(table: History, rows: list[int], deck: Path | str | None = None, title: str = "") -> plt.Figure:
+    """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
+    scenes = [moved(table, row, deck) for row in rows]
+    corners = np.array([scene.extent() for scene in scenes])
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    lines, columns, width, height = tiles(len(rows), low, high)
+    with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
+        size = (width * columns + 0.5, (height + 0.3) * lines + 0.6)
+        figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
+        for axis, row, scene in zip(axes.flat, rows, scenes):
+            picture = Picture(axis, scene, (low, high))
+            picture.show(2)
+            ghosts = [line.get_xydata().copy() for line in picture.bodies]
+            picture.show(0)
+            ghosts += [line.get_xydata().copy() for line in picture.bodies]
+            picture.show(1)
+            picture.stamp.set_text("")
+            for k, ghost in enumerate(ghosts):
+                still = k >= len(picture.bodies)
+                axis.plot(*ghost.T, "-" if still else "--", color="#bbbbbb", lw=1.6 if still else 1.0, zorder=1)
+            axis.set_title(caption(table, row), fontsize=9)
+        for axis in axes.flat[len(rows) :]:
+            axis.axis("off")
+        figure.supxlabel("x [m]", fontsize=9)
+        figure.supylabel("y [m]", fontsize=9)
+        if title:
+            figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def threshold(values: np.ndarray, poles: np.ndarray) -> float:
+    """Return the power of ten below which a part of the poles is drawn linearly: no more than `DECADES` below the largest pole.
+
+    A part below `ROUNDED` of its own pole is rounding, and so is a pole that small beside the largest one.
+    """
+    size = np.abs(poles)
+    largest = size.max(initial=0.0)
+    above = np.abs(values)[np.abs(values) > np.maximum(ROUNDED * size, 10.0**-DECADES * largest)]
+    return float(10.0 ** np.floor(np.log10(above.min()))) if above.size else float(largest or 1.0)
+
+
+def number_modes(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
+    """Write the numbers of modes beside their poles; one text for poles that lie at one place of the picture."""
+    at = axis.transData.transform(np.column_stack([real, imag]))
+    groups: list[list[int]] = []
+    for k in np.argsort(at[:, 1], kind="stable"):
+        near = next((g for g in groups if abs(at[g[-1], 0] - at[k, 0]) < 24.0 and abs(at[g[0], 1] - at[k, 1]) < 11.0), None)
+        near.append(k) if near else groups.append([k])
+    for group in groups:
+        words = ", ".join(map(str, sorted(modes[group])))
+        axis.annotate(words, (real[group].max(), imag[group[-1]]), xytext=(6, -3), textcoords="offset points", fontsize=8)
+
+
+def draw_poles(table: History, title: str = "") -> plt.Figure:
+    """Return a figure of the poles in the upper half plane, both axes symmetric-logarithmic."""
+    kinds = table["kind"].astype(int)
+    poles = table["real"] + 1j * table["imag"]
+    real, imag = poles.real, poles.imag
+    with plt.rc_context(LOOK):
+        figure, axis = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
+        linear = [threshold(part, poles) for part in (real, imag)]
+        axis.set_xscale("symlog", linthresh=linear[0])
+        axis.set_yscale("symlog", linthresh=linear[1])
+        for kind, (label, marker, fill) in KINDS.items():
+            mine = kinds == kind
+            if mine.any():
+                edge = "#666666" if kind == UNDAMPED else fill
+                axis.plot(real[mine], imag[mine], marker, mfc=fill, mec=edge, ls="none", ms=6, label=label)
+        axis.axvline(0.0, color="#999999", lw=0.8)
+        axis.margins(0.08)
+        axis.set_xlim(min(real.min() * 2.0, -linear[0]), max(real.max() * 2.0, 0.3 * linear[0]))
+        axis.set_ylim(-0.3 * linear[1], max(imag.max() * 2.0, linear[1]))
+        axis.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title=title)
+        figure.legend(loc="outside upper center", ncols=4)
+        figure.draw_without_rendering()
+        mine = np.flatnonzero(kinds == (VIBRATION if (kinds == VIBRATION).any() else UNDAMPED))
+        number_modes(axis, table["mode"][mine].astype(int), real[mine], imag[mine])
+    return figure
+
+
+def sensors(table: History, patterns: list[str] | None) -> list[str]:
+    """Return the sensor columns of a frequency response that patterns select; without patterns all that are more than rounding."""
+    names = table.match([f"{p}.amplitude" for p in patterns or ["*"]])
+    return [name[: -len(".amplitude")] for name in (names if patterns else moving([table], names))]
+
+
+def draw_response(table: History, names: list[str], title: str = "") -> plt.Figure:
+    """Return a figure with two panels for each unit: amplitude (logarithmic) above, phase below, per unit of the input."""
+    f = table["f"]
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(table.units[f"{name}.amplitude"], []).append(name)
+    logarithmic = f[0] > 0.0 and f[-1] / f[0] > 5.0
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(
+            2 * len(groups),
+            1,
+            figsize=(8.0, 0.8 + 3.4 * len(groups)),
+            sharex=True,
+            squeeze=False,
+            layout="constrained",
+            height_ratios=[3, 2] * len(groups),
+        )
+        for k, (unit, group) in enumerate(groups.items()):
+            upper, lower = axes[2 * k : 2 * k + 2, 0]
+            for j, name in enumerate(group):
+                amplitude = np.where(table[f"{name}.amplitude"] > 0.0, table[f"{name}.amplitude"], np.nan)
+                style = {"color": COLOURS[j % len(COLOURS)], "ls": STYLES[j % len(STYLES)]}
+                upper.plot(f, amplitude, label=name, **style)
+                lower.plot(f, np.degrees(np.unwrap(table[f"{name}.phase"])), **style)
+            upper.set_yscale("log")
+            upper.set_ylabel(axis_label("amplitude", unit))
+            upper.legend(ncols=min(len(group), 4), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+            lower.set_ylabel("phase [°]")
+            middle = np.mean(lower.get_ylim())
+            lower.set_ylim(min(lower.get_ylim()[0], middle - 100.0), max(lower.get_ylim()[1], middle + 100.0))
+            lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
+        if logarithmic:
+            axes[-1, 0].set_xscale("log")
+        axes[-1, 0].set_xlabel(axis_label("f", "Hz"))
+        axes[-1, 0].margins(x=0.01)
+        figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
+    return figure
+
+
+def input_of(path: Path) -> str:
+    """Return what the amplitudes of a response belong to, from the file's comment."""
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:
+        if line.startswith(INPUT):
+            return f"response to {line[len(INPUT) :].split(';')[0].strip()}, per unit of its history"
+    return ""
+
+
+def draw_all(args: argparse.Namespace) -> int:
+    """Draw what the run has and say which files were written; raises HistoryError."""
+    if args.run.name in RESULT_FILES.values() and args.run.is_file():
+        args.run = args.run.parent
+    stem = args.output or args.run / "modal"
+    paths = []
+    there = [kind for kind in ("modes", "frequency_response") if (args.run / RESULT_FILES[kind]).is_file()]
+    if not there:
+        raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
+    if "modes" in there:
+        table = read(args.run, "modes")
+        figure = draw_shapes(table, chosen_rows(table, args.modes), args.deck, args.title)
+        paths += save(figure, stem.with_name(stem.name + "_modes"))
+        paths += save(draw_poles(table, args.title), stem.with_name(stem.name + "_poles"))
+    if "frequency_response" in there:
+        table = read(args.run, "frequency_response")
+        figure = draw_response(table, sensors(table, args.columns), args.title)
+        paths += save(figure, stem.with_name(stem.name + "_response"))
+    print("wrote " + ", ".join(map(str, paths)))
+    return 0

@@ -1,0 +1,268 @@
+"""Columns of one or several runs against time, or against another column."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import ScalarFormatter
+
+from .histories import History, read
+from .result_files import RESULT_FILES, HistoryError
+
+# told apart by colour-blind readers, and in grey by lightness or by line style
+COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5b3a1e", "#8c8c8c"]
+STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
+RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
+FLAT = 50.0
+ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
+PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
+ONE_COLUMN = 5  # more panels stand in two columns
+LOOK = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "axes.prop_cycle": mpl.cycler(color=COLOURS),
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "savefig.dpi": 150,
+}
+
+
+class Plain(ScalarFormatter):
+    """Numbers of an axis as plain text, the power of ten above it with raised digits: to set formulas takes a third of the time."""
+
+    def __init__(self) -> None:
+        super().__init__(useMathText=False)
+
+    def get_offset(self) -> str:
+        """Return the power of ten, such as ×10⁻⁴."""
+        factor, mark, power = super().get_offset().partition("1e")
+        return f"{factor}×10{power.translate(RAISED)}" if mark else factor
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit as text shows it: rad/s2 as rad/s², Nm as N m."""
+    for plain, nice in (("^2", "²"), ("s2", "s²"), ("Nm", "N m"), ("*", " ")):
+        unit = unit.replace(plain, nice)
+    return unit
+
+
+def axis_label(name: str, unit: str) -> str:
+    """Return `name [unit]`, or either alone."""
+    return " ".join(part for part in (name, f"[{pretty_unit(unit)}]" if unit else "") if part)
+
+
+def unit_of(runs: list[History], name: str) -> str:
+    """Return the unit that the first of the runs that knows one states for a column."""
+    return next((run.units[name] for run in runs if run.units.get(name)), "")
+
+
+def panels(runs: list[History], names: list[str]) -> list[list[str]]:
+    """Return the names panel by panel: one unit a panel, and no column below a fiftieth of its panel's largest range.
+
+    A panel holds no more columns than there are line styles.
+    """
+    result: list[list[str]] = []
+    span = {name: max(float(np.ptp(run[name])) for run in runs if name in run) for name in names}
+    for name in names:
+        for panel in result:
+            first = panel[0]
+            near = span[name] == span[first] == 0.0 or 1.0 / FLAT < span[name] / (span[first] or 1.0e-300) < FLAT
+            if unit_of(runs, first) == unit_of(runs, name) != "" and near and len(panel) < len(STYLES):
+                panel.append(name)
+                break
+        else:
+            result.append([name])
+    return result
+
+
+def draw(runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "") -> plt.Figure:
+    """Return a figure of the named columns of all runs.
+
+    Args:
+        runs: histories of one kind, which all have the columns
+        labels: what the legend calls the runs
+        names: columns
+        against: the column of the horizontal axis (the first one, time)
+        title: written above, where given
+
+    Raises:
+        HistoryError: a column is missing in a run.
+    """
+    abscissa = against or runs[0].names[0]
+    groups = panels(runs, names)
+    path = against is not None and unit_of(runs, abscissa) == "m"
+    columns = 1 if len(groups) <= ONE_COLUMN else 2
+    lines = -(-len(groups) // columns)
+    with plt.rc_context(LOOK):
+        size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
+        if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == "m":
+            size = _to_scale(runs, groups[0], abscissa)
+        figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
+        for axis, group in zip(axes.T.flat, groups):
+            axis.xaxis.set_major_formatter(Plain())
+            axis.yaxis.set_major_formatter(Plain())
+            _panel(axis, runs, labels, group, abscissa)
+            axis.margins(x=0.01)
+            _log_scales(axis, runs, group, abscissa)
+            if path and unit_of(runs, group[0]) == "m":
+                axis.set_aspect("equal", adjustable="datalim")
+        for axis in axes.T.flat[len(groups) :]:
+            axis.axis("off")
+        for axis in (axes.T.flat[min(lines * (k + 1), len(groups)) - 1] for k in range(columns)):
+            axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
+            axis.tick_params(labelbottom=True)
+        figure.align_ylabels()
+        if len(runs) > 1:
+            looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
+            handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
+            figure.legend(handles=handles, loc="outside lower center", ncols=min(len(runs), 4))
+        if title:
+            figure.suptitle(title)
+    return figure
+
+
+def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:
+    """Return the size of a picture that paths to scale fill [inch], within what a page takes."""
+    wide = max(float(np.ptp(run[abscissa])) for run in runs)
+    high = max(max(run[name].max() for run in runs for name in group) - min(run[name].min() for run in runs for name in group), 0.0)
+    longer = max(wide, high) or 1.0
+    width, height = (max(PATH[1] * side / longer, PATH[0]) for side in (wide, high))
+    return width + 1.2, height + 1.0
+
+
+def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str) -> None:
+    """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other.
+
+    The figure's legend names the runs.
+    """
+    for k, (run, label) in enumerate(zip(runs, labels)):
+        for j, name in enumerate(group):
+            colour = COLOURS[(k if len(runs) > 1 else j) % len(COLOURS)]
+            style = STYLES[(j if len(group) > 1 else k) % len(STYLES)]
+            words = [label] if len(runs) > 1 else []
+            words += [name] if len(group) > 1 else []
+            axis.plot(run[abscissa], run[name], ls=style, color=colour, label=": ".join(words) or None)
+    axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
+    if len(group) > 1:
+        handles = axis.lines
+        if len(runs) > 1:
+            handles = [plt.Line2D([], [], color="#333333", ls=STYLES[j % len(STYLES)]) for j in range(len(group))]
+        axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+
+
+def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa: str) -> None:
+    """Draw a frequency response on logarithmic axes: frequencies that were spaced so, amplitudes that are never zero."""
+    if unit_of(runs, abscissa) != "Hz":
+        return
+    steps = np.diff(np.log(np.maximum(runs[0][abscissa], 1.0e-300)))
+    if steps.size > 1 and np.ptp(steps) <= 1.0e-6 * np.abs(steps).max():
+        axis.set_xscale("log")
+    amplitudes = [run[name] for run in runs for name in group if name.endswith(".amplitude")]
+    if len(amplitudes) == len(group) * len(runs) and min(map(np.min, amplitudes)) > 0.0:
+        axis.set_yscale("log")
+
+
+def usual_columns(run: History) -> list[str]:
+    """Return what is drawn where no columns are named: sensors of an equilibrium, amplitudes and phases of a response, else all.
+
+    Raises:
+        HistoryError: the rows are modes, which no line should join.
+    """
+    names = [name for name in run.match(None) if np.any(run[name])] or run.match(None)
+    if run.path.name == RESULT_FILES["modes"]:
+        raise HistoryError(f"{run.path}: its rows are modes, not times: name --columns, or draw them with post/modes.py")
+    if run.path.name == RESULT_FILES["static"]:
+        return [name for name in names if not name.startswith("state.") and name not in ("residual", "newton_steps")] or names
+    if run.path.name == RESULT_FILES["frequency_response"]:
+        drawn = {name.rpartition(".")[0] for name in names if name.endswith(".amplitude")}
+        shown = [name for name in run.names if name.rpartition(".")[0] in drawn]
+        return [name for name in shown if name.endswith((".amplitude", ".phase"))] or names
+    return names
+
+
+def moving(runs: list[History], names: list[str]) -> list[str]:
+    """Return the columns that are more than rounding beside the largest one of their unit, in any of the runs."""
+    size = {name: max((float(np.max(np.abs(run[name]))) for run in runs if name in run), default=0.0) for name in names}
+    units = {name: unit_of(runs, name) for name in names}
+    largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}
+    return [name for name in names if size[name] > (ROUNDING * largest[units[name]] if units[name] else 0.0)]
+
+
+def chosen_columns(runs: list[History], patterns: list[str] | None, against: str | None) -> tuple[list[str], list[str]]:
+    """Return the columns that are drawn, and those that are not because they are zero throughout, or rounding, in every run.
+
+    Raises:
+        HistoryError: a pattern selects nothing in a run, or a column is not in every run.
+    """
+    found = [run.match(patterns) if patterns else usual_columns(run) for run in runs]
+    names = [name for name in dict.fromkeys(name for mine in found for name in mine) if name != against]
+    for run in runs:
+        for name in names:
+            run[name]
+    if runs[0].path.name == RESULT_FILES["energy"]:  # its residual and violations tell something as rounding, too
+        idle = [name for name in runs[0].names[1:] if not any(np.any(run[name]) for run in runs if name in run)]
+    else:
+        large = moving(runs, runs[0].names[1:])
+        idle = [name for name in runs[0].names[1:] if name not in large]
+    if not patterns:
+        names = [name for name in names if name not in idle] or names
+    return names, [] if patterns else [name for name in idle if name not in names]
+
+
+def usual_stem(words: list[str]) -> str:
+    """Return the name of a picture from what it shows: kind of file, columns, runs."""
+    return re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
+
+
+def save(figure: plt.Figure, stem: Path) -> list[Path]:
+    """Write STEM.png and STEM.pdf and return their paths; the folder is made where it is missing.
+
+    Raises:
+        HistoryError: they cannot be written.
+    """
+    paths = [stem.with_name(stem.name + ending) for ending in (".png", ".pdf")]
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            figure.savefig(path)
+    except OSError as fault:
+        raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
+    finally:
+        plt.close(figure)
+    return paths
+
+
+def names_of(sources: list[Path]) -> list[str]:
+    """Return what tells the runs apart: the folder's name (of results files), else the file's."""
+    return [path.parent.name or path.stem if path.name in RESULT_FILES.values() else path.stem for path in sources]
+
+
+def plot(args: argparse.Namespace) -> int:
+    """Draw as the command line asks and say which files were written; raises HistoryError."""
+    runs = [read(source, args.file) for source in args.runs]
+    if args.labels and len(args.labels) != len(runs):
+        raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
+    names, idle = chosen_columns(runs, args.columns, args.against)
+    labels = args.labels or names_of([run.path for run in runs])
+    figure = draw(runs, labels, names, args.against, args.title)
+    words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
+    paths = save(figure, args.output or runs[0].path.parent / usual_stem(words))
+    if idle:
+        print(f"left out, zero or rounding throughout: {', '.join(idle)}")
+    print("wrote " + " and ".join(map(str, paths)))
+    return 0

@@ -1,0 +1,378 @@
+"""One page (HTML) about a run, or about two runs side by side."""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import jinja2
+import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image
+
+from . import draw as scene_picture
+from . import modes, plot
+from .animate import sheet
+from .histories import History, read, read_summary
+from .mechanism import add_text, from_motion
+from .result_files import RESULT_FILES, HistoryError
+
+TEMPLATE = Path(__file__).resolve().parent / "report.html"
+MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
+PANELS = 4  # of one picture: no taller than a printed page
+PIXELS = 96  # of an inch, as browsers count
+MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
+
+
+@dataclass
+class Picture:
+    """A picture as a data URI, what it shows, and its own width [pixel], beyond which it is not stretched."""
+
+    data: str
+    caption: str
+    width: int
+
+
+@dataclass
+class Part:
+    """What stands under one heading: any of paragraphs, a table, pictures, text as it is."""
+
+    heading: str = ""
+    paragraphs: list[str] = field(default_factory=list)
+    head: list[str] = field(default_factory=list)
+    rows: list[list[str]] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
+    text: str = ""
+    warning: bool = False
+
+
+@dataclass
+class Section:
+    """A part of the page."""
+
+    title: str
+    parts: list[Part]
+
+    @property
+    def id(self) -> str:
+        """The anchor."""
+        return self.title.lower().replace(" ", "-")
+
+
+@dataclass
+class Run:
+    """A results folder: its figures, its words, and the files that it has.
+
+    Attributes:
+        folder: where it is
+        figures: of summary.json
+        words: lines of summary.txt before the deck's text
+        label: what tells it from the other run
+        letter: of it in pictures
+    """
+
+    folder: Path
+    figures: dict
+    words: str
+    label: str
+    letter: str = "A"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run went to its end."""
+        return self.figures.get("status") == 0
+
+    @property
+    def outcome(self) -> str:
+        """How the run ended."""
+        return self.figures["outcome"]
+
+    def table(self, kind: str) -> History | None:
+        """Return a results file, None where the run has none, or no row of it."""
+        if not (self.folder / RESULT_FILES[kind]).is_file():
+            return None
+        try:
+            return read(self.folder, kind)
+        except HistoryError:
+            if self.ok:
+                raise
+            return None
+
+    def lines(self, heading: str) -> str:
+        """Return the lines of summary.txt below a heading, without their indent."""
+        lines = self.words.splitlines()
+        if heading not in lines:
+            return ""
+        first = lines.index(heading) + 1
+        last = next((k for k in range(first, len(lines)) if not lines[k].startswith(" ")), len(lines))
+        return "\n".join(line[2:] for line in lines[first:last])
+
+
+def load(folder: Path, label: str, letter: str) -> Run:
+    """Return a run; HistoryError where the folder holds none."""
+    if not folder.is_dir():
+        raise HistoryError(f"{folder}: no results folder")
+    try:
+        words = (folder / "summary.txt").read_text(encoding="utf-8", errors="replace").partition("\ndeck text\n")[0]
+    except OSError as fault:
+        raise HistoryError(f"{folder}: has no readable summary.txt ({fault})") from None
+    return Run(folder, read_summary(folder), words, label, letter)
+
+
+def embed(figure: plt.Figure, caption: str) -> Picture:
+    """Return a figure as SVG, or as PNG where it has very many points."""
+    points = sum(len(line.get_xdata(orig=False)) for axis in figure.axes for line in axis.lines)
+    kind, name = ("png", "png") if points > MOST_POINTS else ("svg", "svg+xml")
+    file = io.BytesIO()
+    with plt.rc_context({"svg.fonttype": "path", "savefig.dpi": 150}):
+        figure.savefig(file, format=kind)
+    width = round(PIXELS * figure.get_figwidth())
+    plt.close(figure)
+    return Picture(f"data:image/{name};base64,{base64.b64encode(file.getvalue()).decode()}", caption, width)
+
+
+def drawn(tables: list[History], labels: list[str], names: list[str], caption: str) -> list[Picture]:
+    """Return the pictures of columns, a few panels each."""
+    groups = plot.panels(tables, names)
+    parts = [[name for group in groups[k : k + PANELS] for name in group] for k in range(0, len(groups), PANELS)]
+    return [embed(plot.draw(tables, labels, part), caption) for part in parts]
+
+
+def short(x: object) -> str:
+    """Return a figure for a table."""
+    if x is None:
+        return "–"
+    return f"{x:,}" if isinstance(x, int) else f"{x:.4g}" if isinstance(x, float) else str(x)
+
+
+def key(runs: list[Run]) -> str:
+    """Return what the letters of two runs stand for."""
+    return ": " + ", ".join(f"{run.letter} {run.label}" for run in runs) if len(runs) > 1 else ""
+
+
+def glance(runs: list[Run]) -> Section:
+    """Return the table of what both runs are and cost."""
+    rows = [
+        ("deck", lambda f: f["deck"]),
+        ("coordinates", lambda f: f["model"]["coordinates"]),
+        ("dissipative coordinates", lambda f: f["model"]["dissipative_coordinates"]),
+        ("degrees of freedom", lambda f: f["model"]["degrees_of_freedom"]),
+        ("method", lambda f: f["transient"]["method"]),
+        ("step [s]", lambda f: f["transient"]["step"]),
+        ("tolerance [-]", lambda f: f["transient"]["tolerance"]),
+        ("reached [s]", lambda f: f["transient"]["reached"]),
+        ("steps", lambda f: f["transient"]["steps"]),
+        ("evaluations", lambda f: f["transient"]["evaluations"]),
+        ("energy balance, of the energy that moved [-]", lambda f: f["transient"]["energy_balance"]),
+        ("joints open, of the scene's size [-]", lambda f: f["transient"]["position_violation_of_size"]),
+        ("worst column's estimated error, of its range [-]", lambda f: f["transient"]["worst_error_of_range"]),
+        ("warnings", lambda f: len(f["warnings"])),
+        ("processor time of the analyses [s]", lambda f: f["timing"]["processor_seconds"]),
+        ("ended", lambda f: f["timing"]["ended"].replace("T", " ")),
+        ("machine", lambda f: f["timing"]["host"]),
+        ("biela", lambda f: f"{f['version']}, {f['timing']['compiler']}"),
+    ]
+    table = []
+    for name, take in rows:
+        values = []
+        for run in runs:
+            try:
+                values.append(short(take(run.figures)))
+            except KeyError:
+                values.append("")
+        if any(values):
+            table.append([name, *values])
+    warnings = [Part(heading=f"Warnings: {run.label}", paragraphs=run.figures["warnings"], warning=True) for run in runs]
+    return Section(
+        "At a glance", [Part(head=["", *(run.label for run in runs)], rows=table), *(w for w in warnings if w.paragraphs)]
+    )
+
+
+def model(runs: list[Run]) -> Section:
+    """Return the scene and what was modelled, in the solver's words."""
+    parts = []
+    for run in runs:
+        same = run is not runs[0] and run.figures["scene"] == runs[0].figures["scene"]
+        shown = [] if same else [embed(scene_picture.draw(run.figures, ""), f"{run.label}: the scene as assembled")]
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=shown, text=run.lines("model")))
+        parts[-1].paragraphs = ["The same scene."] if same else []
+    return Section("Scene and model", parts)
+
+
+def differences(runs: list[Run], names: list[str]) -> list[Part]:
+    """Return the second run less the first, at the first one's times where both ran."""
+    first, second = (run.table("history") for run in runs)
+    rows = first.time <= second.time[-1]
+    time = first.time[rows]
+    change = np.column_stack([np.interp(time, second.time, second[name]) - first[name][rows] for name in names])
+    gap = History(first.path, [first.names[0], *names], first.units, np.column_stack([time, change]))
+    table = []
+    for k, name in enumerate(names):
+        span = float(np.ptp(first[name][rows]))
+        largest = float(np.max(np.abs(change[:, k])))
+        share = f"{100.0 * largest / span:.3g} %" if span > 0.0 else "–"
+        table.append([plot.axis_label(name, first.units[name]), f"{span:.4g}", f"{largest:.4g}", share])
+    shown = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
+    pictures = drawn([gap], ["B - A"], shown, "B less A" + key(runs))
+    head = ["column", "range of A", "largest difference", "of the range"]
+    return [Part(heading="Differences", head=head, rows=table, pictures=pictures)]
+
+
+def histories(runs: list[Run]) -> Section | None:
+    """Return the sensors against time, runs over each other, and their differences."""
+    have = [(run, table) for run in runs if (table := run.table("history")) is not None]
+    if not have:
+        return None
+    tables = [table for _, table in have]
+    common = [name for name in tables[0].names[1:] if all(name in table for table in tables)]
+    names = plot.moving(tables, common) or common
+    labels = [run.letter for run, _ in have] if len(runs) > 1 else [runs[0].label]
+    notes = []
+    if len(names) > MOST_COLUMNS:
+        notes.append(f"The first {MOST_COLUMNS} of {len(names)} columns are drawn; history.txt holds all.")
+    if len(names) < len(common):
+        notes.append("Zero or rounding throughout: " + ", ".join(name for name in common if name not in names) + ".")
+    missing = sorted({name for table in tables for name in table.names[1:]} - set(common))
+    if missing:
+        notes.append("Not in both runs: " + ", ".join(missing) + ".")
+    parts = [Part(paragraphs=notes)]
+    if names:
+        parts[0].pictures = drawn(tables, labels, names[:MOST_COLUMNS], "sensors against time" + key(runs))
+    if len(have) == 2 and names:
+        parts += differences(runs, names)
+    return Section("Histories", parts)
+
+
+def energy(runs: list[Run]) -> Section | None:
+    """Return energies, residual and openings of the joints, and what the solver says of accuracy and validity."""
+    parts = []
+    for run in runs:
+        table = run.table("energy")
+        if table is None:
+            continue
+        shown = [name for name in table.names[1:] if np.any(table[name])]
+        pictures = drawn([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures))
+    return Section("Energy, accuracy, validity", parts) if parts else None
+
+
+def modal(runs: list[Run]) -> Section | None:
+    """Return poles and shapes."""
+    parts = []
+    for run in runs:
+        table = run.table("modes")
+        if table is None:
+            continue
+        found = run.figures["modes"]
+        rows = [
+            [pole["kind"], *(short(pole[key]) for key in ("mode", "frequency", "damping_ratio", "real_part"))]
+            for pole in found["poles"]
+        ]
+        head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
+        shown = modes.chosen_rows(table, None)
+        shapes = modes.draw_shapes(table, shown, run.figures["deck_text"])
+        pictures = [embed(shapes, f"{run.label}: shapes"), embed(modes.draw_poles(table), f"{run.label}: poles")]
+        words = [line for line in (found["complete"], found["complete_damped"]) if line]
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
+    return Section("Modes", parts) if parts else None
+
+
+def responses(runs: list[Run]) -> Section | None:
+    """Return the frequency responses."""
+    parts = []
+    for run in runs:
+        table = run.table("frequency_response")
+        if table is None:
+            continue
+        names = modes.sensors(table, None)
+        figure = modes.draw_response(table, names)
+        caption = f"{run.label}: response to {run.figures['frequency_response']['input']}"
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=[embed(figure, caption)]))
+    return Section("Frequency response", parts) if parts else None
+
+
+def motion(runs: list[Run]) -> Section | None:
+    """Return snapshots of the motion."""
+    parts = []
+    for run in runs:
+        table = run.table("motion")
+        if table is not None and len(table.time) > 1:
+            scene = from_motion(table)
+            add_text(scene, run.figures["deck_text"], run.folder)
+            parts.append(Part(pictures=[embed(sheet(scene, 3), f"{run.label}: motion")]))
+    return Section("Motion", parts) if parts else None
+
+
+def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
+    """Return the table and the picture that the trade-off tool left for a deck."""
+    for run in runs:
+        place = folder or run.folder.parent / "tradeoff" / run.figures["deck"]
+        if not (place / "tradeoff.txt").is_file():
+            continue
+        pictures = []
+        for path in sorted(place.glob("*.png")):
+            data = base64.b64encode(path.read_bytes()).decode()
+            pictures.append(Picture(f"data:image/png;base64,{data}", "error against cost", Image.open(path).width))
+        text = (place / "tradeoff.txt").read_text(encoding="utf-8")
+        return Section("Trade-off", [Part(heading=str(place), pictures=pictures, text=text)])
+    if folder:
+        raise HistoryError(f"{folder}: has no tradeoff.txt")
+    return None
+
+
+def sections(runs: list[Run], study: Path | None) -> list[Section]:
+    """Return the page's sections; those of which a run has no file are left out."""
+    steps = [
+        Part(heading=run.label if len(runs) > 1 else "", text=text)
+        for run in runs
+        if (text := run.lines("stable steps of explicit methods"))
+    ]
+    statics = [Part(heading=run.label if len(runs) > 1 else "", text=text) for run in runs if (text := run.lines("static"))]
+    decks = [Part(heading=run.label if len(runs) > 1 else "", text=run.figures["deck_text"]) for run in runs]
+    found = [
+        glance(runs),
+        model(runs),
+        histories(runs),
+        motion(runs),
+        energy(runs),
+        Section("Equilibrium", statics) if statics else None,
+        modal(runs),
+        responses(runs),
+        Section("Stable steps", steps) if steps else None,
+        tradeoff(runs, study),
+        Section("Decks" if len(runs) > 1 else "Deck", decks),
+    ]
+    return [section for section in found if section]
+
+
+def page(runs: list[Run], title: str, study: Path | None = None) -> str:
+    """Return the page."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    return template.render(title=title, runs=runs, sections=sections(runs, study))
+
+
+def work(args: argparse.Namespace) -> int:
+    """Write the page and say where it is; raises HistoryError."""
+    if len(args.runs) > 2:
+        raise HistoryError(f"{len(args.runs)} runs: one, or two to compare, expected")
+    labels = args.labels or [path.resolve().name for path in args.runs]
+    if len(labels) != len(args.runs):
+        raise HistoryError(f"{len(labels)} labels for {len(args.runs)} runs: one each expected")
+    runs = [load(*found) for found in zip(args.runs, labels, "AB")]
+    title = args.title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
+    path = args.output or args.runs[0] / "report.html"
+    text = page(runs, title, args.tradeoff)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as fault:
+        raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
+    print(f"wrote {path}")
+    return 0

@@ -1,0 +1,225 @@
+"""Frequencies of a run: amplitudes, power spectral density, waterfall, orders of a drive, decay."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy import signal
+from scipy.interpolate import make_interp_spline
+
+from .histories import History, read
+from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit, save
+from .result_files import HistoryError
+
+LEAST = 16  # rows that a spectrum needs
+SEEN = 1.0e-3  # of the largest amplitude: what is smaller does not widen a picture
+LABEL = (40.0, 12.0)  # room of a peak's frequency [pixel]
+EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
+
+
+def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return evenly spaced samples: the rows themselves, or as many from a cubic spline; HistoryError where they are too few."""
+    if axis.size < LEAST:
+        raise HistoryError(f"{axis.size} rows: {LEAST} or more are needed for a spectrum")
+    steps = np.diff(axis)
+    if np.ptp(steps) <= EVEN * steps.max():
+        return axis, values
+    even = np.linspace(axis[0], axis[-1], axis.size)
+    return even, make_interp_spline(axis, values, k=3)(even)
+
+
+def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (of the axis' unit, 1/axis) and single-sided peak amplitudes, Hann window, trend removed."""
+    window = signal.windows.hann(values.size, sym=False)
+    size = 2.0 * np.abs(np.fft.rfft(signal.detrend(values) * window)) / window.sum()
+    size[0] /= 2.0
+    return np.fft.rfftfreq(values.size, axis[1] - axis[0]), size
+
+
+def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies and power spectral density (Welch, eight overlapping Hann windows, trend removed)."""
+    length = max(LEAST, 2 * values.size // 9)
+    return signal.welch(values, 1.0 / (axis[1] - axis[0]), nperseg=min(length, values.size), detrend="linear")
+
+
+def peaks(size: np.ndarray, most: int) -> list[int]:
+    """Return the indices of the largest peaks, those below a hundredth of the largest left out."""
+    found, _ = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0)
+    return sorted(sorted(found, key=lambda k: -size[k])[:most])
+
+
+def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frequencies, times and amplitudes (frequencies, times) of overlapping windows, a twelfth of the run long."""
+    length = max(LEAST, values.size // 12)
+    step = axis[1] - axis[0]
+    transform = signal.ShortTimeFFT(signal.windows.hann(length, sym=False), max(1, length // 8), 1.0 / step, scale_to="magnitude")
+    spectrum = 2.0 * np.abs(transform.stft_detrend(values, "linear"))
+    times = axis[0] + transform.t(values.size)
+    inside = (times >= axis[0] + 0.5 * length * step) & (times <= axis[-1] - 0.5 * length * step)
+    return transform.f, times[inside], spectrum[:, inside]
+
+
+def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+    """Return the rows of the turning points, and decrement, rate [1/s], frequency [Hz], damping ratio, size at time 0.
+
+    Half the way from each turning point to the next is the size of the swing, whatever it swings about, also where that drifts.
+    Its logarithm is fitted by a line; HistoryError where there are fewer than four.
+    """
+    least = 1.0e-3 * np.ptp(values)
+    turns = np.sort(np.concatenate([signal.find_peaks(side * values, prominence=least)[0] for side in (1.0, -1.0)]))
+    if turns.size < 5:
+        raise HistoryError(f"{turns.size} turning points, five or more are needed for a decay")
+    middle, half = 0.5 * (axis[turns[1:]] + axis[turns[:-1]]), 0.5 * np.abs(np.diff(values[turns]))
+    slope, start = np.polyfit(middle, np.log(half), 1)
+    period = 2.0 * (axis[turns[-1]] - axis[turns[0]]) / (turns.size - 1)
+    decrement = -slope * period
+    found = {"decrement": decrement, "rate": -slope, "frequency": 1.0 / period}
+    found["damping_ratio"] = decrement / np.hypot(decrement, 2.0 * np.pi)
+    found["start"] = float(np.exp(start)) / np.cosh(0.25 * decrement)  # the envelope between two turning points
+    return turns, found
+
+
+def nearest_mode(folder: Path, frequency: float) -> str:
+    """Return what modes.txt beside the run says of the vibration nearest to a frequency [Hz], '' where there is none."""
+    if not (folder / "modes.txt").is_file():
+        return ""
+    modes = read(folder, "modes")
+    damped = np.flatnonzero(modes["kind"] == 1)
+    if not damped.size:
+        return ""
+    k = damped[np.argmin(np.abs(modes["frequency"][damped] - frequency))]
+    found = f"mode {int(modes['mode'][k])} at {modes['frequency'][k]:.4g} Hz"
+    return f"modes.txt: {found} with damping ratio {modes['damping_ratio'][k]:.4g}"
+
+
+def holding(size: np.ndarray) -> int:
+    """Return the index up to which a spectrum is drawn: half as far again as where the last of what is no rounding stands."""
+    last = int(np.flatnonzero(size >= SEEN * size[1:].max())[-1])
+    return min(max(3 * last // 2, LEAST), size.size - 1)
+
+
+def name_peaks(axis: plt.Axes, frequency: np.ndarray, size: np.ndarray, found: list[int]) -> None:
+    """Write the frequencies of peaks beside them, the largest first; one that would lie over another has none."""
+    taken: list[np.ndarray] = []
+    for k in sorted(found, key=lambda k: -size[k]):
+        at = axis.transData.transform((frequency[k], size[k]))
+        if all(abs(at[0] - other[0]) > LABEL[0] or abs(at[1] - other[1]) > LABEL[1] for other in taken):
+            taken.append(at)
+            words = f"{frequency[k]:.0f}" if frequency[k] >= 1.0e3 else f"{frequency[k]:.4g}"
+            axis.annotate(words, (frequency[k], size[k]), xytext=(3, 3), textcoords="offset points", fontsize=8)
+
+
+def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
+    """Return a figure of amplitude and density of every column, and print the peaks."""
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(len(names), 2, figsize=(11.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+        for line, name in zip(axes, names):
+            axis, values = even_samples(axis_values, run[name])
+            frequency, size = amplitudes(axis, values)
+            of = run.units[name]
+            line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
+            for k in peaks(size, most):
+                line[0].plot(frequency[k], size[k], "o", color=COLOURS[1], markersize=3)
+                print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
+            line[0].set_ylabel(axis_label(name, of))
+            line[0].set_title("amplitude", fontsize=9)
+            line[0].set_xlim(0.0, frequency[holding(size)])
+            line[0].margins(y=0.12)
+            figure.draw_without_rendering()
+            name_peaks(line[0], frequency, size, peaks(size, most))
+            band, power = density(axis, values)
+            line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
+            squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
+            line[1].set_ylabel(f"[{squared}/{unit.replace('per turn', 'order')}]")
+            line[1].set_title("power spectral density (Welch)", fontsize=9)
+            line[1].set_xlim(line[0].get_xlim())
+            seen = power[1:][band[1:] <= line[0].get_xlim()[1]]
+            if seen.size and seen.max() > 0.0:
+                line[1].set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
+        for axis in axes[-1]:
+            axis.set_xlabel(f"{abscissa} [{unit}]")
+    return figure
+
+
+def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
+    """Return a figure of amplitudes over frequency and time, or over the speed of a drive."""
+    axis, values = even_samples(run.time, run[name])
+    frequency, times, size = waterfall(axis, values)
+    if not times.size:
+        raise HistoryError(f"{axis.size} rows: {LEAST + 1} or more are needed for a waterfall")
+    across, label = times, "t [s]"
+    if speed:
+        across, label = np.interp(times, run.time, run[speed]), run.label(speed)
+        if np.any(np.diff(across) <= 0.0) and np.any(np.diff(across) >= 0.0):
+            raise HistoryError(f"{run.path}: {speed} does not run one way: a waterfall against it would fold")
+    with plt.rc_context(LOOK | {"axes.grid": False}):
+        figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+        level = 20.0 * np.log10(np.maximum(size, size.max() * 1.0e-5 or 1.0e-300))
+        shades = ax.pcolormesh(across, frequency, level, shading="nearest", cmap="viridis", rasterized=True)
+        figure.colorbar(shades, label=f"amplitude of {name} [dB re 1 {pretty_unit(run.units[name])}]")
+        ax.set_xlabel(label)
+        ax.set_ylabel("frequency [Hz]")
+        ax.set_ylim(0.0, frequency[holding(size.max(axis=1))])
+    return figure
+
+
+def draw_decay(run: History, names: list[str]) -> plt.Figure:
+    """Return a figure of columns with the envelope of their decay, and print decrement and damping ratio."""
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+        for axis, name in zip(axes[:, 0], names):
+            time, values = even_samples(run.time, run[name])
+            turns, found = decay(time, values)
+            axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
+            at = values[turns]
+            inner = time[(time >= time[turns[1]]) & (time <= time[turns[-2]])]
+            about = np.interp(inner, time[turns[1:-1]], 0.25 * (at[:-2] + 2.0 * at[1:-1] + at[2:]))  # what it swings about
+            envelope = found["start"] * np.exp(-found["rate"] * inner)
+            axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
+            axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])
+            axis.plot(time[turns], values[turns], ".", color="black", markersize=3, label="turning points")
+            axis.set_ylabel(axis_label(name, run.units[name]))
+            axis.legend(loc="upper right")
+            words = f"{name}: {found['frequency']:.4g} Hz, logarithmic decrement {found['decrement']:.4g}, "
+            words += f"damping ratio {found['damping_ratio']:.4g}, decay {found['rate']:.4g} 1/s"
+            axis.set_title(words, fontsize=9)
+            print(words)
+            beside = nearest_mode(run.path.parent, found["frequency"])
+            if beside:
+                print(f"  {beside}")
+        axes[-1, 0].set_xlabel("t [s]")
+    return figure
+
+
+def spectrum(args: argparse.Namespace) -> int:
+    """Draw what the command line asks for; raises HistoryError."""
+    run = read(args.run)
+    if np.isfinite(args.start):
+        run = History(run.path, run.names, run.units, run.data[run.time >= args.start])
+    names = run.match(args.columns)
+    if args.peaks < 0:
+        raise HistoryError(f"--peaks {args.peaks}: 0 or more expected")
+    if args.speed and not args.waterfall:
+        raise HistoryError("--speed goes with --waterfall")
+    if args.waterfall:
+        if len(names) > 1:
+            raise HistoryError(f"--waterfall draws one column, {len(names)} are chosen")
+        figure = draw_waterfall(run, names[0], args.speed)
+    elif args.decay:
+        figure = draw_decay(run, names)
+    elif args.orders:
+        turns = run[args.orders] / (2.0 * np.pi)
+        if np.any(np.diff(turns) <= 0.0):
+            raise HistoryError(f"{run.path}: {args.orders} does not increase throughout: orders need a drive that turns one way")
+        figure = draw_spectrum(run, names, turns, f"order of {args.orders}", "per turn", args.peaks)
+    else:
+        figure = draw_spectrum(run, names, run.time, "frequency", "Hz", args.peaks)
+    paths = save(figure, args.output or run.path.parent / "spectrum")
+    print("wrote " + " and ".join(map(str, paths)))
+    return 0

@@ -1,0 +1,266 @@
+"""Runs a deck over ranges of its parameters and gathers numbers of every run into one table."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import operator
+import re
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict
+from pathlib import Path
+
+import f90nml
+
+from . import deck_text
+from .result_files import HistoryError
+from .sweep_run import Batch, Row, assign, run_batch
+from .sweep_study import Study, StudyError, read
+
+FOLDER = Path(__file__).resolve().parents[1]  # of the package
+BATCH = 50
+COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
+
+
+class Journal:
+    """What was run: a line of JSON a run, read again by a sweep that goes on.
+
+    Attributes:
+        path: the file
+        done: what each run gave, by its key: the fields of a `Row`
+        damaged: numbers of lines that cannot be read, as an interruption leaves them: their runs are made again
+    """
+
+    def __init__(self, path: Path, results: int) -> None:
+        """Read the journal of a study with that many results."""
+        self.path = path
+        self.done: dict[str, dict] = {}
+        self.damaged: list[int] = []
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        for number, line in enumerate(text.split("\n"), 1):
+            entry = _entry(line, results)
+            if entry:
+                self.done[entry["key"]] = entry
+            elif line.strip():
+                self.damaged.append(number)
+        if self.damaged or text[-1:] not in ("", "\n"):  # what follows must not be joined to a line that was cut
+            whole = path.with_name(path.name + ".new")
+            whole.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
+            whole.replace(path)
+
+    def add(self, rows: dict[str, Row]) -> None:
+        """Write the rows of a batch, by their keys."""
+        with self.path.open("a", encoding="utf-8") as file:
+            for key, row in rows.items():
+                self.done[key] = {"key": key, **asdict(row)}
+                file.write(json.dumps(self.done[key]) + "\n")
+
+
+def _entry(line: str, results: int) -> dict | None:
+    """Return the run that a line of a journal tells, None where it is damaged."""
+    try:
+        entry = json.loads(line)
+        values, units, reason = entry["values"], entry["units"], entry["reason"]
+        numbers = [float(value) for value in values]
+        told = (isinstance(word, str) for word in (entry["key"], reason, *units))
+        count = 0 if reason else results
+        return entry if all(told) and len(numbers) == len(units) == count else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def keys(study: Study, text: str, biela: Path) -> list[str]:
+    """Return what tells each run from all others: solver, deck, values and measures."""
+    solver = hashlib.sha256(biela.read_bytes()).hexdigest()
+    targets = [[parameter.name, [asdict(target) for target in parameter.targets]] for parameter in study.parameters]
+    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets])
+    head = hashlib.sha256(common.encode())
+    found = []
+    for point in study.points:
+        own = head.copy()
+        own.update(json.dumps(point, default=str).encode())
+        found.append(own.hexdigest()[:24])
+    return found
+
+
+def batches(study: Study, text: str, wanted: list[int], args: argparse.Namespace, folder: Path) -> Iterator[Batch]:
+    """Yield the runs that are wanted, some at a time."""
+    workers = max(args.jobs, 1)
+    size = max(1, min(BATCH, len(wanted) // (4 * workers) or 1))
+    for first in range(0, len(wanted), size):
+        assignments = {}
+        for number in wanted[first : first + size]:
+            values = study.points[number]
+            assignments[number] = tuple((target, values[p.name]) for p in study.parameters for target in p.targets)
+        keep = str(folder / "runs") if args.keep else None
+        yield Batch(str(args.biela.resolve()), text, str(study.deck.parent), assignments, study.scalars, keep, not args.keep)
+
+
+def _on_worker(folder: str, batch: bytes) -> list[Row]:
+    """Run a batch on a Dask worker, which may never have seen this package."""
+    import pickle
+    import sys
+
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    from biela.sweep_run import run_batch
+
+    return run_batch(pickle.loads(batch))
+
+
+def executor(args: argparse.Namespace) -> Executor:
+    """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
+    if not args.dask:
+        return ProcessPoolExecutor(max_workers=args.jobs)
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise HistoryError("--dask needs the package distributed: pip install 'dask[distributed]'") from None
+    try:
+        return Client(args.dask, timeout="10s").get_executor(pure=False, retries=5)
+    except OSError as fault:
+        raise HistoryError(f"--dask {args.dask}: no scheduler answers ({fault})") from None
+
+
+def submit(pool: Executor, batch: Batch, args: argparse.Namespace) -> Future:
+    """Hand a batch over."""
+    if not args.dask:
+        return pool.submit(run_batch, batch)
+    import pickle
+
+    return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
+
+
+def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path) -> None:
+    """Run what the journal lacks; Ctrl-C leaves what was finished."""
+    found = keys(study, text, args.biela)
+    wanted = [k for k, key in enumerate(found) if key not in journal.done]
+    begun, done = time.monotonic(), 0
+    if not wanted:
+        return
+    waiting = batches(study, text, wanted, args, folder)
+    pool = executor(args)
+    running: set[Future] = set()
+    try:
+        while True:
+            while len(running) < 3 * max(args.jobs, 1) and (batch := next(waiting, None)):
+                running.add(submit(pool, batch, args))
+            if not running:
+                break
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                rows = future.result()
+                journal.add({found[row.number]: row for row in rows})
+                done += len(rows)
+            _progress(done, len(wanted), time.monotonic() - begun)
+        pool.shutdown()
+    except KeyboardInterrupt:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command goes on") from None
+
+
+def _progress(done: int, total: int, seconds: float) -> None:
+    """Show how far the sweep is, on a terminal only."""
+    if sys.stderr.isatty():
+        left = seconds / max(done, 1) * (total - done)
+        bar = "#" * (30 * done // total)
+        end = "\n" if done == total else ""
+        print(f"\r[{bar:<30}] {done}/{total} runs, {left:.0f} s left ", end=end, file=sys.stderr, flush=True)
+
+
+def table(study: Study, journal: Journal, found: list[str]) -> tuple[list[str], list[list]]:
+    """Return the header and the rows of the table, in the order of the design."""
+    entries = [journal.done[key] for key in found]
+    units = next((entry["units"] for entry in entries if entry["units"]), [""] * len(study.scalars))
+    header = [parameter.label for parameter in study.parameters]
+    header += [scalar.name + (f"[{unit}]" if unit else "") for scalar, unit in zip(study.scalars, units)] + ["failure"]
+    rows = []
+    for point, entry in zip(study.points, entries):
+        rows.append([*point.values(), *(entry["values"] or [""] * len(study.scalars)), entry["reason"]])
+    return header, rows
+
+
+def write_table(path: Path, header: list[str], rows: list[list]) -> None:
+    """Write the table; HistoryError where it cannot be written."""
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            writer.writerows(rows)
+    except OSError as fault:
+        raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
+
+
+def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> str:
+    """Return a line that names the best run that meets all conditions; HistoryError where the words are wrong."""
+    names = [one.name for one in (*study.parameters, *study.scalars)]
+    words = wish.split()
+    if len(words) != 2 or words[0] not in ("min", "max") or words[1] not in names:
+        raise HistoryError(f"--best {wish!r}: 'min NAME' or 'max NAME' expected, NAME one of {', '.join(names)}")
+    tests = []
+    for condition in conditions:
+        found = CONDITION.fullmatch(condition)
+        try:
+            tests.append((names.index(found[1]), COMPARISONS[found[2]], float(found[3])))
+        except (TypeError, ValueError):
+            raise HistoryError(f"--where {condition!r}: 'NAME < VALUE' expected, NAME one of {', '.join(names)}") from None
+    good = [row for row in rows if not row[-1]]
+    for condition, (k, test, value) in zip(conditions, tests):
+        if any(isinstance(row[k], str) for row in good):
+            raise HistoryError(f"--where {condition!r}: the values of {names[k]} are words")
+        good = [row for row in good if test(row[k], value)]
+    column = names.index(words[1])
+    good = [row for row in good if row[column] == row[column]]
+    if not good:
+        return "best: no run meets the conditions"
+    chosen = (min if words[0] == "min" else max)(good, key=lambda row: row[column])
+    shown = [f"{value:.6g}" if isinstance(value, float) else str(value) for value in chosen]
+    values = ", ".join(f"{name} = {value}" for name, value in zip(names, shown))
+    return f"best of {len(good)} runs ({wish}{''.join(', ' + condition for condition in conditions)}): {values}"
+
+
+def sweep(args: argparse.Namespace) -> int:
+    """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
+    try:
+        study = read(args.study)
+        text = deck_text.read(study.deck).text
+        base = f90nml.reads(text)
+        for parameter in study.parameters:
+            for target in parameter.targets:
+                assign(base, target, study.points[0][parameter.name])
+    except (StudyError, deck_text.DeckError) as fault:
+        raise HistoryError(str(fault)) from None
+    if args.jobs < 1:
+        raise HistoryError(f"--jobs {args.jobs}: 1 or more expected")
+    if not args.biela.is_file():
+        raise HistoryError(f"{args.biela}: no such program: build it with make, or name it with --biela")
+    folder = args.output or Path("results") / "sweep" / study.name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        journal = Journal(folder / "journal.jsonl", len(study.scalars))
+        if journal.damaged:
+            lines = f"line {journal.damaged[0]}" + (f" and {len(journal.damaged) - 1} more" if len(journal.damaged) > 1 else "")
+            print(f"sweep: warning: {journal.path}: {lines} cannot be read; the runs are made again", file=sys.stderr)
+        run_all(study, text, journal, args, folder)
+    except OSError as fault:
+        raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
+    header, rows = table(study, journal, keys(study, text, args.biela))
+    write_table(folder / "table.csv", header, rows)
+    failed = [row for row in rows if row[-1]]
+    print(f"{len(rows)} runs, {len(failed)} failed; table in {folder / 'table.csv'}")
+    for row in failed[:3]:
+        print(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
+    if not args.no_pictures and len(failed) < len(rows):
+        from . import sweep_picture
+
+        for path in sweep_picture.draw(study, header, rows, folder):
+            print(f"picture: {path}")
+    if args.best:
+        print(best(study, rows, args.best, args.where))
+    return int(len(failed) == len(rows))

@@ -1,0 +1,331 @@
+"""What a sweep varies and what it measures, read from a TOML file (see post/README.md).
+
+    deck = "slider_crank.nml"            # relative to this file
+    design = "grid"                      # or "zip", "latin_hypercube" (samples, seed)
+    [[parameter]]
+    name = "height"                      # how the table calls it
+    set = ["section/rod/height"]         # group/name/variable, group/variable, or .../variable(2) of a list
+    unit = "m"                           # as the table and the pictures show it; optional
+    values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"; or: expression = "2*width"
+    [[result]]
+    name = "peak"                        # how the table calls it
+    measure = "peak"                     # the kinds of sweep_scalars.py
+    column = "mid.v"
+
+Parameters that follow from others by an expression are linked to them: numbers, + - * / **, pi, sqrt, exp, log, sin and the like.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+import operator
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .sweep_scalars import Scalar
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+TARGET = re.compile(r"(?P<group>\w+)/(?:(?P<name>[\w-]+)/)?(?P<variable>\w+)(?:\((?P<index>\d+)\))?")
+DESIGNS = ("grid", "zip", "latin_hypercube")
+LONGEST = 1000  # characters of an expression
+DEEPEST = 50  # operations within each other
+EXACT = 2**53  # integers up to this size are floating-point numbers, too
+MOST_RUNS = 1_000_000  # of a study
+OPERATORS = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: math.pow,  # no complex numbers
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+FUNCTIONS = {name: getattr(math, name) for name in ("sqrt", "exp", "log", "log10", "sin", "cos", "tan", "atan", "atan2", "hypot")}
+
+
+class StudyError(Exception):
+    """A study that cannot be read or makes no sense."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A variable of a deck's group.
+
+    Attributes:
+        group: kind of the group, lower case
+        name: the group's own name, lower case, '' where it has none
+        variable: lower case
+        index: element of a list, 1 the first; 0: the variable itself
+    """
+
+    group: str
+    name: str
+    variable: str
+    index: int
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A quantity that is varied, or follows from those that are.
+
+    Attributes:
+        name: column of the table
+        targets: where the deck gets it
+        values: what it takes; empty where it follows from an expression
+        expression: of other parameters
+        log: a Latin hypercube samples it by its logarithm
+        unit: as the table and the pictures show it
+    """
+
+    name: str
+    targets: tuple[Target, ...]
+    values: tuple
+    expression: str
+    log: bool
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Its name with its unit, as the table has it."""
+        return f"{self.name}[{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Study:
+    """A whole study.
+
+    Attributes:
+        name: of the file, without its ending
+        deck: path of the base deck
+        parameters: in the order of the file
+        scalars: what is measured of each run
+        points: values of all parameters, one dictionary a run
+    """
+
+    name: str
+    deck: Path
+    parameters: tuple[Parameter, ...]
+    scalars: tuple[Scalar, ...]
+    points: tuple[dict, ...]
+
+
+def evaluate(expression: str, values: dict[str, float]) -> float:
+    """Return the value of an arithmetic expression of parameters; StudyError where it is none or has no value.
+
+    All operations are those of floating-point numbers: integers of any length would let `9**9**9` run for ever.
+    """
+    shown = expression if len(expression) < 60 else f"{expression[:50]}... ({len(expression)} characters)"
+
+    def value(node: ast.AST, depth: int = 1) -> float:
+        if depth > DEEPEST:
+            raise StudyError(f"expression {shown!r} is nested deeper than {DEEPEST} operations")
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            return _number(node.value)
+        if isinstance(node, ast.Name) and node.id in values:
+            return values[node.id]
+        if isinstance(node, ast.Name) and node.id == "pi":
+            return math.pi
+        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+            return _applied(OPERATORS[type(node.op)], value(node.left, depth + 1), value(node.right, depth + 1))
+        if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
+            return _applied(OPERATORS[type(node.op)], value(node.operand, depth + 1))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
+            return FUNCTIONS[node.func.id](*(value(argument, depth + 1) for argument in node.args))
+        part = ast.get_source_segment(expression, node) or expression
+        known = ", ".join([*values, "pi", *FUNCTIONS])
+        raise StudyError(f"expression {shown!r}: {part[:60]!r} is not known; numbers, + - * / **, and {known} are")
+
+    if len(expression) > LONGEST:
+        raise StudyError(f"expression {shown!r}: at most {LONGEST} characters expected")
+    try:
+        found = value(ast.parse(expression.strip(), mode="eval").body)
+        return found if isinstance(found, str) else _number(found)
+    except (SyntaxError, RecursionError, MemoryError):
+        raise StudyError(f"expression {shown!r}: is no expression") from None
+    except (ArithmeticError, ValueError, TypeError) as fault:
+        raise StudyError(f"expression {shown!r} has no value at {values}: {fault}") from None
+
+
+def _applied(operation: Callable[..., float], *operands: float) -> float:
+    """Return what an operation makes of numbers; an integer where the operands are integers and so is the result."""
+    if not all(isinstance(operand, (int, float)) for operand in operands):
+        raise TypeError("a word is no number")
+    found = operation(*map(float, operands))
+    whole = operation is not operator.truediv and all(isinstance(operand, int) for operand in operands)
+    return int(found) if whole and found.is_integer() and abs(found) <= EXACT else found
+
+
+def _number(value: float) -> float:
+    """Return a number as the computation takes it: an integer where a floating-point number holds it exactly."""
+    if isinstance(value, int) and abs(value) <= EXACT:
+        return value
+    if not math.isfinite(float(value)):
+        raise OverflowError("the number is too large")
+    return float(value)
+
+
+def read(path: Path) -> Study:
+    """Read a study; StudyError names the file and what is wrong."""
+    try:
+        with path.open("rb") as file:
+            said = tomllib.load(file)
+    except FileNotFoundError:
+        raise StudyError(f"{path}: no such file") from None
+    except (OSError, ValueError, RecursionError) as fault:  # ValueError: of the text's encoding, of TOML, of a number's length
+        raise StudyError(f"{path}: cannot be read as TOML ({fault})") from None
+    try:
+        return _study(path, said)
+    except StudyError as fault:
+        raise StudyError(f"{path}: {fault}") from None
+
+
+def _study(path: Path, said: dict) -> Study:
+    """Return the study that a TOML file states."""
+    _known(said, ("deck", "design", "samples", "seed", "parameter", "result"), "the study")
+    if not isinstance(said.get("deck"), str):
+        raise StudyError("deck = 'FILE.nml' is missing")
+    parameters = tuple(_parameter(entry) for entry in _tables(said, "parameter"))
+    scalars = tuple(_scalar(entry) for entry in _tables(said, "result"))
+    if not parameters:
+        raise StudyError("no [[parameter]] is given")
+    if not scalars:
+        raise StudyError("no [[result]] is given")
+    names = [one.name for one in (*parameters, *scalars)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise StudyError(f"the name {twice[0]!r} stands there twice")
+    points = _points(said, parameters)
+    return Study(path.stem, (path.parent / said["deck"]).resolve(), parameters, scalars, points)
+
+
+def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
+    """Refuse words that mean nothing."""
+    unknown = sorted(set(entry) - set(words))
+    if unknown:
+        raise StudyError(f"{what}: {unknown[0]!r} is not known; one of {', '.join(words)} expected")
+
+
+def _tables(said: dict, kind: str) -> list[dict]:
+    """Return the tables [[kind]] of a study."""
+    found = said.get(kind, [])
+    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+        raise StudyError(f"{kind}: tables [[{kind}]] expected")
+    return found
+
+
+def _target(text: object) -> Target:
+    """Return the variable that 'group/name/variable(index)' names."""
+    found = TARGET.fullmatch(text) if isinstance(text, str) else None
+    if not found:
+        raise StudyError(f"set: {text!r}: 'group/name/variable', 'group/variable' or '.../variable(2)' expected")
+    return Target(found["group"].lower(), (found["name"] or "").lower(), found["variable"].lower(), int(found["index"] or 0))
+
+
+def _parameter(entry: dict) -> Parameter:
+    """Return one [[parameter]]."""
+    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "expression", "unit"), "[[parameter]]")
+    name = entry.get("name", "")
+    if not isinstance(name, str) or not name.isidentifier():
+        raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
+    said = entry.get("set", [])
+    targets = tuple(_target(text) for text in (said if isinstance(said, list) else [said]))
+    ways = [way for way in ("values", "from", "expression") if way in entry]
+    if len(ways) != 1:
+        raise StudyError(f"parameter {name}: one of values, from (with to and points), expression expected")
+    log = entry.get("spacing", "linear") == "log"
+    values: tuple = ()
+    if "values" in entry:
+        values = tuple(entry["values"]) if isinstance(entry["values"], list) else ()
+        if not values or not all(isinstance(value, (int, float, str, bool)) for value in values):
+            raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
+    elif "from" in entry:
+        values = _range(name, entry, log)
+    elif not str(entry["expression"]).strip():
+        raise StudyError(f"parameter {name}: expression = '...' expected")
+    return Parameter(name, targets, values, str(entry.get("expression", "")), log, str(entry.get("unit", "")))
+
+
+def _range(name: str, entry: dict, log: bool) -> tuple:
+    """Return the values of from, to, points, spacing."""
+    try:
+        first, last, points = float(entry["from"]), float(entry["to"]), int(entry.get("points", 2))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise StudyError(f"parameter {name}: from, to and points expected, all numbers") from None
+    if points > MOST_RUNS:
+        raise StudyError(f"parameter {name}: points = {points}: at most {MOST_RUNS} runs expected")
+    if points < 2 or not (math.isfinite(first) and math.isfinite(last)) or (log and min(first, last) <= 0.0):
+        raise StudyError(f"parameter {name}: two points or more expected, finite ends, positive ones for spacing = 'log'")
+    if entry.get("spacing", "linear") not in ("linear", "log"):
+        raise StudyError(f"parameter {name}: spacing = 'linear' or 'log' expected")
+    values = np.geomspace(first, last, points) if log else np.linspace(first, last, points)
+    return tuple(float(value) for value in values)
+
+
+def _scalar(entry: dict) -> Scalar:
+    """Return one [[result]]."""
+    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key"), "[[result]]")
+    options = {("start" if key == "from" else key): value for key, value in entry.items()}
+    try:
+        return Scalar(**options)
+    except (TypeError, ValueError) as fault:
+        raise StudyError(f"[[result]] {entry.get('name', '')}: {fault}") from None
+
+
+def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
+    """Return the values of all parameters of every run."""
+    free = [parameter for parameter in parameters if not parameter.expression]
+    design = said.get("design", "grid")
+    if design not in DESIGNS:
+        raise StudyError(f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
+    if design == "grid":
+        if math.prod(len(parameter.values) for parameter in free) > MOST_RUNS:
+            raise StudyError(f"design = 'grid': the parameters' values make more than {MOST_RUNS} runs")
+        rows = itertools.product(*(parameter.values for parameter in free))
+    elif design == "zip":
+        if len({len(parameter.values) for parameter in free}) > 1:
+            raise StudyError("design = 'zip': all parameters need as many values as the first")
+        rows = zip(*(parameter.values for parameter in free))
+    else:
+        rows = _hypercube(said, free)
+    points = []
+    for row in rows:
+        values = dict(zip((parameter.name for parameter in free), row))
+        for parameter in parameters:
+            if parameter.expression:
+                values[parameter.name] = evaluate(parameter.expression, values)
+        points.append({parameter.name: values[parameter.name] for parameter in parameters})
+    if not points:
+        raise StudyError(f"design = {design!r}: a [[parameter]] with values of its own, or from and to, is missing")
+    return tuple(points)
+
+
+def _hypercube(said: dict, free: list[Parameter]) -> list[tuple]:
+    """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter."""
+    samples, seed = said.get("samples"), said.get("seed", 0)
+    if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
+        raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
+    if samples > MOST_RUNS:
+        raise StudyError(f"design = 'latin_hypercube': samples = {samples}: at most {MOST_RUNS} runs expected")
+    if not all(isinstance(value, (int, float)) for parameter in free for value in parameter.values):
+        raise StudyError("design = 'latin_hypercube': parameters have to be numbers")
+    generator = np.random.default_rng(seed)
+    columns = []
+    for parameter in free:
+        part = (generator.permutation(samples) + generator.random(samples)) / samples  # one value in each of as many strata
+        low, high = min(parameter.values), max(parameter.values)
+        if parameter.log and low * high <= 0.0:
+            raise StudyError(f"parameter {parameter.name}: positive numbers expected for spacing = 'log'")
+        column = low * (high / low) ** part if parameter.log else low + (high - low) * part
+        columns.append([float(value) for value in column])
+    return list(zip(*columns))

@@ -1,0 +1,216 @@
+"""Speed against accuracy of a deck: the cheapest method, step and model that are accurate enough."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from .deck_models import in_force
+from .deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
+from .deck_text import DeckError, DeckText, read
+from .tradeoff_causes import PARTS, cancellation, deciding, offset
+from .tradeoff_errors import Compared, gap, sizes_of
+from .tradeoff_picture import draw
+from .tradeoff_report import Result, head, nothing_finished, table, verdict
+from .tradeoff_search import EFFECT, cheapest, greedy
+from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_setting
+from .tradeoff_study import CALL, FULL, Point, Study
+from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
+
+FINALISTS = 4
+NEAR = 1.5  # settings are timed alone where their price is within this factor of the least
+CLOCK = 0.05  # [s] runs timed alone are ranked by the clock where they take longer
+# shares of --time after which no run goes on: of the deck as written, of the reference, of the search
+WRITTEN, REFERENCE, SEARCH = 0.25, 0.5, 0.85
+DRAWING = 0.7  # [s] of the processor that table and picture take
+
+
+def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
+    """Return, by family, the coarsest setting of the full model's curve that meets the tolerance."""
+    found = {}
+    for made in base.curves:
+        good = [s for s, o in zip(made.settings, made.outcomes) if gap(o, study.truth).largest <= study.room]
+        found[made.family] = good[0] if good else made.settings[-1]
+    return found
+
+
+def search(study: Study, base: Base, result: Result) -> None:
+    """Find the cheapest adequate point of each model from the full one to the smallest; none where the truth is too uncertain."""
+    starts = first_guesses(study, base)
+    families = [made.family for made in base.curves]
+    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families) if study.room > 0.0 else None
+    if best is None:
+        return
+    result.important, told = left_out(study, base, best)
+    result.notes += told
+    study.families = families
+    effects = effect_settings(study, best, EFFECT)[:3]
+    result.path = greedy(study, base.deck, best, effects, starts)
+    last = result.path[-1]
+    if len(result.path) > 1:
+        rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
+        study.measure(last.model, last.deck, rest, "curve of the smallest model")
+    result.important += deciding(study, base, best, effects, starts)
+
+
+def explore(study: Study, base: Base, result: Result) -> None:
+    """Search as long as there is time; what was measured stays in the study."""
+    for made in base.curves:
+        longest = made.outcomes[-1]
+        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + CALL))
+        study.keep(FULL, base.deck, made.settings, made.outcomes)
+    with contextlib.suppress(OutOfTimeError):
+        search(study, base, result)
+    if study.runner.late():
+        ended = f"the search was ended by --time {study.runner.time:g}; the same command with more goes on from there"
+        result.notes.append(ended)
+
+
+def choose(study: Study, budget: float) -> Point | None:
+    """Return the cheapest adequate point, timed alone among the best few; within the budget, else the most accurate there."""
+    good = sorted((p for p in study.points if p.gap.largest <= study.room), key=study.price)[:FINALISTS]
+    alone = []
+    for point in (p for p in good if study.price(p) <= NEAR * study.price(good[0])):
+        with contextlib.suppress(OutOfTimeError):
+            alone.append(replace(point, outcome=study.runner.timed(study.text(point.deck, point.setting))))
+    best = min(alone or good, key=lambda p: p.cost if p.cost > CLOCK else study.price(p), default=None)
+    if best and best.cost <= budget:
+        return best
+    affordable = [p for p in study.points if p.cost <= budget]
+    return min(affordable, key=lambda p: p.gap.largest, default=None) if math.isfinite(budget) else None
+
+
+def recommend(study: Study, result: Result, point: Point | None, folder: Path) -> None:
+    """Write recommended.nml: a point's deck as a run of its own shows it, or the deck as written where none does better.
+
+    A run that met the tolerance by luck misses it with other rows, at which its steps end: then the next best point is taken.
+    """
+    while point:
+        verify(study, result, point)
+        found = result.chosen.gap
+        if found.largest <= study.room or point.gap.largest > study.room:
+            break
+        same = [(p.model, p.setting) == (point.model, point.setting) for p in study.points]
+        study.points = [replace(p, gap=found) if lost else p for p, lost in zip(study.points, same)]
+        point = choose(study, result.budget) if any(same) else None
+    written, chosen = result.written, result.chosen
+    if written.gap.largest <= study.room and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
+        result.chosen, result.taken = replace(written, model="recommended.nml"), []
+    elif chosen:
+        with contextlib.suppress(OutOfTimeError):
+            result.important += cancellation(study, point, chosen.gap.largest) if point else []
+    if result.chosen:
+        result.meets = result.chosen.gap.largest <= study.room
+        (folder / "recommended.nml").write_text(head(study, result) + result.chosen.deck.text, encoding="utf-8")
+
+
+def verify(study: Study, result: Result, point: Point) -> None:
+    """Run a point's deck as recommended.nml will be, in turn with the deck as written."""
+    deck = with_setting(point.deck, point.setting, study.grid, study.grid.stated or study.grid.interval)
+    written = result.written
+    try:
+        if written.outcome.ok:
+            outcome, again = study.runner.beside(deck.text, written.deck.text)
+            result.written = replace(written, outcome=again)
+        else:
+            outcome = study.runner.timed(deck.text)
+    except OutOfTimeError:
+        outcome = point.outcome
+        result.notes.append("the time ended: the figures of recommended.nml are those of the same run of the search")
+    if not outcome.ok:
+        raise RunsError(f"recommended.nml does not run: {outcome.message}")
+    result.chosen = Point("recommended.nml", point.setting, deck, outcome, gap(outcome, study.truth))
+    result.taken = [] if point.model == FULL else in_force(point.model.split("; "))
+
+
+def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
+    """Split the errors of the deck as written and of the recommended one into parts; a model that fails leaves a note instead."""
+    for name, point in (("deck as written", result.written), ("recommended.nml", result.chosen)):
+        if point is None or not point.outcome.ok:
+            continue
+        try:
+            found = parts(study, deck, point.deck, point.outcome, doublings)
+        except (RunsError, OutOfTimeError) as fault:
+            result.notes.append(f"{name}: its error is not split: {str(fault) or 'the time ended'}")
+            continue
+        result.parts.append((name, *found))
+        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest, study.tolerance)
+
+
+def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
+    """Return an empty study of a deck."""
+    asked = sensors(deck, args.sensor)
+    families = [name for name, (method, _) in FAMILIES.items() if method in args.methods]
+    runner = Runner(args.biela, folder / "kept", args.jobs, args.longest_run, args.quiet, args.time)
+    grid = grid_of(deck)
+    return Study(runner, grid, asked, args.tolerance, families, Compared(sizes_of(length_of(deck), grid.interval)))
+
+
+def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
+    """Let the study compare the columns that were named; DeckError for one that does not exist."""
+    if not any("." in word for word in wanted):
+        return
+    names = written.names
+    if not names:  # the run was not finished: the beginning of it tells the names
+        transient = deck.one("transient")
+        short = {"t_end": f"{study.grid.interval:.17g}", "output_step": f"{study.grid.interval:.17g}"}
+        names = study.runner.one(deck.set(transient, **short).text).names
+    study.compared = replace(study.compared, columns=columns(names, wanted))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the whole study; the exit status."""
+    deck = read(args.deck)
+    folder = args.output or Path("results") / "tradeoff" / args.deck.stem
+    study = study_of(args, deck, folder)
+    runner = study.runner
+    try:
+        runner.share = WRITTEN
+        written = as_written(study, deck)
+        runner.share = REFERENCE
+        narrow(study, deck, written, args.sensor)
+        base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
+    except OutOfTimeError:
+        said, text = nothing_finished(study, args.deck.name)
+        runner.clear_line()
+        (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
+        print(f"{said}\nTable: {folder}/tradeoff.txt; the same command goes on from what is kept")
+        return 1
+    own = Point("deck as written", None, deck, written, gap(written, study.truth))
+    result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
+    runner.share = SEARCH
+    explore(study, base, result)
+    runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
+    recommend(study, result, choose(study, args.budget), folder)
+    if base.doublings:
+        split(study, result, deck, base.doublings)
+    runner.clear_line()
+    (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
+    draw(study, result, folder / "work_precision.png")
+    print(verdict(study, result))
+    print("".join(f"- {line}\n" for line in result.important), end="")
+    print(f"Table, deck and picture: {folder}/tradeoff.txt, recommended.nml, work_precision.png")
+    return 0 if result.meets else 1
+
+
+def work(args: argparse.Namespace) -> int:
+    """Do what the command line asks and return the exit status."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return run(args)
+    except (DeckError, RunsError) as fault:
+        print(f"\ntradeoff: {fault}" if sys.stderr.isatty() else f"tradeoff: {fault}", file=sys.stderr)
+        return 2
+    except (InterruptedRunsError, KeyboardInterrupt):
+        print("\ntradeoff: interrupted; what was run is kept, the same command continues", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        raise  # the reader of standard output has gone
+    except OSError as fault:
+        print(f"tradeoff: {fault.filename}: {fault.strerror}", file=sys.stderr)
+        return 2

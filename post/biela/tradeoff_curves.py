@@ -1,0 +1,174 @@
+"""Work-precision curves of a model: each method refined until its own differences promise an error below a target.
+
+The method that promises to reach it most cheaply, by what its runs have cost and shown, is refined first; once one has reached
+the target, the others are spared their finest levels.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+from .deck_runs import Outcome, OutOfTimeError
+from .deck_text import DeckText
+from .tradeoff_errors import NOISE, between, richardson
+from .tradeoff_settings import ORDERS, Setting
+from .tradeoff_study import Study
+
+LEVELS = 14  # of a curve at most
+CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
+ENOUGH = 0.3  # share of the tolerance to which the other methods are refined, once one has reached the target
+CHEAP, DRAWN = 0.5, 7  # curves have so many points where the next ones cost less [s]: their slopes show the order
+PAIR, PAIR_BY_TOLERANCE = 4.0, 2.5  # cost of the second of the next two runs, by the last one's
+FEW = 2  # levels without which nothing can be said of a curve's error
+HIGH = 5.0  # order of methods by tolerance: how their errors fall with their cost
+TINY = 1.0e-30
+SLOW = 0.1  # the least order that is reckoned with
+EXPLICIT = ("rk4", "dopri5")
+
+
+@dataclass
+class Curve:
+    """Runs of one model with one family, coarse to fine, and the error left in the finest.
+
+    Attributes:
+        family: of settings
+        settings: that ran
+        outcomes: what they gave
+        left: error that the finest run has by the differences of the last ones; infinite without an estimate
+        following: the next setting
+        before: seconds of the finest run and error left before the last refinement
+        waited: seconds by the clock that its last runs took
+        ended: whether nothing finer is run
+    """
+
+    family: str
+    settings: list[Setting] = field(default_factory=list)
+    outcomes: list[Outcome] = field(default_factory=list)
+    left: float = float("inf")
+    following: Setting | None = None
+    before: tuple[float, float] | None = None
+    waited: float = 0.0
+    ended: bool = False
+
+    @property
+    def cost(self) -> float:
+        """Seconds of the finest run."""
+        return self.outcomes[-1].seconds if self.outcomes else float("inf")
+
+    @property
+    def coming(self) -> float:
+        """Seconds that the next runs may take; what the last ones took as long as none went to its end."""
+        if not self.outcomes:
+            return self.waited
+        return (PAIR_BY_TOLERANCE if self.settings[-1].adaptive else PAIR) * self.cost
+
+
+def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, spare: bool = False) -> list[Curve]:
+    """Return the curves of a model, the most accurate first.
+
+    Args:
+        study: what is shared
+        deck: the model
+        stage: for the progress bar
+        lone: curve of a like model: its family alone is run, from the level by which it had converged
+        spare: whether to end when one family has reached the target
+    """
+    target = CERTAIN * study.tolerance
+    # where the time ended a run, implicit methods first: their coarsest run has the fewest steps
+    families = study.families[::-1] if study.runner.unfinished else study.families
+    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in families]
+    found = [Curve(setting.family, following=setting) for setting in first]
+    while climbing := [made for made in found if not made.ended]:
+        best = min((c.cost for c in found if c.left <= target), default=float("inf"))
+        if spare and best < float("inf"):
+            break
+        made = min(climbing, key=lambda c: _promise(c, target))
+        dearest = min(study.runner.longest, study.runner.left(), max(PAIR * best, 1.0))
+        enough = made.left <= (target if best == float("inf") else ENOUGH * study.tolerance)
+        drawn = spare or lone or made.coming > CHEAP or len(made.outcomes) >= DRAWN
+        if made.coming > dearest or (enough and drawn):
+            made.ended = True
+        else:
+            try:
+                _climb(study, deck, made, stage)
+            except OutOfTimeError:
+                break
+    for made in found:
+        if made.left == float("inf") and len(made.outcomes) == FEW:
+            made.left = between(made.outcomes[0], made.outcomes[1], study.compared)
+    return sorted((c for c in found if c.outcomes), key=lambda c: c.left)
+
+
+def _promise(made: Curve, target: float) -> float:
+    """Return the seconds by which a curve may have reached the target.
+
+    Its error falls with the cost as it last did, and with the order of its method where that is not known yet.
+    """
+    if made.left == float("inf"):
+        return made.coming
+    rate = ORDERS.get(made.family, HIGH)
+    before = made.before
+    if before and before[1] < float("inf") and made.cost > before[0]:
+        seen = math.log(max(before[1] / max(made.left, TINY), 1.0)) / math.log(made.cost / before[0])
+        rate = min(max(seen, SLOW), rate)
+    return max(made.coming, made.cost * (made.left / target) ** (1.0 / rate))
+
+
+def doubt(study: Study, found: list[Curve]) -> float:
+    """Return the error that the finest run of the first curve may have.
+
+    Its own differences say it, and so does the other explicit method: fast vibrations that a fixed step damps are missing in
+    all runs of that method alike. What the other's run is away, less the error that it claims itself, counts where it is more.
+    Implicit runs may damp the same vibrations and are no witnesses. Nothing is known better than to the rounding of a run.
+    """
+    first = found[0]
+    others = [c for c in found[1:] if c.family in EXPLICIT and c.left <= ENOUGH * study.tolerance]
+    apart = [between(c.outcomes[-1], first.outcomes[-1], study.compared) - c.left for c in others]
+    return max([first.left, NOISE, *apart])
+
+
+def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
+    """Add the next two levels to a curve: steps halved, tolerances divided by ten.
+
+    Raises:
+        OutOfTimeError: one was not finished; what was is in the curve.
+    """
+    batch = [s for s in (made.following, made.following.doubled()) if s.exists()]
+    begun, cost, late = time.monotonic(), made.cost, None
+    texts = [study.text(deck, s) for s in batch]
+    try:
+        done = study.runner.all(texts, f"{stage}, {made.family}")
+    except OutOfTimeError as fault:
+        late, done = fault, [study.runner.kept(text) for text in texts]
+    made.waited = time.monotonic() - begun
+    made.following = batch[-1].doubled()
+    for setting, outcome in zip(batch, done):
+        if outcome is None or outcome.status == -1:
+            made.ended = True
+            break
+        if outcome.ok:
+            made.settings.append(setting)
+            made.outcomes.append(outcome)
+    left = _left(study, made)
+    made.before = (cost, made.left)
+    rounding = left > 0.7 * made.left and made.left < 1.0e-6 and len(made.outcomes) > 4
+    made.left = min(left, made.left) if rounding else left
+    made.ended = made.ended or rounding or not made.following.exists() or len(made.outcomes) >= LEVELS
+    if late:
+        raise late
+
+
+def _left(study: Study, made: Curve) -> float:
+    """Return the error that the finest run of a curve has by the differences of its last three.
+
+    Where tolerances are divided by ten it is taken to fall as it last did, by ten at most; steps go by Richardson.
+    """
+    last = made.outcomes[-3:]
+    away = [between(a, b, study.compared) for a, b in zip(last, last[1:])]
+    if not away:
+        return float("inf")
+    if made.settings[-1].adaptive:
+        return away[-1] * (min(max(away[-1] / away[0], 0.1), 1.0) if away[0] > 0.0 else 1.0)
+    return richardson(away[0], away[1], 2.0, ORDERS[made.family]) if len(away) == 2 else float("inf")

@@ -1,0 +1,148 @@
+"""Errors against a converged reference, and how far the reference itself can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .compare import scales
+from .deck_runs import Outcome, RunsError
+from .histories import History
+
+NOISE = 1.0e-11  # what varies by less than this share of other columns of its unit, or of the scene's size, is rounding
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What errors are measured against.
+
+    Attributes:
+        names: columns
+        times: shape (rows,) [s]
+        values: shape (rows, columns)
+        scale: what each column's error is divided by: its range, shape (columns,)
+        uncertainty: largest error that the truth itself may have over columns and times, relative to the ranges
+        words: how it was made
+    """
+
+    names: tuple[str, ...]
+    times: np.ndarray
+    values: np.ndarray
+    scale: np.ndarray
+    uncertainty: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Difference of a run from a truth, relative to the ranges: the worst column's largest and root mean square.
+
+    Attributes:
+        each: the largest difference of each column
+    """
+
+    largest: float
+    rms: float
+    column: str
+    each: dict[str, float] = field(default_factory=dict)
+
+    def without(self, sensor: str) -> float:
+        """Return the largest difference over the columns of all other sensors."""
+        return max((error for name, error in self.each.items() if name.split(".")[0] != sensor), default=self.largest)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What of a run is compared, and with what.
+
+    Attributes:
+        sizes: what motions of the scene's size are, by unit
+        columns: names of the columns; none: all
+    """
+
+    sizes: dict[str, float]
+    columns: frozenset[str] = frozenset()
+
+
+def sizes_of(length: float, interval: float) -> dict[str, float]:
+    """Return by unit what a motion of the scene's own size [m] within the interval of comparison [s] is."""
+    own = {"m": length, "rad": 1.0}
+    return {unit + per: size / interval**k for unit, size in own.items() for k, per in enumerate(("", "/s", "/s2"))}
+
+
+def scale_of(outcome: Outcome, sizes: dict[str, float]) -> np.ndarray:
+    """Return what the error of each column is divided by, shape (columns,).
+
+    That is the rule of post/compare.py, with more taken for rounding: it is measured by the largest column of the unit, by the
+    size of the scene (a fixed point's motion), or by the force of the same reaction (its moment where all are rounding).
+    """
+    names = ["t", *outcome.names]
+    history = History(Path("reference"), names, dict(zip(names, ["s", *outcome.units])), outcome.data)
+    found = scales(history, history.units)
+    for name in outcome.names:
+        if name.endswith(".m") and name[:-2] + ".fx" in found:
+            force = max(found[name[:-2] + ".fx"], found[name[:-2] + ".fy"])
+            found[name] = max(found[name], NOISE * force)
+    units = dict(zip(outcome.names, outcome.units))
+    largest = {unit: max([sizes.get(unit, 0.0), *(found[n] for n in units if units[n] == unit)]) for unit in units.values()}
+    for name, unit in units.items():
+        if found[name] < NOISE * (largest[unit] if unit else 0.0):
+            found[name] = largest[unit]
+    return np.array([found[name] for name in outcome.names])
+
+
+def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:
+    """Return a run as the truth."""
+    keep = [k for k, name in enumerate(outcome.names) if name in compared.columns or not compared.columns]
+    scale = scale_of(outcome, compared.sizes)[keep]
+    names = tuple(outcome.names[k] for k in keep)
+    return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words)
+
+
+def plain_truth(outcome: Outcome, like: Truth) -> Truth:
+    """Return a run as a truth, with the columns and scales of another one."""
+    order = [outcome.names.index(name) for name in like.names]
+    return Truth(like.names, outcome.data[:, 0], outcome.data[:, 1:][:, order], like.scale, 0.0, "")
+
+
+def gap(run: Outcome, truth: Truth) -> Gap:
+    """Return the error of a run; infinite where it failed.
+
+    Raises:
+        RunsError: the run has other columns or times.
+    """
+    if not run.ok:
+        return Gap(float("inf"), float("inf"), run.message)
+    columns = [run.names.index(name) for name in truth.names if name in run.names]
+    if len(columns) < len(truth.names):
+        missing = next(name for name in truth.names if name not in run.names)
+        raise RunsError(f"a run lacks the column {missing}")
+    rows = np.rint(np.interp(truth.times, run.data[:, 0], np.arange(len(run.data)))).astype(int)
+    if np.abs(run.data[rows, 0] - truth.times).max() > 1.0e-6 * (truth.times[1] - truth.times[0]):
+        raise RunsError("a run lacks rows at the times of the reference")
+    off = np.abs(run.data[rows, 1:][:, columns] - truth.values) / truth.scale
+    rms = np.sqrt(np.mean(off**2, axis=0))
+    largest = off.max(axis=0)
+    each = dict(zip(truth.names, largest.tolist()))
+    return Gap(float(largest.max()), float(rms.max()), truth.names[int(np.argmax(largest))], each)
+
+
+def between(a: Outcome, b: Outcome, compared: Compared) -> float:
+    """Return the largest difference of two runs relative to the ranges of the second, infinite where one failed."""
+    return gap(a, truth_of(b, compared)).largest if a.ok and b.ok else float("inf")
+
+
+def richardson(coarse: float, fine: float, ratio: float, order: float) -> float:
+    """Return the error left in the finest of three levels.
+
+    Args:
+        coarse: difference of the first two levels
+        fine: difference of the last two
+        ratio: of the steps of neighbouring levels
+        order: of the method; the observed order counts where it is lower, and never one below 1
+    """
+    seen = np.log(coarse / fine) / np.log(ratio) if coarse > 0.0 and fine > 0.0 and np.isfinite(coarse) else 1.0
+    used = min(max(seen, 1.0), order)
+    return fine / (ratio**used - 1.0)

@@ -1,0 +1,228 @@
+"""The table of a study, in words and figures: tradeoff.txt and the head of recommended.nml."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass, field
+
+from .deck_text import DeckText, parse
+from .tradeoff_curves import Curve
+from .tradeoff_errors import Gap, gap, plain_truth
+from .tradeoff_study import Point, Study
+
+WIDTH = 120
+MANY = 20  # a study takes about as long as so many of its dearest runs
+
+
+@dataclass
+class Result:
+    """What a study ends with.
+
+    Attributes:
+        deck_name: name of the deck
+        kind: 'deck' or 'refined'
+        notes: lines about the truth and the search
+        curves: work-precision curves of the full model
+        written: the deck as written, timed alone
+        path: cheapest adequate points, model by model
+        chosen: what is recommended, as verified by running recommended.nml, None where nothing can be
+        taken: removals that the recommended model has
+        meets: whether the verified error is within the tolerance
+        budget: solver seconds that the recommended run may take, infinite without [s]
+        parts: (what, time, mesh, model) parts of errors
+        important: what a user should know before he trusts the recommendation
+    """
+
+    deck_name: str
+    kind: str
+    notes: list[str]
+    curves: list[Curve]
+    written: Point
+    path: list[Point]
+    chosen: Point | None = None
+    taken: list[str] = field(default_factory=list)
+    meets: bool = False
+    budget: float = math.inf
+    parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
+    important: list[str] = field(default_factory=list)
+
+
+def asked_for(study: Study) -> list[str]:
+    """Return what must be right: columns where some were named, else sensors."""
+    return sorted(study.compared.columns or study.asked)
+
+
+def pareto(points: list[Point]) -> set[int]:
+    """Return the indices of the points that no other one beats in both cost and error."""
+    front, lowest = set(), math.inf
+    for k in sorted(range(len(points)), key=lambda k: (points[k].cost, points[k].gap.largest)):
+        if points[k].gap.largest < lowest:
+            lowest = points[k].gap.largest
+            front.add(k)
+    return front
+
+
+def setting_words(study: Study, point: Point) -> str:
+    """Return a point's setting as text."""
+    return point.setting.words(study.grid) if point.setting else own_setting(point.deck)
+
+
+def own_setting(deck: DeckText) -> str:
+    """Return the setting that stands in a deck as text."""
+    transient = deck.one("transient")
+    size = "tolerance" if "tolerance" in transient.values else "step"
+    return f"{transient.word('method', 'rk4')} {size} {transient.number(size):.3g}" + " s" * (size == "step")
+
+
+def orders(study: Study, made: Curve) -> list[float]:
+    """Return the observed orders of a curve against its own finest run: how fast errors fall with the number of steps.
+
+    Only errors far above those of the finest run count.
+    """
+    finest = plain_truth(made.outcomes[-1], study.truth)
+    runs = [(gap(outcome, finest).largest, outcome.steps) for outcome in made.outcomes[:-1]]
+    pairs = [(a, b) for a, b in zip(runs, runs[1:]) if b[0] > 10.0 * made.left and a[0] < 0.3 and b[1] > 1.05 * a[1]]
+    return [math.log(a[0] / b[0]) / math.log(b[1] / a[1]) for a, b in pairs]
+
+
+def _line(study: Study, point: Point, mark: str = "") -> str:
+    o, below = point.outcome, point.gap.largest < study.truth.uncertainty
+    left = f"{setting_words(study, point):34}  {point.gap.largest:9.2e}{'<' if below else ' '} {point.gap.rms:9.2e}"
+    right = f"{point.cost:10.4f} {o.evaluations:>11} {o.counts.get('solves', 0):>11} {o.unknowns:>8}"
+    return f"{left}  {point.gap.column:22.22} {right}  {mark:2}{point.model}"
+
+
+def _points(study: Study) -> list[str]:
+    head = (
+        f"{'setting':34}  {'error max':>9}  {'error rms':>9}  {'worst column':22} {'seconds':>10} {'evaluations':>11} "
+        f"{'solves':>11} {'unknowns':>8}  model"
+    )
+    front = pareto(study.points)
+    order = sorted(range(len(study.points)), key=lambda k: (study.points[k].model, study.points[k].cost))
+    return [head, *(_line(study, study.points[k], "*" if k in front else "") for k in order)]
+
+
+def _removals(study: Study) -> list[str]:
+    width = max([44, *(len(s.label) for s in study.steps)])
+    lines = [f"{'round':>5}  {'simplified':{width}} {'error max':>9} {'error rms':>9}  {'worst column':22} {'seconds':>9}  "]
+    for s in study.steps:
+        seconds = f"{s.best.cost:9.4f}" if s.best else " " * 9
+        note = "taken" if s.taken else (s.note[:60] if s.note else ("" if s.effect.largest <= study.room else "too much"))
+        column = "" if s.note else s.effect.column
+        errors = f"{s.effect.largest:9.2e} {s.effect.rms:9.2e}"
+        lines.append(f"{s.round:5}  {s.label:{width}} {errors}  {column:22.22} {seconds}  {note}")
+    return lines
+
+
+def speed_up(written: Point, chosen: Point) -> tuple[float, float]:
+    """Return how many times cheaper the second is: in seconds, in evaluations times unknowns."""
+    return written.cost / max(chosen.cost, 1.0e-6), written.outcome.work / max(chosen.outcome.work, 1)
+
+
+def verdict(study: Study, result: Result) -> str:
+    """Return the paragraph: the cheapest setting that meets the tolerance, what it costs and what it leaves out."""
+    tolerance, truth, written = f"{study.tolerance:g} of each sensor's range", study.truth, result.written
+    own = f"The deck as written has an error of {written.gap.largest:.1e} and takes {written.cost:.4f} s"
+    own = own if written.outcome.ok else f"The deck as written was not measured: {written.outcome.message}"
+    chosen = result.chosen
+    if chosen is None and math.isinf(truth.uncertainty):
+        return f"No reference converged within --time {study.runner.time:g}: nothing is recommended, errors are rough. {own}."
+    if chosen is None:
+        return f"No setting that was tried meets {tolerance}. {own}. The truth itself is known to {truth.uncertainty:.1e}."
+    known = f"(worst column {chosen.gap.column}; the truth is known to {truth.uncertainty:.1e})"
+    if chosen.deck is written.deck:
+        return (
+            f"The deck as written is the cheapest that was found to meet {tolerance}: keep it. Its error is "
+            f"{chosen.gap.largest:.1e} {known}, it takes {chosen.cost:.4f} s."
+        )
+    model = "the model " + ("simplified: " + "; ".join(result.taken) if result.taken else "in full")
+    said = (
+        f"{'The cheapest setting that meets' if result.meets else 'The most accurate setting within the budget, which misses'} "
+        f"{tolerance} is {setting_words(study, chosen)} with {model}. "
+        f"recommended.nml was run: its error is {chosen.gap.largest:.1e} {known}, it takes {chosen.cost:.4f} s. {own}"
+    )
+    if written.outcome.ok:
+        seconds, work = speed_up(written, chosen)
+        said += f": the speed-up is {seconds:.3g} in seconds, {work:.3g} in evaluations x unknowns"
+        if chosen.cost > written.cost:
+            said += "; the deck as written is cheaper, but misses the tolerance"
+    said += "."
+    if math.isfinite(result.budget):
+        said += f" The budget was {result.budget:g} s."
+    return said
+
+
+def nothing_finished(study: Study, name: str) -> tuple[str, str]:
+    """Return what is said, and the text of tradeoff.txt, where the time ended before any run came to its end.
+
+    Args:
+        study: whose runs were ended
+        name: of the deck
+    """
+    runs, t_end = study.runner.unfinished, study.grid.t_end
+    whole = min((r.seconds * t_end / r.reached for r in runs if r.reached > 0.0), default=math.nan)
+    given = study.runner.time
+    said = f"No run came to its end within --time {given:g}: nothing can be compared, nothing is recommended."
+    needed = MANY * given
+    if whole < math.inf:
+        said += f" At the speed of the one that came farthest a run takes {whole:.2g} s on this machine as busy as it is."
+        needed = max(MANY * whole, 2.0 * given)
+    said += f" Give --time {float(f'{needed:.2g}'):g} or a shorter t_end."
+    lines = [f"Speed against accuracy of {name}", "", *textwrap.wrap(said, WIDTH), ""]
+    lines += [f"{'setting':34}  {'seconds':>10}  came to"]
+    for run in runs:
+        reached = f"t = {run.reached:.4g} s of {t_end:.4g} s" if run.reached >= 0.0 else "its set-up"
+        lines.append(f"{own_setting(parse(run.text)):34}  {run.seconds:10.4f}  {reached}")
+    return said, "\n".join(lines) + "\n"
+
+
+def _wrapped(notes: list[str]) -> list[str]:
+    """Return notes as lines of a list."""
+    return [line for note in notes for line in textwrap.wrap(note, WIDTH - 2, initial_indent="- ", subsequent_indent="  ")]
+
+
+def head(study: Study, result: Result) -> str:
+    """Return the comment on top of recommended.nml."""
+    lines = textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
+    lines += _wrapped(result.important)
+    lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(asked_for(study))}.", WIDTH - 2)
+    if not study.grid.stated:
+        lines += textwrap.wrap(
+            f"The deck as written states no output_step: a row each step. Here a row stands each {study.grid.interval:g} s.",
+            WIDTH - 2,
+        )
+    return "".join(f"! {line}\n" for line in lines) + "\n"
+
+
+def table(study: Study, result: Result) -> str:
+    """Return the text of tradeoff.txt."""
+    truth = study.truth
+    lines = [
+        f"Speed against accuracy of {result.deck_name}",
+        "",
+        *textwrap.wrap(verdict(study, result), WIDTH),
+        *_wrapped(result.important),
+        "",
+        f"truth ({result.kind}): {truth.words}",
+        f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (finest levels and meshes, the other explicit method)",
+        *(f"  {note}" for note in result.notes),
+        f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
+        f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
+        "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
+        "seconds: of the processor, analyses alone, without start-up; the last two rows: of several runs in turn, the median",
+        "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one, of radau each stage's",
+        "",
+        "Observed orders on the full model: how fast errors fall with the number of steps",
+    ]
+    for made in result.curves:
+        seen = orders(study, made)
+        if seen:
+            lines.append(f"  {made.family}: " + ", ".join(f"{order:.2f}" for order in seen))
+    if result.parts:
+        lines += ["", f"{'Parts of the error':44} {'time':>9} {'mesh':>9} {'model':>9}"]
+        lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
+    lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *_removals(study)]
+    lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study)]
+    lines += [_line(study, point) for point in (result.written, result.chosen) if point and point.outcome.ok]
+    return "\n".join(lines) + "\n"

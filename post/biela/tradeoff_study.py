@@ -1,0 +1,121 @@
+"""What a study of a deck shares and finds: its runs, their errors against the truth, the removals that were tried."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from . import deck_models
+from .deck_runs import Outcome, OutOfTimeError, Runner
+from .deck_text import DeckText
+from .tradeoff_errors import Compared, Gap, Truth, gap
+from .tradeoff_settings import Grid, Setting, for_search
+
+FULL = "full model"
+
+CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
+SHORT = 2.0  # [s] shorter runs are ranked by their counts: side by side, on a machine with other work, clocks err
+
+
+@dataclass(frozen=True)
+class Point:
+    """A model with a setting: what it costs and how far it is off."""
+
+    model: str
+    setting: Setting | None
+    deck: DeckText
+    outcome: Outcome
+    gap: Gap
+
+    @property
+    def cost(self) -> float:
+        """Seconds of the analyses."""
+        return self.outcome.seconds if self.outcome.ok else float("inf")
+
+
+@dataclass
+class Step:
+    """One removal that was tried, and the cheapest adequate setting found with it.
+
+    Attributes:
+        round: of the search
+        label: what is removed
+        effect: error of the model without it
+        change: largest difference from the model before, by the same setting
+    """
+
+    round: int
+    label: str
+    effect: Gap
+    change: float = math.inf
+    best: Point | None = None
+    taken: bool = False
+    note: str = ""
+
+
+@dataclass
+class Study:
+    """What all searches share, and what they found.
+
+    Attributes:
+        runner: makes the runs
+        grid: times of the comparison
+        asked: names of the sensors
+        tolerance: largest error that is accepted, relative to the range
+        families: curves that are tried
+        compared: columns, and the sizes by which they are judged
+        points: everything that was measured against the truth
+        steps: every removal that was tried
+        rates: seconds for an evaluation of one unknown, by family, from the full model's longest run
+    """
+
+    runner: Runner
+    grid: Grid
+    asked: set[str]
+    tolerance: float
+    families: list[str]
+    compared: Compared
+    truth: Truth | None = None
+    points: list[Point] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    rates: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def room(self) -> float:
+        """What an error may be so that it meets the tolerance whatever the truth's own error is; negative: nothing can."""
+        left = self.tolerance - self.truth.uncertainty
+        return left if left > 0.0 else -1.0
+
+    def price(self, point: Point) -> float:
+        """Return what a point is ranked by: its seconds.
+
+        Where they are few, its counts times the seconds that such counts take in longer runs of the same method.
+        """
+        outcome = point.outcome
+        if not outcome.ok or outcome.seconds >= SHORT or point.setting.family not in self.rates:
+            return point.cost
+        return outcome.evaluations * (outcome.unknowns + CALL) * self.rates[point.setting.family]
+
+    def removals(self, deck: DeckText) -> list[deck_models.Change]:
+        """Return every single thing that can be taken out of a model."""
+        return deck_models.removals(deck, self.asked, self.grid.highest, self.tolerance)
+
+    def text(self, deck: DeckText, setting: Setting | None) -> str:
+        """Return the text that is run."""
+        return for_search(deck, setting, self.grid, self.asked)
+
+    def measure(self, model: str, deck: DeckText, settings: list[Setting], stage: str) -> list[Point]:
+        """Run a model with some settings and keep the points."""
+        texts = [self.text(deck, s) for s in settings]
+        try:
+            return self.keep(model, deck, settings, self.runner.all(texts, stage))
+        except OutOfTimeError:
+            self.keep(model, deck, settings, [self.runner.kept(text) for text in texts])
+            raise
+
+    def keep(self, model: str, deck: DeckText, settings: list[Setting], outcomes: list[Outcome | None]) -> list[Point]:
+        """Keep what a model gave with some settings, None where there was no run, and return the points."""
+        found = [Point(model, s, deck, o, gap(o, self.truth)) for s, o in zip(settings, outcomes) if o]
+        known = {(p.model, p.setting) for p in self.points}
+        self.points += [p for p in found if p.outcome.ok and (p.model, p.setting) not in known]
+        return found
