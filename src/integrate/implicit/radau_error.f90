@@ -24,19 +24,20 @@ contains
     real(wp), intent(in) :: tolerance        !! [-]
     logical, intent(in) :: careful           !! an error that is too large is filtered once more
     real(wp), intent(out) :: error           !! [-]
-    real(wp) :: c2
+    real(wp) :: c2, lag(3)
     integer :: pass
     c2 = real(self%method%mu(1), wp)/self%h
-    associate (m => self%method, w => self%work, nq => self%nq)
-      call embedded_rate(self, nq, self%q0, self%q, w%v)
-      w%v_start = self%v0                     ! rates that the error of positions starts from
+    associate (m => self%method, w => self%work, n => self%inner, nq => self%nq)
+      lag = matmul(m%e, m%a)
+      w%lag = lag(1)*self%u(:, 1) + lag(2)*self%u(:, 2) + lag(3)*self%u(:, 3)
+      n%lag = lag(1)*n%u(:, 1) + lag(2)*n%u(:, 2) + lag(3)*n%u(:, 3)
+      n%free = -n%inertia*((m%e(1)*n%u(:, 1) + m%e(2)*n%u(:, 2) + m%e(3)*n%u(:, 3))/self%h + c2*n%lag) &
+               + n%viscosity*(n%zd0 - n%lag)
+      w%v = self%v0 - w%lag
       w%q = self%q0
-      call embedded_internal(self, c2)
       do pass = 1, 2
-        w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*(w%v_start - w%v)
-        associate (n => self%inner)
-          w%y(1:self%nz) = n%z0 - n%real_gain*(n%free - n%delta0)
-        end associate
+        w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*w%lag
+        w%y(1:self%nz) = n%z0 - n%real_gain*(n%free - (n%delta0 - n%z0))
         call system%stage_residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
@@ -44,38 +45,16 @@ contains
         call system%correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
-        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - (w%v_start - w%v)
+        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - w%lag
         call internal_part(self, system, c2)
         error = norm%measure(w%e, y, self%h, tolerance)
         if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
         if (pass == 2 .or. .not. careful .or. error < 1.0_wp .or. .not. error < huge(1.0_wp)) exit
         w%q = self%q0 + w%e(1:nq)
-        w%v_start = self%v0 + w%e(nq + 1:2*nq)
+        w%lag = w%lag + w%e(nq + 1:2*nq)
       end do
     end associate
   end subroutine measure_error
-
-  !> Rates of the embedded formula from the values of the start and of the stages.
-  pure subroutine embedded_rate(self, n, x0, x, xd)
-    type(radau_stage_values), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x0(n), x(n, 3)   !! [m, rad]
-    real(wp), intent(out) :: xd(n)           !! [m/s, rad/s]
-    associate (e => self%method%e)
-      xd = -(e(1)*(x(:, 1) - x0) + e(2)*(x(:, 2) - x0) + e(3)*(x(:, 3) - x0))/self%h
-    end associate
-  end subroutine embedded_rate
-
-  !> The same of internal variables, and the deformation that rate and acceleration, used as those of coordinates, ask for.
-  subroutine embedded_internal(self, c2)
-    type(radau_stage_values), intent(inout) :: self
-    real(wp), intent(in) :: c2               !! [1/s]
-    associate (n => self%inner)
-      call embedded_rate(self, self%nz, n%z0, n%z, n%rate)
-      call embedded_rate(self, self%nz, n%zd0, n%zd, n%free)
-      n%free = n%inertia*(n%free - c2*(n%zd0 - n%rate)) + n%viscosity*n%rate + n%z0
-    end associate
-  end subroutine embedded_internal
 
   !> Errors of internal variables, from those of the positions.
   subroutine internal_part(self, system, c2)
@@ -86,8 +65,8 @@ contains
     associate (e => self%work%e, o => 2*self%nq, nz => self%nz, nzd => self%nzd, n => self%inner)
       self%work%q = self%q0 + self%work%dq(:, 1)
       call system%deformations(self%work%q, self%v0, n%delta(:, 2))
-      e(o + 1:o + nz) = n%real_gain*(n%delta(:, 2) - n%free)
-      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - (n%zd0(1:nzd) - n%rate(1:nzd))
+      e(o + 1:o + nz) = n%real_gain*((n%delta(:, 2) - n%z0) - n%free)
+      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - n%lag(1:nzd)
     end associate
   end subroutine internal_part
 

@@ -28,13 +28,14 @@ module radau_stages
     real(wp), allocatable :: inertia(:)      !! (nz) 0: of first order [s2]
     real(wp), allocatable :: z0(:), zd0(:)   !! (nz) at the start of the step [m, rad] and per second
     real(wp), allocatable :: z(:, :), zd(:, :)           !! (nz, 3) of the stages [m, rad] and per second
+    real(wp), allocatable :: dz(:, :), u(:, :)           !! (nz, 3) z - z0 and zd - zd0, without the rounding of z [m, rad], ...
     real(wp), allocatable :: delta0(:), delta(:, :)      !! (nz), (nz, 3) deformations that they follow [m, rad]
     real(wp) :: h = 0.0_wp                   !! step of the following [s]
     real(wp), allocatable :: gain(:, :, :)   !! (nz, 3, 3) of each stage, third, by the deformation of each, second [-]
     real(wp), allocatable :: start(:, :)     !! (nz, 3) of each stage by the rate at the start [s]
     real(wp), allocatable :: real_gain(:)    !! (nz) 1/(1 + viscosity c2 + inertia c2**2) of the real constant [-]
-    real(wp), allocatable :: rate(:)         !! (nz) of the embedded formula [m/s, rad/s]
-    real(wp), allocatable :: free(:)         !! (nz) deformation that would let its rates and accelerations be [m, rad]
+    real(wp), allocatable :: lag(:)          !! (nz) rates at the start less those of the embedded formula [m/s, rad/s]
+    real(wp), allocatable :: free(:)         !! (nz) deformation less z0 that would let its rates and accelerations be [m, rad]
   end type inner_values
 
   !> The stages.
@@ -63,7 +64,7 @@ module radau_stages
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
     real(wp), allocatable :: r_real(:), gap_real(:), dlambda(:)   !! real part [N, N m], [m/s], [N]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
-    real(wp), allocatable :: q(:), v(:), a(:), v_start(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
+    real(wp), allocatable :: q(:), v(:), a(:), lag(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
   end type stage_work
 
@@ -83,8 +84,8 @@ contains
       allocate (self%q0(nq), self%v0(nq), self%a0(nq), self%q(nq, 3), self%v(nq, 3), self%a(nq, 3), self%u(nq, 3), &
                 self%lambda(rows, 3), self%past(nq, 0:3), self%past_lambda(rows, 3), source=0.0_wp)
       associate (n => self%inner)
-        allocate (n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%delta(nz, 3), &
-                  n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%rate(nz), n%free(nz), source=0.0_wp)
+        allocate (n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%dz(nz, 3), n%u(nz, 3), n%delta(nz, 3), &
+                  n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%lag(nz), n%free(nz), source=0.0_wp)
       end associate
       allocate (self%work)
       associate (w => self%work)
@@ -93,7 +94,7 @@ contains
                   w%dlambda(rows))
         w%r_part = 0.0_wp
         w%y = w%e
-        allocate (w%q(nq), w%v(nq), w%a(nq), w%v_start(nq), w%pairs(nq + nz, 4), source=0.0_wp)
+        allocate (w%q(nq), w%v(nq), w%a(nq), w%lag(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
     end associate
     self%inner%viscosity = system%viscosity
@@ -194,13 +195,15 @@ contains
       if (abs(n%h - self%h) > 0.0_wp) call solve_internal(self)
       do j = 1, 3
         do i = 1, self%nz
-          n%z(i, j) = n%z0(i) + n%start(i, j)*n%zd0(i) + n%gain(i, 1, j)*(n%delta(i, 1) - n%z0(i)) &
-                      + n%gain(i, 2, j)*(n%delta(i, 2) - n%z0(i)) + n%gain(i, 3, j)*(n%delta(i, 3) - n%z0(i))
+          n%dz(i, j) = n%start(i, j)*n%zd0(i) + n%gain(i, 1, j)*(n%delta(i, 1) - n%z0(i)) &
+                       + n%gain(i, 2, j)*(n%delta(i, 2) - n%z0(i)) + n%gain(i, 3, j)*(n%delta(i, 3) - n%z0(i))
+          n%z(i, j) = n%z0(i) + n%dz(i, j)
         end do
       end do
       do j = 1, 3
         do i = 1, self%nz
-          n%zd(i, j) = (w(j, 1)*(n%z(i, 1) - n%z0(i)) + w(j, 2)*(n%z(i, 2) - n%z0(i)) + w(j, 3)*(n%z(i, 3) - n%z0(i)))/self%h
+          n%zd(i, j) = (w(j, 1)*n%dz(i, 1) + w(j, 2)*n%dz(i, 2) + w(j, 3)*n%dz(i, 3))/self%h
+          n%u(i, j) = n%zd(i, j) - n%zd0(i)
         end do
       end do
     end associate
