@@ -8,6 +8,7 @@ from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, ROOT
 from scipy.integrate import Radau
+from scipy.linalg import expm
 from test_failures import PULL, failed
 from test_generalized_alpha import four_bars as row_of_four_bars
 from test_implicit_failures import BENT
@@ -136,6 +137,59 @@ def test_evaluations_beside_those_of_scipy(k, c, tolerance, run_deck):
     while truth.status == "running":
         truth.step()
     assert abs(run.history["angle"][-1] - truth.y[0]) < 100 * tolerance
+
+
+# One body on one spring with a GHM and a Maxwell term: wound or stretched and let go, or driven so that its terms alone set the steps.
+SPRING = """&body name='a' mass=0.07 inertia={inertia} angular_velocity={spin} /
+&spring name='k' body_a='a' stiffness=8.0 {spring}
+  ghm_alpha=0.5 ghm_zeta={zeta} ghm_omega=100.0 prony_alpha=0.3 prony_tau=1e-3 /
+&sensor name='x' quantity='{quantity}' body='a' /
+&sensor name='a' quantity='{acceleration}' body='a' /
+&transient t_end={end} output_step={end} method='radau' tolerance={tolerance} /
+"""
+ANGLES = {"quantity": "angle", "acceleration": "angular_acceleration", "inertia": 0.01}
+PLACES = {"quantity": "position", "acceleration": "acceleration", "inertia": 0.07}
+TAUT = "type='linear' point_b=-1.0,0.0 free_length=0.5"
+LET_GO = {"end": 0.002, "zeta": 1.0, "spin": 0.0}
+LAGGING = {"end": 0.3, "zeta": 0.05, "spin": 1.0, "spring": "type='torsional'", "inertia": 1e6}
+STRAINED = [
+    *[(ANGLES | LET_GO | {"spring": "type='torsional' free_angle=0.7"}, -0.7, tolerance) for tolerance in (1e-6, 1e-9, 1e-12)],
+    (ANGLES | LET_GO | {"spring": "type='torsional' free_angle=70.0"}, -70.0, 1e-12),
+    (PLACES | LET_GO | {"spring": TAUT}, 0.5, 1e-12),
+    *[(ANGLES | LAGGING, 0.0, tolerance) for tolerance in (1e-6, 1e-8)],
+]
+
+
+@pytest.mark.parametrize(("words", "strain", "tolerance"), STRAINED)
+def test_steps_on_viscoelastic_springs_beside_those_of_scipy(words, strain, tolerance, run_deck):
+    """At most twice as many and at least half, from the same first-order equations: x, v, both internal variables, one rate.
+
+    The scale of a value is at least a millionth, that of a rate what moves a value by that in a step, as in the deck's measure.
+    """
+    run = run_deck(SPRING.format(tolerance=tolerance, **words))
+    steps = int(re.search(r"steps: (\d+)", run.summary)[1])
+    end, omega, mass = words["end"], 100.0, words["inertia"]
+    rates = np.array([
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [-8.0 * 1.8 / mass, 0.0, 8.0 * 0.5 / mass, 8.0 * 0.3 / mass, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0],
+        [1e3, 0.0, 0.0, -1e3, 0.0],
+        [omega**2, 0.0, -(omega**2), 0.0, -2 * words["zeta"] * omega],
+    ])  # x is the deformation
+    start = np.array([strain, words["spin"], strain, strain, 0.0])
+    least = tolerance * 1e-6
+    scales = [least, least * steps / end, least, least, least * steps / end]
+    method = Radau(lambda _, y: rates @ y, 0.0, start, end, rtol=tolerance, atol=scales, jac=rates)
+    count = 0
+    while method.status == "running":
+        method.step()
+        count += 1
+    assert 0.5 * count <= steps <= 2.0 * count
+    exact = expm(rates * end) @ start
+    moved, pull = exact[0] - strain, rates[1] @ exact
+    found = [run.history[name][-1] for name in run.history.names[1:]]
+    assert abs(found[0] - moved) < 100 * tolerance * max(abs(moved), 1e-6) + 1e-15 * abs(strain)
+    assert abs(found[len(found) // 2] - pull) < 100 * tolerance * max(abs(rates[1] @ start), abs(pull))
 
 
 def test_energy_that_the_method_takes_out_is_told(run_deck):

@@ -43,8 +43,8 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("method", "nq", "nz", "nzd", "rows", "t", "h", "q", "v", "a", "u", "lambda", "work"),
     },
     ("radau_stages", "inner_values", "radau_stages", "self%inner"): {
-        *("viscosity", "inertia", "z", "zd", "delta0", "delta"),
-        *("h", "gain", "start", "real_gain", "rate", "free"),
+        *("viscosity", "inertia", "z", "zd", "dz", "u", "delta0", "delta"),
+        *("h", "gain", "start", "real_gain", "lag", "free"),
     },
     ("results", "result_set", "results", "self"): {"count", "incomplete", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain"},

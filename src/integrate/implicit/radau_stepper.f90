@@ -44,18 +44,23 @@ contains
   end subroutine set_up
 
   !> First step, or the first one after a jump: rates and accelerations change values and rates by a part of their scales whose
-  !> fourth power is the tolerance.
+  !> fourth power is the tolerance. The change grows with the step at least as its first power, at most as its second, since rates
+  !> that are small have scales that shrink with the step: the square root of the change never makes the step too small.
   subroutine limit_first_step(self, system)
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
+    real(wp), parameter :: enough = 1.1_wp    ! change at which the step stays [-]
     real(wp) :: change
     call ready(self, system)
     associate (s => self%stages, e => self%trial)
       e = 0.0_wp
-      e(1:s%nq) = self%h*s%v0
-      e(s%nq + 1:2*s%nq) = self%h*s%a0
-      change = self%norm%measure(e, self%y, self%h, self%settings%tolerance**0.25_wp)
-      if (change > 1.0_wp) self%h = self%h/change
+      do
+        e(1:s%nq) = self%h*s%v0
+        e(s%nq + 1:2*s%nq) = self%h*s%a0
+        change = self%norm%measure(e, self%y, self%h, self%settings%tolerance**0.25_wp)
+        if (.not. (change > enough .and. change < huge(1.0_wp))) exit
+        self%h = self%h/sqrt(change)
+      end do
     end associate
   end subroutine limit_first_step
 
