@@ -113,7 +113,7 @@ contains
     integer :: k
     logical :: ok, failed
     call linear_system(run, ds)
-    call find_modes(ds, run%d%modal%modes, modes, ok)
+    call find_modes(ds, run%d%modal%modes + 1, modes, ok)
     do k = 0, run%d%modal%modes
       call check_undamped(ds, .false., pack(modes%lambda, modes%kind == undamped_mode .and. modes%mode /= k), modes)
       call judge_completeness(modes, failed, words)

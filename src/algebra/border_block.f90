@@ -1,6 +1,7 @@
 !> One block of a bordered system: a band matrix with its coupling to the border, factored and condensed (see `bordered`, which
 !> explains the replaced pivots).
 module border_block
+  use band_inertia, only: negative_eigenvalues
   use kinds, only: wp
   use lapack, only: zgbtrf, zgbtrs
   implicit none (type, external)
@@ -28,11 +29,13 @@ module border_block
 
 contains
 
-  !> Factors one block and subtracts its Schur complement from the border.
-  subroutine condense(p, kd, ab)
+  !> Factors one block and subtracts its Schur complement from the border. Where negative eigenvalues are counted weak pivots stay:
+  !> replaced ones make the border unsymmetric.
+  subroutine condense(p, kd, ab, negative)
     type(block_part), intent(inout) :: p
     integer, intent(in) :: kd                         !! half band width of the border
     complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
+    integer, intent(inout), optional :: negative      !! negative eigenvalues, to which those of the block are added
     complex(wp) :: s
     integer :: info, k, w, m, i, j, first, last
     m = size(p%border)
@@ -46,11 +49,12 @@ contains
       p%right(:, j) = p%right(:, j)*p%row_scale
       p%left(:, j) = p%left(:, j)*p%col_scale
     end do
+    if (present(negative)) negative = negative + negative_eigenvalues(p%n, p%kd, p%ab)
     call zgbtrf(p%n, p%n, p%kd, p%kd, p%ab, 3*p%kd + 1, p%pivots, info)
     w = 0
     do k = 1, p%n
       if (abs(p%ab(2*p%kd + 1, k)) > weak_pivot) cycle
-      if (w == slots) then
+      if (w == slots .or. present(negative)) then
         if (abs(p%ab(2*p%kd + 1, k)) <= no_pivot) p%ab(2*p%kd + 1, k) = epsilon(1.0_wp)
         cycle
       end if

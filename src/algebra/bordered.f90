@@ -8,6 +8,7 @@
 !> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
 module bordered
   use kinds, only: wp
+  use band_inertia, only: negative_eigenvalues
   use border_block, only: block_part, condense, equilibrate, no_pivot, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
@@ -34,7 +35,6 @@ module bordered
     procedure :: set_up
     procedure :: factor
     procedure :: solve
-    procedure :: log_determinant
     procedure :: memory
   end type bordered_system
 
@@ -179,10 +179,12 @@ contains
     end if
   end subroutine place_entry
 
-  !> Factors the matrix whose entries are given in the order of the pattern.
-  subroutine factor(self, values)
+  !> Factors the matrix whose entries are given in the order of the pattern. Of a real symmetric one the negative eigenvalues are
+  !> counted too: those of the blocks and those of what condensing them leaves in the border (Haynsworth 1968).
+  subroutine factor(self, values, negative)
     class(bordered_system), intent(inout) :: self
     complex(wp), intent(in) :: values(:)              !! (entries) [any]
+    integer, intent(out), optional :: negative        !! number of negative eigenvalues
     integer :: b, e, k, info
     do b = 1, size(self%blocks)
       self%blocks(b)%ab = 0.0_wp
@@ -202,10 +204,12 @@ contains
         self%ab(self%i(e), self%j(e)) = values(e)
       end select
     end do
+    if (present(negative)) negative = 0
     do b = 1, size(self%blocks)
-      call condense(self%blocks(b), self%kd, self%ab)
+      call condense(self%blocks(b), self%kd, self%ab, negative)
     end do
     call equilibrate(self%nb, self%kd, self%ab, self%row_scale, self%col_scale)
+    if (present(negative)) negative = negative + negative_eigenvalues(self%nb, self%kd, self%ab)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
     do k = 1, self%nb                                 ! singular to the last bit: the nearest regular matrix, entries of size one
       if (abs(self%ab(2*self%kd + 1, k)) <= no_pivot) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
@@ -261,38 +265,6 @@ contains
       end associate
     end do
   end subroutine solve
-
-  !> Logarithm of the determinant of the matrix factored last, its phase but for multiples of 2 pi. A replaced pivot does not
-  !> change it: the border holds what it takes away.
-  pure complex(wp) function log_determinant(self) result(total)
-    class(bordered_system), intent(in) :: self
-    integer :: b
-    total = log_of_factor(self%ab, self%kd, self%pivots) - sum(log(self%row_scale)) - sum(log(self%col_scale))
-    do b = 1, size(self%blocks)
-      associate (p => self%blocks(b))
-        total = total + log_of_factor(p%ab, p%kd, p%pivots) - sum(log(p%row_scale)) - sum(log(p%col_scale))
-      end associate
-    end do
-  end function log_determinant
-
-  !> Likewise of one band matrix: its pivots, and a sign for each exchange of rows.
-  pure complex(wp) function log_of_factor(ab, kd, pivots) result(total)
-    complex(wp), intent(in) :: ab(:, :)               !! (3 kd + 1, n) factor [any]
-    integer, intent(in) :: kd                         !! half band width
-    integer, intent(in) :: pivots(:)                  !! (n)
-    integer, parameter :: together = 8                !! pivots of size one at most whose product is formed
-    complex(wp) :: part                               ! [any]
-    integer :: k
-    total = 0.0_wp
-    part = 1.0_wp
-    do k = 1, size(pivots)
-      part = part*ab(2*kd + 1, k)
-      if (pivots(k) /= k) part = -part
-      if (mod(k, together) > 0 .and. k < size(pivots)) cycle
-      total = total + log(part)
-      part = 1.0_wp
-    end do
-  end function log_of_factor
 
   !> Bytes that the matrices keep.
   pure function memory(self) result(bytes)

@@ -46,7 +46,7 @@ contains
     call mind_missing(run, modes, text, fail)
   end subroutine run_modal
 
-  !> Fails where modes that were asked for are missing, warns where other poles are or may be.
+  !> Fails where modes that were asked for are missing, warns where poles may be.
   subroutine mind_missing(run, modes, text, fail)
     type(run_state), intent(in) :: run
     type(mode_set), intent(in) :: modes
@@ -94,7 +94,8 @@ contains
       call text%member('kind', json_text(trim(names(modes%kind(k)))))
       call text%figure('  ', 'frequency', x(4), 8)
       call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)
-      call text%figure(', real part ', 'real_part', x(7), 8, rest=' 1/s')
+      call text%figure(', real part ', 'real_part', x(7), 8)
+      call text%figure(' 1/s, residual ', 'residual', x(9), 1, rest='')
       call text%close()
     end do
     call text%close()

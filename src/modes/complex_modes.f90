@@ -1,14 +1,14 @@
 !> Modes and poles of the linearised mechanism, damping and GHM included: T(lambda) x + J^T mu = 0, J x = 0, a non-linear
 !> eigenproblem that is exact in the modulus E(lambda). The undamped modes come from the subspace iteration, or with gyroscopic
 !> terms from the system reduced on its motions. Each is followed to its vibration while the damping grows; what the internal
-!> variables add starts from the poles of the reduced system. The argument principle says whether any is missing.
+!> variables add starts from the poles of the reduced system.
 module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use gyroscopic_modes, only: turning_basis
   use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
-  use pole_check, only: check_undamped, check_damped, check_whole
+  use pole_check, only: check_undamped, check_whole, describe_searched
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
   use process, only: caught_signal
   use reduced_system, only: reduced_model, reduced_poles
@@ -165,7 +165,6 @@ contains
         call modes%add(undamped_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 0.0_wp), pole%x)
       else
         modes%unfound = [modes%unfound, s%starts(j)]
-        s%starts(j) = cmplx(0.0_wp, -1.0_wp, wp)         ! not named in the count
       end if
     end do
   end subroutine list_undamped
@@ -188,7 +187,7 @@ contains
     logical :: vibrates
     do j = 1, s%listed
       if (caught_signal() > 0) return
-      if (s%starts(j)%im <= 0.0_wp) cycle              ! rigid or diverging: no vibration to damp
+      if (s%starts(j)%im <= 0.0_wp .or. .not. any(modes%mode == j)) cycle   ! rigid, diverging or not found: no vibration to damp
       part = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
       pole = start_of_mode(ds, s, j)
       call follow_damping(ds, 0.0_wp, 1.0_wp, merge(1.0_wp, short_step, count(s%model%label == part) == 1), pole, vibrates)
@@ -218,70 +217,38 @@ contains
   end function of_unlisted_mode
 
   !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
-  !> most. Those of other modes are named for the count only.
+  !> most.
   subroutine list_others(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
     type(search), intent(inout) :: s
     type(mode_set), intent(inout) :: modes
     type(reduced_poles) :: poles
-    integer, allocatable :: members(:), ranks(:)
-    complex(wp), allocatable :: others(:)
-    integer :: part, j, i, owner, zeros, expected
+    integer, allocatable :: members(:)
+    integer :: part, j, i, owner, expected
     logical :: ok
-    allocate (ranks(size(ds%groups)), source=0)
-    allocate (others(0))
-    zeros = 0
     expected = 0
     do part = 1, s%model%parts
       members = pack([(j, j=1, s%model%p)], s%model%label == part)
       call poles%find(s%model, members, .true., ok)
       s%spanned = s%spanned .and. ok
+      if (.not. ok) modes%unsettled = modes%unsettled + 1
       if (.not. ok) cycle
-      ranks = ranks + poles%rank
-      zeros = zeros + poles%zeros
       expected = expected + size(poles%lambda)
       do i = 1, size(poles%lambda)
         if (caught_signal() > 0) return
-        owner = most_alike(poles%shape(:, i), s%shapes)
         if (modes%claims(poles%lambda(i))) cycle
-        if (s%unlisted%claims(poles%lambda(i)) .or. (s%spanned .and. owner > s%listed)) cycle
-        if (owner > s%listed) then
-          call name_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes, others)
-        else
-          call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), owner, modes)
-        end if
+        if (s%unlisted%claims(poles%lambda(i))) cycle
+        owner = most_alike(poles%shape(:, i), s%shapes)
+        if (owner > s%listed) cycle
+        call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), owner, modes)
       end do
     end do
     if (s%spanned) then
       call check_whole(modes, expected, s%listed >= size(s%starts))
     else
-      call check_damped(ds, zeros, others, ranks, modes, s%unlisted)
+      call describe_searched(modes)
     end if
   end subroutine list_others
-
-  !> Names a pole of a mode that is not asked for. Where it may lie inside the region of the count, the true one.
-  subroutine name_pole(ds, s, lambda, shape, modes, others)
-    type(stiffness_system), intent(inout) :: ds
-    type(search), intent(inout) :: s
-    complex(wp), intent(in) :: lambda                  !! [1/s]
-    complex(wp), intent(in) :: shape(:)                !! (p) [-]
-    type(mode_set), intent(in) :: modes
-    complex(wp), allocatable, intent(inout) :: others(:)   !! estimates [1/s]
-    type(pole_state) :: pole
-    logical :: ok
-    ok = lambda%im > 0.0_wp .and. -lambda%re < 0.5_wp*abs(lambda) .and. &
-         abs(lambda) < 1.5_wp*maxval([0.0_wp, abs(modes%lambda)])
-    if (ok) then
-      pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
-      call refine_pole(ds, 1.0_wp, exact, pole, ok)
-    end if
-    if (.not. ok) then
-      others = [others, lambda]
-    else if (modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0 .and. &
-             s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode) == 0) then
-      call s%unlisted%add(further_mode, 0, pole%lambda, 0.0_wp, pole%x)
-    end if
-  end subroutine name_pole
 
   !> Lists one pole of the reduced system as one of the whole, unless it is listed, or the vibration of a mode that is not asked
   !> for.
@@ -296,15 +263,17 @@ contains
     type(pole_state) :: pole
     real(wp) :: residual
     integer :: kind
-    logical :: ok
+    logical :: ok, settled
     pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
     call refine_pole(ds, 1.0_wp, exact, pole, ok)
+    settled = ok
     if (ok) then
       if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
       if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
       pole%lambda%im = abs(pole%lambda%im)
       residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
       ok = residual <= no_pole
+      settled = ok
     end if
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
@@ -322,7 +291,7 @@ contains
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
     else if (.not. ok) then
-      modes%lost = [modes%lost, lambda]
+      modes%unsettled = modes%unsettled + merge(1, 0, .not. settled)
       return
     end if
     kind = vibration_mode

@@ -20,10 +20,10 @@ module mode_list
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
     logical, allocatable :: claimed(:)                 !! a pole of the reduced system has led to it
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
-    complex(wp), allocatable :: lost(:)                !! poles not found, nearly [1/s]
+    integer :: unsettled = 0                           !! searches for further poles that did not end at one
     integer :: missing_undamped = 0                    !! modes that the count misses in the list
-    integer :: missing = 0                             !! poles that it misses
-    logical :: verified = .true.                       !! false: the count did not settle
+    integer :: missing = 0                             !! poles that the list lacks though all eigenvalues were computed
+    logical :: counted = .true.                        !! false: rounding hides how many undamped modes there are
     character(:), allocatable :: note_undamped         !! completeness in words
     character(:), allocatable :: note_damped           !! likewise
   contains
@@ -52,8 +52,7 @@ contains
   subroutine clear(self, n)
     class(mode_set), intent(out) :: self
     integer, intent(in) :: n                           !! mechanical unknowns
-    allocate (self%kind(0), self%mode(0), self%lambda(0), self%residual(0), self%x(n, 0), self%claimed(0), self%unfound(0), &
-              self%lost(0))
+    allocate (self%kind(0), self%mode(0), self%lambda(0), self%residual(0), self%x(n, 0), self%claimed(0), self%unfound(0))
     self%note_undamped = 'undamped modes: not counted'
     self%note_damped = ''
   end subroutine clear

@@ -9,7 +9,7 @@ module natural_modes
   use process, only: caught_signal
   implicit none (type, external)
   private
-  public :: natural_subspace, rounding_level, without_rounding, squared_scales
+  public :: natural_subspace, rounding_level, without_rounding, squared_scales, fastest
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6

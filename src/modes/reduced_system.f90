@@ -2,7 +2,7 @@
 !> set of terms deforms (theory.md, section 5), K_r = F F^T:
 !>   x'' = -K x - C x' - sum_r F sum_k alpha_k (F^T x - z_rk),   inertia_k z_rk'' + viscosity_k z_rk' + z_rk = F^T x
 !> Motions that hardly couple are taken apart: each mode of a homogeneous body is a system of its own. The poles start the
-!> search for those of the whole, and their number bounds it.
+!> search for those of the whole.
 module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
@@ -44,8 +44,6 @@ module reduced_system
   type :: reduced_poles
     complex(wp), allocatable :: lambda(:)              !! those with Im >= 0, zeros of rigid motions left out [1/s]
     complex(wp), allocatable :: shape(:, :)            !! (p, poles) [-]
-    integer, allocatable :: rank(:)                    !! (groups) of the stiffness of each set of terms
-    integer :: zeros = 0                               !! poles at zero
   contains
     procedure :: find
   end type reduced_poles
@@ -208,22 +206,22 @@ contains
     complex(wp), allocatable :: state(:)
     logical, allocatable :: kept(:)
     integer, allocatable :: states(:)
-    integer :: n, c, e, j, k, info
-    call first_order(self, model, members, damped, a)
+    integer :: n, c, e, zeros, j, k, info
+    call first_order(model, members, damped, a)
     c = size(members)
     states = [pack([(j, j=1, c)], .not. model%rigid(members)), [(j, j=c + 1, size(a, 1))]]
     a = a(states, states)                              ! rigid positions, which act on nothing, are left out
     n = size(a, 1)
     e = count(.not. model%rigid(members))
-    self%zeros = c - e
-    if (c > e) self%zeros = self%zeros + zero_eigenvalues(a, rounding*maxval(model%scale))
+    zeros = 0
+    if (c > e) zeros = zero_eigenvalues(a, rounding*maxval(model%scale))
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
     ok = info == 0
     kept = wi >= 0.0_wp
-    do j = 1, self%zeros - (c - e)
+    do j = 1, zeros
       k = minloc(hypot(wr, wi), 1)
-      wr(k) = huge(1.0_wp)                             ! counted, not looked for
+      wr(k) = huge(1.0_wp)                             ! a pole at zero: not looked for
       kept(k) = .false.
     end do
     if (damped) then
@@ -247,8 +245,7 @@ contains
   end subroutine find
 
   !> The matrix of first order for (scale x, x', then F^T-sized z and, of second order, z'/omega of each term of each group).
-  subroutine first_order(self, model, members, damped, a)
-    class(reduced_poles), intent(inout) :: self
+  subroutine first_order(model, members, damped, a)
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: members(:)
     logical, intent(in) :: damped
@@ -260,7 +257,6 @@ contains
     c = size(members)
     n = 2*c
     if (damped) n = order_of(model, members)
-    allocate (self%rank(groups), source=0)
     allocate (a(n, n), source=0.0_wp)
     do j = 1, c
       a(j, c + j) = model%scale(members(j))
@@ -272,7 +268,6 @@ contains
     do r = 1, groups
       call deformation(model, members, r, f)
       m = size(f, 2)
-      self%rank(r) = m
       whole = f
       do j = 1, m
         whole(:, j) = f(:, j)*model%scale(members)

@@ -46,6 +46,7 @@ module dynamic_stiffness
     procedure :: set
     procedure :: set_real
     procedure :: factor
+    procedure :: modes_below
     procedure :: solve
     procedure :: padded
     procedure :: times
@@ -164,6 +165,31 @@ contains
     call self%solver%factor(self%values)
     self%factorisations = self%factorisations + 1
   end subroutine factor
+
+  !> How many undamped modes of a symmetric system have a squared frequency below the given one: K - sigma M bordered by J has as
+  !> many negative eigenvalues, and one for each joint row (Sylvester's law of inertia). Rows get a compliance, far above rounding
+  !> and far below that of what they join: without it minors vanish in which there are more rows than motions.
+  integer function modes_below(self, sigma) result(below)
+    class(stiffness_system), intent(inout) :: self
+    real(wp), intent(in) :: sigma              !! [rad2/s2]
+    real(wp), parameter :: compliance = 1.0e-11_wp   ! over that of the stiffest unknown that the row acts on [-]
+    real(wp) :: least                          ! compliance [m/N]
+    integer :: e, k
+    call self%set_real(-sigma)
+    do k = self%n + 1, self%n + self%rows
+      least = huge(1.0_wp)
+      do e = self%first(k), self%first(k + 1) - 1
+        if (self%row(e) > self%n) cycle
+        associate (stiffness => abs(self%values(self%entry(self%row(e), self%row(e)))))
+          if (abs(self%joint(e)) > 0.0_wp .and. stiffness > 0.0_wp) least = min(least, self%joint(e)**2/stiffness)
+        end associate
+      end do
+      if (least < huge(1.0_wp)) self%values(self%entry(k, k)) = -compliance*least
+    end do
+    call self%solver%factor(self%values, below)
+    self%factorisations = self%factorisations + 1
+    below = below - self%rows
+  end function modes_below
 
   !> Solves with the last factor, or its transpose, corrected by the residual; again where that changed more than half of the
   !> digits.
