@@ -133,7 +133,7 @@ contains
     if (refused) prefix = ''
     line = 'step = '//es_text(h, 3)//' s is above the safe bound of '//trim(method_names(k))//', '// &
            es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
-           es_text(0.98_wp*advice%safe%step(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
+           es_text(0.98_wp*advice%lowest(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
     call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
     if (.not. refused) return
     line = advice%text%words%all()
@@ -167,7 +167,17 @@ contains
     else
       share = fixed_step_of(run)/advice%safe%step(k)
       line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, '//to_text(anint(100*share)/100)// &
-             ' of the safe bound: '//trim(merge('stable          ', 'above that bound', share <= 1.0_wp))
+             ' of the safe bound: '
+      if (share > 1.0_wp) then
+        line = line//'above that bound'
+      else if (fixed_step_of(run) > advice%lowest(k)) then
+        line = line//'too large where bodies bend as far as the model holds; expected at most '// &
+               to_text(0.98_wp*advice%lowest(k))//' s'
+      else if (len(advice%provided) > 0) then
+        line = line//'stable as long as '//advice%provided//' stay as at the start'
+      else
+        line = line//'stable'
+      end if
       call text%member('step_of_safe_bound', json_number(share))
     end if
     call text%line('  this deck: '//line)

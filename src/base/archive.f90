@@ -16,8 +16,10 @@ module archive
     procedure :: begin_saving
     procedure :: begin_restoring
     procedure :: complete
-    procedure, private :: exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table
-    generic :: exchange => exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table
+    procedure, private :: exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table, &
+                          exchange_text
+    generic :: exchange => exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table, &
+                           exchange_text
   end type value_archive
 
 contains
@@ -126,6 +128,18 @@ contains
       call self%exchange(x(:, k))
     end do
   end subroutine exchange_table
+
+  !> Text of a fixed length, a character a word.
+  subroutine exchange_text(self, x)
+    class(value_archive), intent(inout) :: self
+    character(*), intent(inout) :: x
+    integer :: k, code
+    do k = 1, len(x)
+      code = iachar(x(k:k))
+      call self%exchange(code)
+      x(k:k) = achar(code)
+    end do
+  end subroutine exchange_text
 
   !> A number that changes with every bit of the words: two 32-bit multiplicative hashes side by side, no overflow.
   pure integer(ip) function digest(words) result(hash)

@@ -5,7 +5,7 @@ module modal_eigenvalues
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
-  public :: modal_roots, mark_mode, segment_poles
+  public :: modal_roots, mark_mode, segment_poles, instantaneous_pair, refine_root
 
   integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
@@ -40,33 +40,61 @@ contains
     real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     logical, intent(out) :: ok
-    complex(wp) :: f, df, s, step
-    integer :: i, r, pass
+    complex(wp) :: pair(2)                     ! [1/s]
+    integer :: i
     allocate (roots(2))
-    s = k
-    do r = 1, size(kept)
-      s = s + parts(kept(r))*sum(segments(kept(r))%law%alpha)
-    end do
-    s = sqrt(c**2/4 - s)
-    roots = [-c/2 + s, -c/2 - s]
+    pair = instantaneous_pair(segments(kept), k, c, parts(kept))
     do i = 1, 2
-      do pass = 1, 30
-        s = roots(i)
-        f = s**2 + c*s + k
-        df = 2*s + c
-        do r = 1, size(kept)
-          f = f + parts(kept(r))*segments(kept(r))%law%ratio(s)
-          df = df + parts(kept(r))*segments(kept(r))%law%slope(s)
-        end do
-        step = f/df
-        roots(i) = s - step
-        ok = abs(step) <= 1.0e-13_wp*abs(s)
-        if (ok) exit
-      end do
+      call refine_root(segments(kept), k, c, parts(kept), pair(i), ok)
       if (.not. ok) return
     end do
+    roots = pair
     ok = abs(roots(1) - roots(2)) > 1.0e-6_wp*abs(roots(1))
   end subroutine mode_pair
+
+  !> The pair of a mode at instantaneous stiffness; of two that decay the faster one is the second.
+  pure function instantaneous_pair(segments, k, c, parts) result(pair)
+    type(linear_segment), intent(in) :: segments(:)
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    complex(wp) :: pair(2)                     !! [1/s]
+    complex(wp) :: s
+    integer :: r
+    s = k
+    do r = 1, size(segments)
+      if (parts(r) > 0.0_wp) s = s + parts(r)*sum(segments(r)%law%alpha)
+    end do
+    s = sqrt(c**2/4 - s)
+    pair = [-c/2 + s, -c/2 - s]
+  end function instantaneous_pair
+
+  !> Newton's method for a root of s2 + c s + k + sum of a_r g_r(s).
+  pure subroutine refine_root(segments, k, c, parts, root, ok)
+    type(linear_segment), intent(in) :: segments(:)
+    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
+    real(wp), intent(in) :: c                  !! damping [1/s]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    complex(wp), intent(inout) :: root         !! a guess, then the root [1/s]
+    logical, intent(out) :: ok                 !! it converged
+    complex(wp) :: f, df, s, step
+    integer :: r, pass
+    ok = .false.
+    do pass = 1, 30
+      s = root
+      f = s**2 + c*s + k
+      df = 2*s + c
+      do r = 1, size(segments)
+        if (.not. parts(r) > 0.0_wp) cycle
+        f = f + parts(r)*segments(r)%law%ratio(s)
+        df = df + parts(r)*segments(r)%law%slope(s)
+      end do
+      step = f/df
+      root = s - step
+      ok = abs(step) <= 1.0e-13_wp*abs(s)
+      if (ok) return
+    end do
+  end subroutine refine_root
 
   !> All of them that have to do with the motion, as poles of a system of one motion.
   subroutine all_roots(segments, kept, k, c, parts, roots)
@@ -95,16 +123,20 @@ contains
     roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]
   end subroutine all_roots
 
-  !> Which roots are the mode's own pair: the one nearest to its frequency at instantaneous stiffness; the others are poles.
-  pure subroutine mark_mode(roots, omega, is_mode)
+  !> Which roots are the mode's own pair: those nearest to its pair at instantaneous stiffness; the others are poles of terms.
+  pure subroutine mark_mode(roots, square, c, is_mode)
     complex(wp), intent(in) :: roots(:)        !! [1/s]
-    real(wp), intent(in) :: omega              !! [rad/s]
+    real(wp), intent(in) :: square             !! its squared frequency at instantaneous stiffness [rad2/s2]
+    real(wp), intent(in) :: c                  !! its damping [1/s]
     logical, allocatable, intent(out) :: is_mode(:)
-    real(wp) :: apart(size(roots))
+    complex(wp) :: half                        ! of what lies between the two [1/s]
     integer :: k
-    k = minloc(abs(roots - cmplx(0.0_wp, omega, wp)), dim=1)
-    apart = min(abs(roots - roots(k)), abs(roots - conjg(roots(k))))
-    is_mode = apart <= 1.0e-9_wp*abs(roots(k)) .or. size(roots) == 2
+    half = sqrt(cmplx(c**2/4 - square, 0.0_wp, wp))
+    allocate (is_mode(size(roots)), source=size(roots) == 2)
+    if (size(roots) == 0) return
+    k = minloc(abs(roots - (-c/2 - half)), dim=1)        ! the faster one of two that decay
+    is_mode = is_mode .or. min(abs(roots - roots(k)), abs(roots - conjg(roots(k)))) <= 1.0e-9_wp*abs(roots(k))
+    if (count(is_mode) == 1) is_mode(minloc(abs(roots - (half - c/2)), dim=1, mask=.not. is_mode)) = .true.
   end subroutine mark_mode
 
   !> Poles of a run's terms in a motion that its material or spring alone makes.
@@ -115,7 +147,7 @@ contains
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
     call all_roots([segment], [1], lambda, 0.0_wp, [lambda], roots)
-    call mark_mode(roots, sqrt(lambda*(1 + sum(segment%law%alpha))), is_mode)
+    call mark_mode(roots, lambda*(1 + sum(segment%law%alpha)), 0.0_wp, is_mode)
     poles = pack(roots, .not. is_mode)
   end subroutine segment_poles
 end module modal_eigenvalues

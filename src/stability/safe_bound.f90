@@ -46,26 +46,24 @@ module safe_bound
 contains
 
   !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
-  subroutine find_safe_bound(d, m, ev, fast, bound, fastest)
+  subroutine find_safe_bound(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast     !! set up
     type(step_bound), intent(out) :: bound
-    real(wp), intent(out) :: fastest               !! largest squared frequency that it counts [rad2/s2]
     type(step_bound) :: other
-    real(wp) :: rest                               ! that without springs that turned away [rad2/s2]
     logical :: damped(size(m%s%forces))
     integer :: k
     fast%turning = turning_stiffness(m, ev)
     call bound_directions(m, ev, fast%ends)
-    call bound_of_directions(d, m, ev, fast, bound, fastest)
+    call bound_of_directions(d, m, ev, fast, bound)
     damped = [(m%s%forces(k)%item%law%order() > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
     if (any(damped)) then
       do k = 1, size(damped)
         if (damped(k)) fast%ends(:, k) = 0.0_wp
       end do
-      call bound_of_directions(d, m, ev, fast, other, rest)
+      call bound_of_directions(d, m, ev, fast, other)
       call take_smaller(other, bound)
     end if
     fast%ends = -1.0_wp
@@ -73,22 +71,20 @@ contains
   end subroutine find_safe_bound
 
   !> The bound of the directions that fast%ends and fast%turning allow.
-  subroutine bound_of_directions(d, m, ev, fast, bound, fastest)
+  subroutine bound_of_directions(d, m, ev, fast, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
     type(step_bound), intent(out) :: bound
-    real(wp), intent(out) :: fastest               !! largest squared frequency [rad2/s2]
     type(enclosure) :: e
     integer :: i
     if (.not. fast%damped) then
-      call find_bound(d, m, ev, .false., fast, bound, fastest)
+      call find_bound(d, m, ev, .false., fast, bound)
       return
     end if
     call fast%largest(m, ev, .false., only_damping, 100, e%c0)
-    call fast%largest(m, ev, .false., only_stiffness, 100, fastest)
-    e%k0 = fastest
+    call fast%largest(m, ev, .false., only_stiffness, 100, e%k0)
     if (.not. e%k0 > 0.0_wp) e%k0 = e%c0**2
     if (.not. e%c0 > 0.0_wp) e%c0 = sqrt(e%k0)
     if (.not. e%c0 > 0.0_wp) return

@@ -156,14 +156,19 @@ contains
     end do
   end subroutine take_out
 
-  !> The k-th fastest mode of the last iteration with its Rayleigh quotients.
+  !> The k-th fastest mode of the last iteration with its Rayleigh quotients. A mode that had room allocates nothing.
   subroutine mode(self, m, ev, k, f)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                 !! 1: the fastest
-    type(fast_mode), intent(out) :: f
-    f%x = matmul(self%v(:, 1:self%steps), self%t(1:self%steps, self%steps + 1 - k))
+    type(fast_mode), intent(inout) :: f
+    integer :: i
+    if (.not. allocated(f%x)) allocate (f%x(size(self%r)))
+    f%x(:) = 0.0_wp
+    do i = 1, self%steps
+      f%x(:) = f%x + self%t(i, self%steps + 1 - k)*self%v(:, i)
+    end do
     call self%quotients(m, ev, f)
   end subroutine mode
 

@@ -3,7 +3,6 @@
 module step_advice
   use kinds, only: wp
   use assembly, only: assemble
-  use bound_causes, only: bound_cause, mode_cause
   use assembly_reports, only: assembly_report
   use build_scene, only: build
   use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
@@ -16,8 +15,8 @@ module step_advice
   use mechanism_setup, only: set_up_mechanism
   use safe_bound, only: find_safe_bound
   use scene_model, only: scene
-  use spectrum, only: fast_spectrum, fast_mode, only_stiffness
-  use spring_directions, only: bound_directions, turning_stiffness
+  use spectrum, only: fast_spectrum
+  use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
   use summary_text, only: json_number, summary_record
@@ -30,6 +29,8 @@ module step_advice
   !> Both bounds and their explanation, for the summary.
   type :: stability_advice
     type(step_bound) :: safe, current
+    real(wp) :: lowest(size(method_names)) = huge(1.0_wp)   !! safe bound, or that of bent bodies where it is lower [s]
+    character(:), allocatable :: provided                   !! what the safe bound takes for granted, in words; empty: nothing
     type(summary_record) :: text
   end type stability_advice
 
@@ -42,35 +43,33 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
-    real(wp) :: fastest                        ! largest squared frequency that the safe bound counts [rad2/s2]
-    call both_bounds(d, m, ev, q, advice%safe, fastest, advice%current)
+    call both_bounds(d, m, ev, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)
-    call not_covered(m, ev, q, fastest, advice)
+    call not_covered(d, m, ev, q, advice)
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
-  !> as far as the model holds, and forces of springs against turns that grow beyond those of the start.
-  subroutine not_covered(m, ev, q, straight, advice)
+  !> as far as the model holds, tension, and forces of springs against turns that grow beyond those of the start.
+  subroutine not_covered(d, m, ev, q, advice)
+    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
-    real(wp), intent(in) :: straight           !! largest squared frequency that the safe bound counts [rad2/s2]
     type(stability_advice), intent(inout) :: advice
     real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
     type(evaluation) :: work
-    type(fast_spectrum) :: fast
-    type(fast_mode) :: f
-    type(bound_cause) :: cause
+    type(step_bound) :: bent_bound
     real(wp), allocatable :: bent(:), rest(:), none(:)
-    real(wp) :: curved                         ! that of bent bodies [rad2/s2]
     integer :: b
+    advice%provided = ''
+    advice%lowest = advice%safe%step
     if (advice%safe%step(1) >= huge(1.0_wp)) return
+    if (any(m%s%bodies%stiffening)) call provide('tension', 'with geometric stiffening the bounds are those of the start; '// &
+                                                 'tension raises frequencies')
     work = ev
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
-    call fast%set_up(m, ev, q)
-    fast%turning = turning_stiffness(m, work)
-    if (any(fast%turning > 0.0_wp)) call advice%text%line('  note: springs under load count with their '// &
+    if (any(turning_stiffness(m, work) > 0.0_wp)) call provide('forces of springs', 'springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
     bent = q
@@ -79,26 +78,30 @@ contains
         if (body%flexible) call bend_to_limit(body, bent(i + 1:i + body%nf))
       end associate
     end do
-    call evaluate(m, work, usual_options(m%s), 0.0_wp, bent, rest, none, none)
-    call bound_directions(m, work, fast%ends)
-    call fast%largest(m, work, .false., only_stiffness, 100, curved)
-    if (.not. straight < worth_a_line**2*curved) return
-    call fast%mode(m, work, 1, f)
-    call mode_cause(m, f, cause)
+    call both_bounds(d, m, ev, bent, bent_bound)
+    if (.not. any(bent_bound%step < worth_a_line*advice%safe%step)) return
+    advice%lowest = min(advice%safe%step, bent_bound%step)
     call advice%text%figure('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as '// &
-                            'the model holds they would allow about ', 'bent_bound', advice%safe%step(1)*sqrt(straight/curved), 4)
-    call advice%text%line(' s (rk4), limited by '//cause%what)
+                            'the model holds they would allow about ', 'bent_bound', bent_bound%step(1), 4)
+    call advice%text%line(' s (rk4), limited by '//bent_bound%cause(1)%what)
+  contains
+    !> Adds a note, and what has to stay as it is at the start.
+    subroutine provide(what, note)
+      character(*), intent(in) :: what, note
+      call advice%text%line('  note: '//note)
+      if (len(advice%provided) > 0) advice%provided = advice%provided//' and '
+      advice%provided = advice%provided//what
+    end subroutine provide
   end subroutine not_covered
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
   !> damps it. Where nothing does, joints only lower frequencies.
-  subroutine both_bounds(d, m, ev, q, safe, fastest, current)
+  subroutine both_bounds(d, m, ev, q, safe, current)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(step_bound), intent(out) :: safe
-    real(wp), intent(out) :: fastest           !! largest squared frequency that the safe bound counts [rad2/s2]
     type(step_bound), intent(out), optional :: current
     type(step_bound) :: held
     type(evaluation) :: work
@@ -108,7 +111,7 @@ contains
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call fast%set_up(m, ev, q)
-    call find_safe_bound(d, m, work, fast, safe, fastest)
+    call find_safe_bound(d, m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. size(fast%lin%segments) > 0)) return
     call find_bound(d, m, work, .true., fast, held)
     call take_smaller(held, safe)
@@ -129,8 +132,6 @@ contains
       call method_lines(advice, k)
       call advice%text%close()
     end do
-    if (any(m%s%bodies%stiffening)) call advice%text%line('  note: with geometric stiffening the bounds are those of the '// &
-                                                          'start; tension raises frequencies')
     if (advice%safe%step(1) < huge(1.0_wp)) call what_helps(d, m, advice)
   end subroutine advice_lines
 
@@ -238,7 +239,6 @@ contains
     type(assembly_report) :: report
     type(failure) :: fail
     real(wp), allocatable :: q(:), v(:)
-    real(wp) :: fastest                        ! [rad2/s2]
     call build(d, s, faults)
     ok = faults%count == 0
     if (.not. ok) return
@@ -246,6 +246,6 @@ contains
     allocate (q(s%nq), v(s%nq))
     call assemble(m, ev, q, v, report, fail)
     ok = .not. fail%happened()
-    if (ok) call both_bounds(d, m, ev, q, bound, fastest)
+    if (ok) call both_bounds(d, m, ev, q, bound)
   end subroutine bound_of_deck
 end module step_advice

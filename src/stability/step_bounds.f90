@@ -14,7 +14,7 @@ module step_bounds
   use tableaux, only: method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, take_smaller, material_poles, look_at, extra
+  public :: step_bound, find_bound, take_smaller, material_poles, look_at, extra, step_of
 
   !> A bound for each explicit method and what sets it.
   type :: step_bound
@@ -41,15 +41,13 @@ contains
   end subroutine take_smaller
 
   !> Bound at an evaluated state of a mechanism, joints held or released.
-  subroutine find_bound(d, m, ev, held, fast, bound, lambda, force)
+  subroutine find_bound(d, m, ev, held, fast, bound)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
     type(fast_spectrum), intent(inout) :: fast !! set up
     type(step_bound), intent(out) :: bound
-    real(wp), intent(out), optional :: lambda  !! largest squared frequency, instantaneous stiffness [rad2/s2]
-    real(wp), intent(out), optional :: force(:)   !! (n) inertia forces of the fastest modes: a start for later iterations [N]
     type(fast_mode) :: f
     type(bound_cause) :: cause
     type(pole_list) :: poles
@@ -57,13 +55,6 @@ contains
     integer :: k
     logical :: damped
     call fast%largest(m, ev, held, only_stiffness, 100, fastest)
-    if (present(lambda)) lambda = fastest
-    if (present(force)) then
-      force = 0.0_wp
-      do k = 1, min(4, fast%steps)
-        force = force + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - k))
-      end do
-    end if
     damped = fast%damped .or. size(fast%lin%segments) > 0
     if (damped) then
       call find_fast_poles(m, ev, held, fast, poles, damped)
@@ -113,7 +104,7 @@ contains
     type(bound_cause) :: cause
     integer :: k
     call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
-    call mark_mode(roots, sqrt(max(f%stiffness + extra(fast, f%segments), 0.0_wp)), is_mode)
+    call mark_mode(roots, max(f%stiffness + extra(fast, f%segments), 0.0_wp), f%damping, is_mode)
     looked_at = roots
     if (present(poles)) looked_at = poles
     is_mode = [(is_mode(minloc(abs(roots - looked_at(k)), 1)), k=1, size(looked_at))]

@@ -1,41 +1,60 @@
-!> The current stability bound along a run: estimated again now and then by a few Lanczos steps that start from the fastest
-!> modes of the start; whatever does not depend on the configuration (GHM poles) is kept.
+!> The current stability bound along a run, estimated again now and then by a few Lanczos steps for the motions that are stiffest,
+!> most damped, and stiffest against the viscoelastic terms that limit the step at the start. They begin with those of the start.
+!> Their Rayleigh quotients give eigenvalues; how far these are from the bound at the start, where all of them are known, they
+!> are taken to be later.
 module step_monitor
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use bound_causes, only: bound_cause, mode_cause
   use deck_records, only: deck
   use dynamics, only: evaluate
   use evaluation_settings, only: usual_options
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, only_stiffness
-  use spring_directions, only: bound_directions
+  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use tableaux, only: method_names
-  use step_bounds, only: step_bound, find_bound, material_poles
+  use modal_eigenvalues, only: instantaneous_pair, refine_root
+  use stability_region, only: largest_step
+  use step_bounds, only: step_bound, find_bound, look_at, step_of
   implicit none (type, external)
   private
   public :: stability_monitor, method_number
 
-  !> The current bound along a run, estimated again now and then (less than 2 % of the run's work).
+  integer, parameter :: most_steps = 12        !! Lanczos steps of a motion
+  real(wp), parameter :: part_of_run = 0.02_wp !! of the work, for all estimates [-]
+  integer, parameter :: most_often = 8         !! times as many where the bound falls towards the step
+  integer(ip), parameter :: first = 4          !! accepted steps before the first
+
+  !> A motion that is followed: the largest of p C + q K, or of the stiffness of one segment's material or spring.
+  type :: followed_motion
+    real(wp) :: mix(2) = 0.0_wp                !! p and q [-]
+    integer :: segment = 0                     !! 0: none
+    complex(wp) :: pole = 0.0_wp               !! of that segment, which limits the step at the start [1/s]
+    real(wp), allocatable :: start(:)          !! (n) inertia forces of the fastest modes at the start [N]
+  end type followed_motion
+
+  !> The current bound along a run.
   type :: stability_monitor
     logical :: active = .false.
     integer :: every = 0                       !! accepted steps between estimates
-    integer :: steps = 0                       !! Lanczos steps of an estimate
+    integer(ip) :: next = first                !! accepted steps at the next estimate
+    real(wp) :: step = 0.0_wp                  !! of the run where it is fixed, 0: where not [s]
+    real(wp) :: latest = huge(1.0_wp)          !! bound of the last estimate [s]
+    integer :: steps = 0                       !! Lanczos steps of a motion
     integer :: method = 0                      !! number in method_names
     integer :: estimates = 0
-    real(wp) :: pole_step = huge(1.0_wp)       !! what does not depend on the configuration [s]
-    real(wp) :: mode_step = huge(1.0_wp)       !! of the fastest mode at the start [s]
-    real(wp) :: start_lambda = 0.0_wp          !! its squared frequency [rad2/s2]
+    real(wp) :: pole_step = huge(1.0_wp)       !! of terms where nothing moves, whatever the configuration [s]
+    real(wp) :: ratio = 1.0_wp                 !! bound at the start over that of the followed motions [-]
     real(wp) :: fastest = 0.0_wp               !! largest frequency, joints released, 0: nothing vibrates [rad/s]
     real(wp) :: smallest = huge(1.0_wp)        !! smallest current bound so far [s]
     real(wp) :: at = 0.0_wp                    !! when [s]
-    real(wp) :: covered = 0.0_wp               !! largest squared frequency that the safe bound assumes [rad2/s2]
-    real(wp) :: least = huge(1.0_wp)           !! step at that frequency [s]
+    character(160) :: cause = ''               !! what limited it then
+    type(followed_motion), allocatable :: motions(:)
     type(fast_spectrum) :: fast
+    type(fast_mode) :: mode                    !! the motion that was looked at last
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
-    procedure :: until_next
     procedure :: exchange => monitor_exchange
   end type stability_monitor
 
@@ -50,7 +69,7 @@ contains
     end do
   end function method_number
 
-  !> Prepares the estimates along a run: the start vector joins the fastest modes of the start.
+  !> Prepares the estimates along a run.
   subroutine monitor_begin(self, d, m, ev, q, method)
     class(stability_monitor), intent(inout) :: self
     type(deck), intent(in) :: d
@@ -59,76 +78,168 @@ contains
     real(wp), intent(in) :: q(:)               !! (nq) positions at the start [m, rad]
     character(*), intent(in) :: method
     type(evaluation) :: work
-    type(step_bound) :: bound, poles
-    real(wp), allocatable :: rest(:), none(:), force(:)
-    complex(wp) :: mu
+    type(step_bound) :: bound
+    real(wp), allocatable :: rest(:), none(:)
+    real(wp) :: lambda                         ! [rad2/s2]
+    real(wp) :: followed                       ! bound of the followed motions [s]
+    integer :: k
     self%method = method_number(method)
     if (self%method == 0) return
     work = ev
-    allocate (rest(size(q)), none(m%s%nz), force(size(q)), source=0.0_wp)
+    allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call self%fast%set_up(m, ev, q)
-    call find_bound(d, m, work, .false., self%fast, bound, self%start_lambda, force)
-    self%fastest = sqrt(max(self%start_lambda, 0.0_wp))
-    if (.not. self%start_lambda > 0.0_wp) return
-    call bound_directions(m, work, self%fast%ends)
-    call self%fast%largest(m, work, .false., only_stiffness, 100, self%covered)
-    self%fast%ends = -1.0_wp
-    mu = bound%mu(self%method)
-    self%mode_step = bound%step(self%method)
-    call material_poles(d, m, work, .false., self%fast, self%start_lambda, poles)
-    self%pole_step = poles%step(self%method)
-    if (bound%cause(self%method)%segment > 0) then
-      self%mode_step = huge(1.0_wp)
-      self%pole_step = bound%step(self%method)
-    end if
-    self%fast%start = force + 1.0e-3_wp*norm2(force)/norm2(self%fast%start)*self%fast%start
-    self%steps = min(12, size(q))
-    self%every = ceiling((self%steps + 0.004_wp*self%steps**3)/0.08_wp)
-    self%active = self%mode_step < huge(1.0_wp) .and. abs(mu) > 0.0_wp
-    if (self%active) self%least = self%mode_step*sqrt(self%start_lambda/self%covered)
-    if (.not. self%active) self%smallest = self%pole_step
+    call self%fast%largest(m, work, .false., only_stiffness, 100, lambda)
+    self%fastest = sqrt(max(lambda, 0.0_wp))
+    do k = 1, size(self%fast%lin%segments)
+      self%pole_step = min(self%pole_step, step_of(self%method, self%fast%lin%segments(k)%law%rates()))
+    end do
+    call find_bound(d, m, work, .true., self%fast, bound)
+    allocate (self%motions(0))
+    if (lambda > 0.0_wp) call follow(only_stiffness, 0)
+    if (self%fast%damped) call follow(only_damping, 0)
+    if (bound%cause(self%method)%segment > 0) call follow(only_stiffness, bound%cause(self%method)%segment)
+    self%steps = min(most_steps, size(q))
+    self%every = ceiling(size(self%motions)*(self%steps + 0.004_wp*self%steps**3)/(4*part_of_run))
+    self%active = size(self%motions) > 0
+    self%smallest = bound%step(self%method)
+    if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
+    if (.not. self%active) return
+    followed = bound_of_motions(self, m, work)
+    self%active = followed < huge(1.0_wp)
+    if (self%active .and. self%smallest < (1 - 1.0e-6_wp)*self%pole_step) self%ratio = self%smallest/followed
+  contains
+    !> Adds a motion.
+    subroutine follow(mix, segment)
+      real(wp), intent(in) :: mix(2)           !! [-]
+      integer, intent(in) :: segment
+      type(followed_motion) :: motion
+      integer :: i
+      if (segment > 0) then
+        call self%fast%largest(m, work, .true., mix, 100, lambda, segment)
+      else
+        call self%fast%largest(m, work, .true., mix, 100, lambda)
+      end if
+      if (.not. lambda > 0.0_wp) return
+      motion%mix = mix
+      motion%segment = segment
+      motion%pole = bound%mu(self%method)
+      allocate (motion%start(size(q)), source=0.0_wp)
+      associate (fast => self%fast)
+        do i = 1, min(4, fast%steps)
+          motion%start = motion%start + matmul(fast%w(:, 1:fast%steps), fast%t(1:fast%steps, fast%steps + 1 - i))
+        end do
+        motion%start = motion%start + 1.0e-3_wp*norm2(motion%start)/norm2(fast%start)*fast%start
+      end associate
+      self%motions = [self%motions, motion]
+    end subroutine follow
   end subroutine monitor_begin
 
-  !> Accepted steps until the next estimate: at first at powers of two, since what bends or turns fast does so early.
-  pure integer function until_next(self, steps) result(n)
-    class(stability_monitor), intent(in) :: self
-    integer(ip), intent(in) :: steps           !! accepted so far
-    integer :: next
-    next = 4
-    do while (next <= steps .and. next < self%every)
-      next = 2*next
-    end do
-    next = min(next, self%every)
-    n = int(next - steps)
-    if (steps >= self%every) n = self%every - int(mod(steps, int(self%every, ip)))
-  end function until_next
-
-  !> Estimates the current bound at the state of an evaluation.
-  subroutine monitor_look(self, m, ev, t)
+  !> Estimates the current bound at the state of an evaluation, and says when to do so again. Allocates nothing where the bound
+  !> lies above the step.
+  subroutine monitor_look(self, d, m, ev, t, steps)
     class(stability_monitor), intent(inout) :: self
+    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                  !! [s]
-    real(wp) :: lambda, h
-    if (.not. self%active) return
-    call self%fast%largest(m, ev, .true., only_stiffness, self%steps, lambda)
+    integer(ip), intent(in) :: steps           !! accepted so far
+    real(wp) :: before                         ! the bound at the last estimate [s]
     self%estimates = self%estimates + 1
-    h = self%mode_step
-    if (lambda > 0.0_wp) h = self%mode_step*sqrt(self%start_lambda/lambda)
-    h = min(h, self%pole_step)
-    if (h >= self%smallest) return
-    self%smallest = h
+    before = self%latest
+    self%latest = min(self%ratio*bound_of_motions(self, m, ev), self%pole_step)
+    self%next = steps + interval(self, steps, before)
+    if (self%latest >= self%smallest*(1 - 1.0e-9_wp)) return
+    self%smallest = self%latest
     self%at = t
+    if (self%latest < self%step) call name_cause(self, d, m, ev)
   end subroutine monitor_look
+
+  !> Smallest step that the eigenvalues of the followed motions allow at the state of an evaluation [s].
+  real(wp) function bound_of_motions(self, m, ev) result(h)
+    class(stability_monitor), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    complex(wp) :: roots(2), guess             ! [1/s]
+    integer :: k, i
+    logical :: ok
+    h = huge(1.0_wp)
+    do k = 1, size(self%motions)
+      call iterate(self, m, ev, k, ok)
+      if (.not. ok) cycle
+      associate (f => self%mode, segments => self%fast%lin%segments)
+        roots = instantaneous_pair(segments, f%stiffness, f%damping, f%segments)
+        if (self%motions(k)%segment > 0) roots = self%motions(k)%pole
+        do i = 1, 2
+          guess = roots(i)
+          call refine_root(segments, f%stiffness, f%damping, f%segments, roots(i), ok)
+          if (.not. ok) roots(i) = guess
+          h = min(h, largest_step(self%method, roots(i), h))
+        end do
+      end associate
+    end do
+  end function bound_of_motions
+
+  !> A followed motion at the state of an evaluation.
+  subroutine iterate(self, m, ev, k, exists)
+    class(stability_monitor), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    integer, intent(in) :: k
+    logical, intent(out) :: exists
+    real(wp) :: lambda                         ! [rad2/s2] or [1/s]
+    self%fast%start(:) = self%motions(k)%start
+    if (self%motions(k)%segment > 0) then
+      call self%fast%largest(m, ev, .true., self%motions(k)%mix, self%steps, lambda, self%motions(k)%segment)
+    else
+      call self%fast%largest(m, ev, .true., self%motions(k)%mix, self%steps, lambda)
+    end if
+    exists = lambda > 0.0_wp
+    if (exists) call self%fast%mode(m, ev, 1, self%mode)
+  end subroutine iterate
+
+  !> Says what limits the step at the state of an evaluation.
+  subroutine name_cause(self, d, m, ev)
+    class(stability_monitor), intent(inout) :: self
+    type(deck), intent(in) :: d
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(step_bound) :: bound
+    type(bound_cause) :: cause
+    integer :: k
+    logical :: exists
+    do k = 1, size(self%motions)
+      call iterate(self, m, ev, k, exists)
+      if (.not. exists) cycle
+      call mode_cause(m, self%mode, cause)
+      call look_at(d, m, self%fast, self%mode, cause, bound)
+    end do
+    if (bound%step(self%method) < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
+  end subroutine name_cause
+
+  !> Accepted steps until the next estimate: few at first, since what bends or turns fast does so early, and where the bound
+  !> would soon fall below the step.
+  pure integer function interval(self, steps, before) result(n)
+    class(stability_monitor), intent(in) :: self
+    integer(ip), intent(in) :: steps           !! accepted so far
+    real(wp), intent(in) :: before             !! the bound at the last estimate, `interval` steps ago [s]
+    real(wp) :: fall                           ! part of what is left to the step [-]
+    n = int(min(int(self%every, ip), max(first, steps)))
+    if (self%latest >= before .or. self%latest <= self%step) return
+    fall = (before - self%latest)/(self%latest - self%step)
+    n = max(n/most_often, min(n, int(0.5_wp*n/fall)), 1)
+  end function interval
 
   !> Saves or restores what the estimates have found.
   subroutine monitor_exchange(self, a)
     class(stability_monitor), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call a%exchange(self%estimates)
+    call a%exchange(self%next)
+    call a%exchange(self%latest)
     call a%exchange(self%smallest)
     call a%exchange(self%at)
+    call a%exchange(self%cause)
   end subroutine monitor_exchange
 
 end module step_monitor

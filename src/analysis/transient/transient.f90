@@ -22,7 +22,7 @@ module transient
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
   use step_control, only: error_norm
-  use step_counts, only: step_count
+  use step_counts, only: actual_step, step_count
   use text, only: es_text, to_text
   use time_stepper, only: stepper, paused, lost, trouble_shape
   implicit none (type, external)
@@ -85,6 +85,7 @@ contains
       run%sys%has_manifold = r%stabilization == 'projection' .and. s%rows > 0
       if (r%stabilization == 'baumgarte') run%sys%options%baumgarte = [r%baumgarte_alpha, r%baumgarte_beta]
       run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
+      if (.not. r%adaptive) run%monitor%step = actual_step(r%output_step, r%step)
       call run%monitor%begin(run%d, run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
@@ -176,16 +177,13 @@ contains
     type(transient_march), intent(inout) :: march
     real(wp), intent(in) :: from, to           !! [s]
     integer, intent(out) :: outcome
-    integer(ip) :: before
-    integer :: most, next                      ! accepted steps
+    integer :: most                            ! accepted steps
     associate (monitor => run%monitor, method => march%method)
       most = steps_per_call
-      before = method%steps
-      if (monitor%active) next = monitor%until_next(before)
-      if (monitor%active) most = min(most, next)
+      if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
       call method%advance(run%sys, from, to, most, run%y, outcome)
       if (outcome == lost .or. .not. monitor%active) return
-      if (method%steps - before == next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t)
+      if (method%steps == monitor%next) call monitor%look(run%d, run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
   end subroutine one_portion
 

@@ -66,7 +66,8 @@ contains
     end associate
     if (share <= 1.0_wp) return
     call warn(run, 'the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
-              trim(adjustl(es_text(run%monitor%at, 4)))//' s: what limits it grew, if slowly'//beyond(run), text)
+              trim(adjustl(es_text(run%monitor%at, 4)))//' s, limited by '//trim(run%monitor%cause)// &
+              ': what limits it grew, if slowly'//beyond(run), text)
   end subroutine compare_step
 
   !> What brought the current bound below the safe one, which counts every direction of springs, but the shapes of the start.
@@ -74,8 +75,9 @@ contains
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
     text = ''
-    if (run%monitor%smallest < 0.99_wp*run%monitor%least) text = '; deflections changed the inertia of flexible bodies, '// &
-      'which the safe bound does not count: it fell from '//trim(adjustl(es_text(run%monitor%least, 4)))//' s'
+    if (run%monitor%smallest < 0.99_wp*run%stable_step .and. any(run%sys%m%s%bodies%flexible)) &
+      text = '; deflections changed the inertia of flexible bodies, which the safe bound of '// &
+             trim(adjustl(es_text(run%stable_step, 4)))//' s does not count'
   end function beyond
 
   !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
