@@ -245,16 +245,36 @@ def test_a_pole_of_a_slow_spring_beside_a_fast_one_sees_its_mass(run_deck):
     assert float(re.search(r"rk4: safe bound +(\S+) s", told)[1]) == pytest.approx(2.785294 / np.abs(roots).max(), rel=1e-4)
 
 
-def test_a_bound_of_a_material_is_not_estimated_again(run_deck):
-    """A GHM pole does not change with the motion; here it is that of the first segment of the first body."""
-    run = run_deck(
-        "&material name='m' density=1600.0 young=2.1e7 ghm_alpha=0.4 ghm_zeta=5.0 ghm_omega=1.0e6 /\n"
-        "&section name='s' shape='rectangle' width=0.02 height=0.01 /\n"
-        "&body name='rod' kind='beam' length=0.3 elements=2 material='m' section='s' angular_velocity=3.0 /\n"
-        "&joint name='a' type='revolute' body_a='rod' node_a=1 /\n"
-        "&transient t_end=1e-5 method='rk4' step=1.0e-7 /\n"
-    )
+GHM_ROD = """&material name='m' density=1600.0 young=2.1e7 ghm_alpha=0.4 ghm_zeta=5.0 ghm_omega=1.0e6 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='rod' kind='beam' length=0.3 elements=2 material='m' section='s' angular_velocity=3.0 /
+&joint name='a' type='revolute' body_a='rod' node_a=1 /
+&transient t_end=1e-5 method='rk4' step=1.0e-7 /
+"""
+OVERDAMPED = """&body name='b' mass=1.0 inertia=1.0 /
+&joint name='j' type='prismatic' body_a='b' /
+&spring name='s' type='linear' body_a='b' point_b=-1.0,0.0 stiffness=1e4 damping=1e3 ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=60.0 /
+&transient t_end=1.0 method='rk4' step=1e-3 /
+"""
+DEAD_CENTRE = """&body name='b' mass=1.0 inertia=1.0 angular_velocity=5.0 /
+&joint name='j' type='revolute' body_a='b' /
+&spring name='s' type='linear' body_a='b' point_a=0.5,0.0 point_b=1.5,0.0 stiffness=1e4 free_length=0.9 /
+&transient t_end=1.0 method='rk4' step=1e-3 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("deck", "cause", "expected"),
+    [(GHM_ROD, "GHM pole", "safe_bound"), (OVERDAMPED, "dampers on", "current_bound"), (DEAD_CENTRE, "a mode of springs", None)],
+)
+def test_the_bound_is_estimated_along_every_run(run_deck, deck, cause, expected):
+    """Where a term's pole limits the step, an overdamped mode, or nothing at the start, since the spring points at the joint."""
+    run = run_deck(deck)
     found = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
-    assert found["stable_steps"]["rk4"]["limited_by"].startswith("GHM pole")
-    assert found["transient"]["bound_estimates"] == 0
-    assert found["transient"]["smallest_bound"] == found["stable_steps"]["rk4"]["safe_bound"]
+    assert found["stable_steps"]["rk4"]["limited_by"].startswith(cause)
+    assert found["transient"]["bound_estimates"] > 5
+    if expected:
+        assert found["transient"]["smallest_bound"] == pytest.approx(found["stable_steps"]["rk4"][expected], rel=1e-4)
+    else:
+        assert found["stable_steps"]["rk4"]["safe_bound"] < found["transient"]["smallest_bound"] < 1.0
+    assert ("stable as long as forces of springs stay as at the start" in run.summary) == (expected is None)

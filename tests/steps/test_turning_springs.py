@@ -199,8 +199,14 @@ def test_deflections_that_lower_the_bound_are_told(run_deck):
     """A light beam whose tip turns by 0.18 rad raises the largest frequency from 1.02e5 to 1.75e5 rad/s; there are no joints."""
     safe = safe_bound(run_deck, BENT, "rk4")
     assert "bent as far as the model holds" in run_deck(BENT + transient("rk4", 1e-9, 100), "--check").stdout
+    checked = run_deck(BENT + transient("rk4", 0.95 * safe, 100), "--check").stdout
+    bent = float(re.search(r"bent as far as the model holds they would allow about +(\S+) s", checked)[1])
+    said = re.search(r"of the safe bound: too large where bodies bend .* holds; expected at most (\S+) s$", checked.strip())
+    assert float(said[1]) == pytest.approx(0.98 * bent, rel=1e-3)
+    refused = run_deck(BENT + transient("rk4", 1.1 * safe, 100).replace("accept_unstable=.true.", ""), expect=2).stderr
+    assert float(re.search(r"expected at most +(\S+) s", refused)[1]) == pytest.approx(0.98 * bent, rel=1e-2)
     run = run_deck(BENT + transient("rk4", 0.95 * safe, 1000), expect=None)
-    assert "deflections changed the inertia" in run.stderr
+    assert re.search(r"smallest current bound, at t = \S+ s, limited by .*body \"b\": .*deflections changed the inertia", run.stderr)
     small = run_deck(BENT + transient("rk4", 0.5 * safe, 1000))
     assert "deflections changed the inertia" not in small.stderr
     assert rise(small) < 0.01

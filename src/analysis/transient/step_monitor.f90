@@ -22,6 +22,7 @@ module step_monitor
 
   integer, parameter :: most_steps = 12        !! Lanczos steps of a motion
   real(wp), parameter :: part_of_run = 0.02_wp !! of the work, for all estimates [-]
+  real(wp), parameter :: far = 2.0_wp          !! ratio from which a motion at a singular start says nothing of the bound there [-]
   integer, parameter :: most_often = 8         !! times as many where the bound falls towards the step
   integer(ip), parameter :: first = 4          !! accepted steps before the first
 
@@ -106,19 +107,19 @@ contains
     if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
     if (.not. self%active) return
     followed = bound_of_motions(self, m, work)
-    self%active = followed < huge(1.0_wp)
-    if (self%active .and. self%smallest < (1 - 1.0e-6_wp)*self%pole_step) self%ratio = self%smallest/followed
+    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest/followed)) < log(far)) &
+      self%ratio = self%smallest/followed
   contains
-    !> Adds a motion.
+    !> Adds a motion, joints released: at a singular start they may hold what they let go later.
     subroutine follow(mix, segment)
       real(wp), intent(in) :: mix(2)           !! [-]
       integer, intent(in) :: segment
       type(followed_motion) :: motion
       integer :: i
       if (segment > 0) then
-        call self%fast%largest(m, work, .true., mix, 100, lambda, segment)
+        call self%fast%largest(m, work, .false., mix, 100, lambda, segment)
       else
-        call self%fast%largest(m, work, .true., mix, 100, lambda)
+        call self%fast%largest(m, work, .false., mix, 100, lambda)
       end if
       if (.not. lambda > 0.0_wp) return
       motion%mix = mix
