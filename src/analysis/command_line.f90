@@ -5,6 +5,7 @@ module command_line
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
   use posix, only: write_bytes, standard_output, tell
   use process, only: most_children
+  use readable_text, only: one_line
   use run_deck, only: run_options
   use summary, only: version
   use text, only: nearest_word, to_text
@@ -170,7 +171,7 @@ contains
     case default
       words = 'stopped by a signal'
     end select
-    if (.not. write_bytes(standard_output, deck//': '//words//more//new_line('a'))) status = max(status, status_no_output)
+    if (.not. write_bytes(standard_output, one_line(deck)//': '//words//more//new_line('a'))) status = max(status, status_no_output)
   end subroutine print_ending
 
   !> The help text.

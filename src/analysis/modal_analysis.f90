@@ -12,7 +12,8 @@ module modal_analysis
   use posix, only: remove_file
   use scene_run, only: run_state, no_output
   use summary, only: add_warnings
-  use summary_text, only: json_text, summary_record
+  use summary_text, only: summary_record
+  use readable_text, only: json_text
   use text, only: to_text
   implicit none (type, external)
   private

@@ -5,7 +5,7 @@ module run_deck
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use modal_analysis, only: run_modal
-  use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_output, tell
+  use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_error, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response
   use rigid_mobility, only: mobility_lines
@@ -13,6 +13,7 @@ module run_deck
   use lapack, only: refused_routine
   use linear_state, only: refuse_uneven
   use force_element, only: stage_transient
+  use readable_text, only: readable
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use tableaux, only: method_names
@@ -82,7 +83,7 @@ contains
     call text%close()
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
-      words = text%words%all()
+      words = readable(text%words%all())
       if (options%json) words = text%json()//new_line('a')
       status = status_ok
       if (write_bytes(standard_output, words)) return
@@ -121,6 +122,7 @@ contains
     logical, intent(in) :: check
     character(:), allocatable :: line
     character(:), allocatable :: prefix
+    logical :: written
     real(wp) :: h
     integer :: k
     refused = .false.
@@ -137,7 +139,7 @@ contains
     call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
     if (.not. refused) return
     line = advice%text%words%all()
-    call tell(line(:len(line) - 1))
+    written = write_bytes(standard_error, readable(line))
   end function step_refused
 
   !> The fixed step in use.

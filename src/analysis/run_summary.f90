@@ -4,11 +4,12 @@ module run_summary
   use kinds, only: wp
   use checkpoint, only: remove_checkpoint
   use errors, only: failure
-  use posix, only: remove_file, remove_scratch, replace_file
+  use posix, only: host_name, remove_file, remove_scratch, replace_file
   use scene_run, only: run_state, no_output
   use summary, only: version
-  use summary_text, only: json_number, json_text, summary_record
-  use text, only: fixed_text, read_file, to_text
+  use summary_text, only: json_number, summary_record
+  use readable_text, only: json_text, readable
+  use text, only: fixed_text, to_text
   use text_file, only: result_file
   use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
@@ -58,7 +59,6 @@ contains
     logical, intent(out) :: ok                   !! whether it could be written
     character(8) :: date
     character(10) :: clock
-    character(:), allocatable :: host, problem
     if (restarts > 0) call text%line('timing: restarts '//to_text(restarts))
     call text%line('')
     if (fail%happened()) then
@@ -70,10 +70,9 @@ contains
     call text%member('status', to_text(fail%status))
     call text%line('timing: analyses took '//fixed_text(seconds(1), 6)//' s, '//fixed_text(seconds(2), 6)//' s of the processor')
     call date_and_time(date, clock)
-    call read_file('/proc/sys/kernel/hostname', host, problem)    ! a line; nothing where there is no such file
     call text%member('timing', '{"seconds": '//json_number(seconds(1))//', "processor_seconds": '//json_number(seconds(2))// &
       ', "restarts": '//to_text(restarts)//', "ended": '//json_text(date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'// &
-      clock(1:2)//':'//clock(3:4)//':'//clock(5:6))//', "host": '//json_text(host(:len(host) - 1))//', "compiler": '// &
+      clock(1:2)//':'//clock(3:4)//':'//clock(5:6))//', "host": '//json_text(host_name())//', "compiler": '// &
       json_text(compiler_version())//'}')
     call write_summary(run, text, ok)
   end subroutine finish_summary
@@ -88,7 +87,7 @@ contains
     call text%line('deck text')
     call text%figure('', 'deck_text', run%d%text, rest='')
     call write_whole(run%folder//'/summary.json', text%json(), ok)
-    if (ok) call write_whole(run%folder//'/summary.txt', text%words%all(), ok)
+    if (ok) call write_whole(run%folder//'/summary.txt', readable(text%words%all()), ok)
   end subroutine write_summary
 
   !> Writes a whole file beside its place and renames it, so that it is never half there.

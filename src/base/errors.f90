@@ -14,6 +14,8 @@ module errors
   integer, parameter, public :: status_no_output = 3  !! results could not be written
   integer, parameter, public :: status_signal = 128   !! plus the signal's number: stopped cleanly by that signal
 
+  integer, parameter :: most_shown = 100              !! faults that are written; nobody reads more
+
   !> One line of a diagnosis: where, what, and what was expected.
   type :: fault
     character(:), allocatable :: file      !! deck file as the user named it
@@ -68,13 +70,14 @@ contains
     text = text//self%items(k)%message
   end function fault_line
 
-  !> Writes every fault, one a line, to standard error.
+  !> Writes the first faults, one a line, to standard error, and how many more there are.
   subroutine print_faults(self)
     class(fault_list), intent(in) :: self
     integer :: k
-    do k = 1, self%count
+    do k = 1, min(self%count, most_shown)
       call tell(self%line_of(k))
     end do
+    if (self%count > most_shown) call tell(self%items(1)%file//': '//to_text(self%count - most_shown)//' more faults are not shown')
   end subroutine print_faults
 
   !> Records a failure; the first one wins, since what follows is usually its consequence.

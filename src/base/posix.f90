@@ -2,12 +2,15 @@
 !> whether they succeeded. Nothing is written through a symbolic link, and no file that exists is emptied.
 module posix
   use kinds, only: ip
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_size_t
+  use readable_text, only: one_line
+  use text, only: lower
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_ptr, c_size_t, c_f_pointer
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, remove_scratch, is_terminal, sync_file, sync_folder, close_lock
   public :: create_file, extend_file, cut_file, write_bytes, close_file, file_size, drop_lock, tell, c_open, c_close
-  public :: standard_output, standard_error, nameless_file, read_back, c_getpid
+  public :: standard_input, standard_output, standard_error, nameless_file, read_back, open_to_read, read_bytes, size_of
+  public :: reason, host_name, c_getpid
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: read_only = 0, read_write = 2   !! O_RDONLY, O_RDWR
@@ -16,7 +19,7 @@ module posix
   integer, parameter :: exists = 0                  !! F_OK
   integer, parameter :: was_interrupted = 4         !! EINTR
   integer, parameter :: most_lock_trials = 1000     !! times that others may take a lock in between
-  integer, parameter :: standard_output = 1, standard_error = 2   !! handles for write_bytes
+  integer, parameter :: standard_input = 0, standard_output = 1, standard_error = 2   !! handles
   character(:, c_char), allocatable :: locked   !! path of the lock that this process holds
 
   interface
@@ -62,6 +65,17 @@ module posix
     integer(c_int) function c_errno() bind(c, name='_gfortran_ierrno_i4')
       import :: c_int
     end function c_errno
+    !> gethostname(3): name of this machine.
+    integer(c_int) function c_gethostname(name, room) bind(c, name='gethostname')
+      import :: c_char, c_int, c_size_t
+      character(kind=c_char), intent(out) :: name(*)
+      integer(c_size_t), value :: room
+    end function c_gethostname
+    !> strerror(3): the words for it, a C string.
+    type(c_ptr) function c_strerror(number) bind(c, name='strerror')
+      import :: c_int, c_ptr
+      integer(c_int), value :: number
+    end function c_strerror
     !> write(2): bytes to an open file; how many were taken, -1 on failure.
     integer(c_long) function c_write(fd, bytes, count) bind(c, name='write')
       import :: c_char, c_int, c_size_t, c_long
@@ -323,11 +337,61 @@ contains
     integer(c_int) :: fd, status
     bytes = -1
     if (c_access(path//'/.'//c_null_char, exists) == 0) return
-    fd = c_open(path//c_null_char, ior(read_only, at_once))
+    fd = open_to_read(path, wait=.false.)
     if (fd < 0) return
-    bytes = c_lseek(fd, 0_c_long, from_end)
+    bytes = size_of(fd)
     status = c_close(fd)
   end function file_size
+
+  !> Opens a file that exists for reading; negative where that fails.
+  integer function open_to_read(path, wait) result(handle)
+    character(*), intent(in) :: path
+    logical, intent(in) :: wait               !! until a pipe is written to
+    handle = c_open(path//c_null_char, ior(read_only, merge(0, at_once, wait)))
+  end function open_to_read
+
+  !> Bytes of an open file, which is then read from its beginning; -1 where it is a pipe.
+  integer(ip) function size_of(handle) result(bytes)
+    integer, intent(in) :: handle
+    bytes = c_lseek(handle, 0_c_long, from_end)
+    if (c_lseek(handle, 0_c_long, 0) < 0) bytes = -1
+  end function size_of
+
+  !> Reads the next bytes; how many there were, 0 at the end, negative where that fails.
+  integer function read_bytes(handle, bytes) result(n)
+    integer, intent(in) :: handle
+    character(*), intent(out) :: bytes
+    integer(c_int) :: code
+    do
+      n = int(c_read(handle, bytes, len(bytes, c_size_t)))
+      if (n >= 0) return
+      code = c_errno()
+      if (code /= was_interrupted) return
+    end do
+  end function read_bytes
+
+  !> Name of this machine; empty where the system does not tell.
+  function host_name() result(name)
+    character(:), allocatable :: name
+    character(256, c_char) :: letters
+    name = ''
+    letters = repeat(c_null_char, len(letters))
+    if (c_gethostname(letters, len(letters, c_size_t)) == 0) name = letters(:index(letters//c_null_char, c_null_char) - 1)
+  end function host_name
+
+  !> Why the last call of the system failed, in its words: `no such file or directory`.
+  function reason() result(words)
+    character(:), allocatable :: words
+    character(kind=c_char), pointer :: letters(:)
+    integer :: k
+    call c_f_pointer(c_strerror(c_errno()), letters, [200])
+    words = ''
+    do k = 1, size(letters)
+      if (letters(k) == c_null_char) exit
+      words = words//letters(k)
+    end do
+    words(:1) = lower(words(:1))
+  end function reason
 
   !> Writes bytes; ok only where all of them are written.
   logical function write_bytes(handle, bytes) result(ok)
@@ -347,11 +411,11 @@ contains
     ok = done == len(bytes)
   end function write_bytes
 
-  !> A line of text to standard error. The run-time library's unit would end the program where that is closed.
+  !> A line of text to standard error, without what could steer a terminal. The run-time library's unit would end the program where that is closed.
   subroutine tell(line)
     character(*), intent(in) :: line
     logical :: written
-    written = write_bytes(standard_error, line//new_line('a'))
+    written = write_bytes(standard_error, one_line(line)//new_line('a'))
   end subroutine tell
 
   !> Closes a file; ok only where nothing written to it was lost.

@@ -3,10 +3,11 @@
 module summary_text
   use kinds, only: wp, ip
   use growing_text, only: text_buffer
+  use readable_text, only: json_text
   use text, only: es_text, exact_text, to_text
   implicit none (type, external)
   private
-  public :: json_number, json_text
+  public :: json_number
 
   !> A summary that is being written.
   type, public :: summary_record
@@ -152,58 +153,4 @@ contains
     text = 'null'
     if (abs(x) < huge(1.0_wp)) text = exact_text(x)
   end function json_number
-
-  !> A text as JSON has it. A byte that is not part of UTF-8 counts as a letter of Latin-1.
-  pure function json_text(plain) result(text)
-    character(*), intent(in) :: plain
-    character(:), allocatable :: text
-    type(text_buffer) :: json
-    integer :: k, n
-    call json%add('"')
-    k = 1
-    do while (k <= len(plain))
-      n = letter_length(plain(k:))
-      if (n == 0 .or. iachar(plain(k:k)) < 32 .or. plain(k:k) == '"' .or. plain(k:k) == '\') then
-        call json%add(escaped(iachar(plain(k:k))))
-        n = 1
-      else
-        call json%add(plain(k:k + n - 1))
-      end if
-      k = k + n
-    end do
-    call json%add('"')
-    text = json%all()
-  end function json_text
-
-  !> \n, \", \\, or \u00XX.
-  pure function escaped(code) result(text)
-    integer, intent(in) :: code                   !! 0 to 255
-    character(:), allocatable :: text
-    character(16), parameter :: hex = '0123456789abcdef'
-    select case (code)
-    case (10)
-      text = '\n'
-    case (34, 92)
-      text = '\'//achar(code)
-    case default
-      text = '\u00'//hex(code/16 + 1:code/16 + 1)//hex(mod(code, 16) + 1:mod(code, 16) + 1)
-    end select
-  end function escaped
-
-  !> Bytes of the UTF-8 letter with which a text begins; 0: it begins with none.
-  pure integer function letter_length(plain) result(n)
-    character(*), intent(in) :: plain             !! not empty
-    integer :: first, k
-    first = iachar(plain(1:1))
-    n = 0
-    if (first < 128) n = 1
-    if (first >= 194 .and. first < 224) n = 2
-    if (first >= 224 .and. first < 240) n = 3
-    if (first >= 240 .and. first < 245) n = 4
-    if (n > len(plain)) n = 0
-    do k = 2, n
-      if (iand(iachar(plain(k:k)), 192) /= 128) n = 0
-      if (n == 0) return
-    end do
-  end function letter_length
 end module summary_text

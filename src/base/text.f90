@@ -1,11 +1,9 @@
-!> Text utilities: case, numbers as text, lists of words, the nearest known word, whole files.
+!> Text utilities: case, numbers as text, lists of words, the nearest known word.
 module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, exact_text, fixed_text, joined, nearest_word, read_file, word_hash, printable, quoted
-
-  integer, parameter :: most_streamed = 20000000   !! longest deck read from a pipe; more is endless input [bytes]
+  public :: lower, to_text, es_text, exact_text, fixed_text, joined, nearest_word, word_hash, quoted
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -183,119 +181,10 @@ contains
     hash = int(h)
   end function word_hash
 
-  !> Text as it may be shown in a one-line message: control characters as `?`, cut after `most` characters.
-  pure function printable(s, most) result(t)
-    character(*), intent(in) :: s     !! any text
-    integer, intent(in) :: most       !! longest text wanted
-    character(:), allocatable :: t
-    integer :: i, last
-    last = len(s)
-    if (last > most) then
-      last = most
-      do while (last > 1 .and. iachar(s(last + 1:last + 1)) >= 128 .and. iachar(s(last + 1:last + 1)) < 192)
-        last = last - 1               ! not in the middle of a multi-byte character
-      end do
-    end if
-    t = s(1:last)
-    do i = 1, last
-      if (iachar(t(i:i)) < 32 .or. iachar(t(i:i)) == 127) t(i:i) = '?'
-    end do
-    if (last < len(s)) t = t//'...'
-  end function printable
-
   !> Text in quotes.
   pure function quoted(t) result(q)
     character(*), intent(in) :: t   !! any text
     character(:), allocatable :: q
     q = ''''//t//''''
   end function quoted
-
-  !> A whole file with line feeds as its only line ends (CR LF and lone CR become LF), always with one at the end; a
-  !> byte order mark is dropped. `problem` is empty if the file could be read.
-  subroutine read_file(path, content, problem)
-    character(*), intent(in) :: path                       !! file name
-    character(:), allocatable, intent(out) :: content      !! its text
-    character(:), allocatable, intent(out) :: problem      !! why it could not be read
-    character(:), allocatable :: raw
-    character(200) :: reason
-    integer :: unit, status, bytes
-    content = ''
-    problem = ''
-    reason = ''
-    raw = ''
-    open (newunit=unit, file=path, status='old', action='read', access='stream', form='unformatted', &
-      iostat=status, iomsg=reason)
-    if (status /= 0) then
-      problem = plain_reason(reason)
-      return
-    end if
-    inquire (unit=unit, size=bytes)
-    if (bytes < 0) then
-      problem = 'not an ordinary file'
-    else
-      raw = repeat(' ', bytes)
-      if (bytes > 0) read (unit, iostat=status, iomsg=reason) raw
-      if (status /= 0) problem = plain_reason(reason)
-      if (bytes == 0) call read_stream(unit, raw, problem)
-    end if
-    close (unit)
-    if (len(problem) == 0) call normalize(raw, content)
-  end subroutine read_file
-
-  !> All that a file without a known size holds (a pipe, standard input), up to a length beyond which the input counts as endless.
-  subroutine read_stream(unit, raw, problem)
-    integer, intent(in) :: unit                            !! open for unformatted stream access
-    character(:), allocatable, intent(inout) :: raw        !! its bytes
-    character(:), allocatable, intent(inout) :: problem    !! why it could not be read
-    character :: byte
-    integer :: n, status
-    n = 0
-    do
-      read (unit, iostat=status) byte
-      if (status /= 0) exit
-      if (n == most_streamed) then
-        problem = 'endless or too long'
-        return
-      end if
-      if (n == len(raw)) raw = raw//repeat(' ', max(65536, n))
-      n = n + 1
-      raw(n:n) = byte
-    end do
-    raw = raw(1:n)
-  end subroutine read_stream
-
-  !> The last part of a run-time message such as `Cannot open file 'x': No such file or directory`.
-  pure function plain_reason(message) result(reason)
-    character(*), intent(in) :: message   !! message of the run-time library
-    character(:), allocatable :: reason
-    integer :: colon
-    colon = index(message, ': ', back=.true.)
-    reason = trim(message(colon + merge(2, 1, colon > 0):))
-    if (len(reason) == 0) reason = 'cannot be read'
-    reason = lower(reason(1:1))//reason(2:)
-  end function plain_reason
-
-  !> Line feeds as the only line ends, one at the end, no byte order mark.
-  pure subroutine normalize(raw, content)
-    character(*), intent(in) :: raw                      !! bytes of a file
-    character(:), allocatable, intent(out) :: content    !! the same text
-    character(*), parameter :: cr = achar(13), lf = achar(10)
-    character(*), parameter :: mark = char(239)//char(187)//char(191)   ! UTF-8
-    integer :: i, n
-    allocate (character(len(raw) + 1) :: content)
-    n = 0
-    do i = 1, len(raw)
-      if (raw(i:i) == lf .and. i > 1) then
-        if (raw(i - 1:i - 1) == cr) cycle
-      end if
-      n = n + 1
-      content(n:n) = merge(lf, raw(i:i), raw(i:i) == cr)
-    end do
-    if (n > 0) then
-      if (content(n:n) /= lf) n = n + 1
-      content(n:n) = lf
-    end if
-    content = content(1:n)
-    if (index(content, mark) == 1) content = content(4:)
-  end subroutine normalize
 end module text

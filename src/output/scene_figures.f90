@@ -5,7 +5,8 @@ module scene_figures
   use kinds, only: wp
   use deck_records, only: deck, marker_record
   use mechanism, only: mechanism_model
-  use summary_text, only: json_text, summary_record
+  use summary_text, only: json_number, summary_record
+  use readable_text, only: json_text
   use text, only: to_text
   implicit none (type, external)
   private
@@ -21,7 +22,7 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k
     call text%open('scene', '{')
-    call text%member('size', to_text(m%s%size))
+    call text%member('size', json_number(m%s%size))
     call text%member('gravity', vector(d%scene%gravity))
     call text%open('bodies', '[')
     do k = 1, size(d%bodies)
@@ -47,7 +48,7 @@ contains
     do k = 1, size(d%forces)
       associate (r => d%forces(k))             ! as they are at factor 1
         call text%member('', item(r%name, r%type)//', "at": '//marker(r%marker)//', "force": '//vector([r%fx, r%fy])// &
-                         ', "axes": '//json_text(trim(r%axes))//', "moment": '//to_text(r%moment)//', "centre": '// &
+                         ', "axes": '//json_text(trim(r%axes))//', "moment": '//json_number(r%moment)//', "centre": '// &
                          vector(r%centre)//'}')
       end associate
     end do
@@ -74,7 +75,7 @@ contains
           call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
         end do
         call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
-                         to_text(b%mass)//', "centre": '//position(marker_record(body=k, point=b%i1/b%mass))// &
+                         json_number(b%mass)//', "centre": '//position(marker_record(body=k, point=b%i1/b%mass))// &
                          ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
       end associate
     end subroutine add_body
@@ -86,7 +87,7 @@ contains
       real(wp), intent(in) :: direction        !! from the section of b [rad]
       associate (at_b => pose(b))
         call text%member('', item(name, kind)//', "a": '//marker(a)//', "b": '//marker(b)//', "direction": '// &
-                         to_text(direction + at_b(3))//'}')
+                         json_number(direction + at_b(3))//'}')
       end associate
     end subroutine pair
 
@@ -143,14 +144,14 @@ contains
     text = '{"name": '//json_text(trim(name))//', "kind": '//json_text(trim(kind))
   end function item
 
-  !> Numbers as a JSON list, to the 6 figures that a picture needs.
+  !> Numbers as a JSON list.
   function vector(x) result(text)
     real(wp), intent(in) :: x(:)               !! [m], [rad] or any other unit
     character(:), allocatable :: text
     integer :: k
-    text = '['//to_text(x(1))
+    text = '['//json_number(x(1))
     do k = 2, size(x)
-      text = text//', '//to_text(x(k))
+      text = text//', '//json_number(x(k))
     end do
     text = text//']'
   end function vector

@@ -6,7 +6,8 @@ module summary
   use deck_records, only: deck
   use mechanism, only: mechanism_model
   use posix, only: tell
-  use summary_text, only: json_text, summary_record
+  use summary_text, only: summary_record
+  use readable_text, only: json_text, one_line
   use text, only: to_text
   implicit none (type, external)
   private
@@ -50,7 +51,7 @@ contains
     call text%member('version', json_text(version))
     call text%figure('deck: ', 'deck', d%name)
     call text%line('')
-    if (len(d%scene%title) > 0) call text%line('title: '//d%scene%title)
+    if (len(d%scene%title) > 0) call text%line('title: '//one_line(d%scene%title))
     call text%member('title', json_text(d%scene%title))
     call text%line('')
     call text%line('model')

@@ -5,6 +5,7 @@ module text_file
   use kinds, only: wp, ip
   use archive, only: value_archive
   use posix, only: create_file, extend_file, write_bytes, close_file, cut_file, file_size, sync_file
+  use readable_text, only: one_line
   implicit none (type, external)
   private
   public :: result_file
@@ -155,7 +156,7 @@ contains
     character(*), intent(in) :: deck_name
     character(*), intent(in) :: title         !! empty: none
     call self%line('# biela: '//what)
-    call self%line('# deck: '//deck_name)
-    if (len(title) > 0) call self%line('# title: '//title)
+    call self%line('# deck: '//one_line(deck_name))
+    if (len(title) > 0) call self%line('# title: '//one_line(title))
   end subroutine head
 end module text_file

@@ -202,9 +202,10 @@ def test_no_progress_is_shown_when_quiet(biela, tmp_path):
 
 
 def test_endless_input_is_refused(biela, tmp_path):
-    done = call(biela, tmp_path, "--check", "/dev/zero")
+    with Path("/dev/zero").open("rb") as endless:
+        done = subprocess.run([biela, "--check", "-"], cwd=tmp_path, stdin=endless, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr == "/dev/zero: cannot be read: endless or too long, expected a deck file\n"
+    assert done.stderr == "-: cannot be read: endless or too long, expected a deck file\n"
 
 
 @pytest.mark.parametrize("limit", [1200, 0])

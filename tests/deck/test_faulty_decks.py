@@ -6,6 +6,7 @@ both. The folder `lib` holds files that the decks include.
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import subprocess
@@ -81,15 +82,66 @@ def test_good_deck_after_a_faulty_one(biela: Path, folder: Path, tmp_path: Path)
     assert done.stderr.count(b"\n") == 1
 
 
-def test_many_faults_are_all_shown_in_order_and_in_time(biela: Path, tmp_path: Path):
+def test_of_many_faults_the_first_are_shown_in_order_and_the_rest_is_counted(biela: Path, tmp_path: Path):
     """4096 bodies, each with a fault, and 4096 joints, each with a misspelt body: linear time, sorted by line."""
     count = 4096
     bodies = "".join(f"&body name='b{k}' kind='rigid' mass=-1.0 inertia=1.0 /\n" for k in range(count))
     joints = "".join(f"&joint name='j{k}' type='revolute' body_a='c{k}' /\n" for k in range(count))
-    (tmp_path / "many.nml").write_text(joints + bodies, encoding="utf-8")
-    lines = solve(biela, tmp_path, "--check", "many.nml").stderr.decode().splitlines()
-    assert len(lines) == 2 * count
-    assert [int(line.split(":")[1]) for line in lines] == list(range(1, 2 * count + 1))
+    (tmp_path / "many.nml").write_text(bodies + joints, encoding="utf-8")
+    *lines, rest = solve(biela, tmp_path, "--check", "many.nml").stderr.decode().splitlines()
+    assert [int(line.split(":")[1]) for line in lines] == list(range(1, 101))
+    assert rest == f"many.nml: {2 * count - 100} more faults are not shown"
+
+
+BODY = "&body name='b' mass=1 inertia=1 /\n"
+
+
+@pytest.mark.parametrize("found", ["fifo", "/dev/zero", "/dev/urandom"])
+@pytest.mark.parametrize("deck", ["{}", "&include file='{}' /", "&history name='h' kind='table' file='{}' columns=1,2 /"])
+def test_a_pipe_or_a_device_is_refused_at_once(deck, found, biela, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "scene.nml").write_text(BODY + deck.format(found))
+    done = solve(biela, tmp_path, "--check", found if deck == "{}" else "scene.nml")
+    assert done.returncode == 2
+    assert b"cannot be read: not an ordinary file, expected a" in done.stderr
+
+
+@pytest.mark.parametrize("text", [b"root:x:0:0:secret\n", b"secret &1\n& secret\n", b"\0\1secret", b"a = 'secret\n&if x & y /\n"])
+def test_an_included_file_that_is_no_deck_is_not_shown(text, biela, tmp_path):
+    (tmp_path / "scene.nml").write_text(BODY + "&include file='passwd' /\n")
+    (tmp_path / "passwd").write_bytes(text)
+    done = solve(biela, tmp_path, "--check", "scene.nml")
+    assert done.returncode == 2
+    assert done.stderr.startswith(b"scene.nml:2: include: file='passwd' cannot be read: it ")
+    assert done.stderr.count(b"\n") == 1
+    assert b"secret" not in done.stderr
+
+
+def test_files_may_include_each_other_3000_deep_and_not_without_end(biela, tmp_path):
+    """Within a second; a depth that would end the stack is refused."""
+    for k in range(1, 5002):
+        (tmp_path / f"{k}.nml").write_text(f"&include file='{k + 1}.nml' /\n")
+    (tmp_path / "3001.nml").write_text(BODY)
+    begun = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    assert solve(biela, tmp_path, "--check", "1.nml").returncode == 0
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - begun < 1.0
+    (tmp_path / "3001.nml").write_text("&include file='3002.nml' /\n")
+    assert b"5001.nml:1: include: file='5002.nml' is included too deep" in solve(biela, tmp_path, "--check", "1.nml").stderr
+
+
+def test_control_characters_of_names_and_titles_reach_no_terminal(biela, tmp_path):
+    """Escapes, also those of one byte (C1), in the names of a deck and of what it includes, of its folder and its title."""
+    bad = "\x1b[31m\x9b31m\u2028\u202e"
+    (tmp_path / f"{bad}.nml").write_text(f"&scene title='\x9b1m\x85' /\n{BODY}&include file='{bad}x' /\n", encoding="utf-8")
+    (tmp_path / "good.nml").write_text(f"&scene title='\x9b1m\x85' /\n{BODY}", encoding="utf-8")
+    said = b""
+    for words in (["--check", f"{bad}.nml"], [f"{bad}.nml", f"{bad}y.nml"], ["-j2", f"{bad}.nml", f"{bad}y.nml"], [f"--{bad}"],
+                  ["-o", f"good.nml/{bad}", "good.nml"], ["--check", "good.nml"], ["--check", "--json", "good.nml"]):  # fmt: skip
+        done = solve(biela, tmp_path, *words)
+        said += done.stdout + done.stderr
+    assert "title: ?1m?" in said.decode()
+    assert '"title": "\\u009b1m\\u0085"' in said.decode()
+    assert [c for c in said.decode() if c != "\n" and (not c.isprintable())] == []
 
 
 def seconds_to_read(biela: Path, folder: Path, count: int) -> float:

@@ -102,6 +102,16 @@ def test_the_scene_stands_where_the_motion_begins(run_deck):
             assert first[f"{body['name']}.{number}.y"][0] == pytest.approx(y, abs=1e-6)
 
 
+def test_every_number_of_the_scene_is_given_in_full(run_deck):
+    """Angles and points of no few digits come back to the last bit."""
+    angle, x, y = 1.0 / 3.0, 0.1234567890123456, 1.0e-7 / 3.0
+    text = PENDULUM.format(t_end=0.01, method="rk4").replace("angle=0.3", f"angle={angle!r} position={x!r},{y!r}")
+    scene = figures(run_deck(text.replace("body_a='a'", f"body_a='a' point_b={x!r},{y!r}")).folder)["scene"]
+    assert scene["bodies"][0]["frame"] == [x, y, angle]
+    assert scene["gravity"] == [0.0, -9.81]
+    assert scene["joints"][0]["b"]["at"] == [x, y]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_size_is_the_largest_distance_between_two_points_of_a_body(seed, biela, tmp_path):
     """On a circle, away from the origin, no pair of points is much farther apart than others."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
 import subprocess
+import unicodedata
 
 import numpy as np
 import pytest
@@ -172,3 +176,21 @@ def test_a_part_of_an_output_interval_is_left_at_the_end(run_deck, method):
     text = f"&body name='b' kind='rigid' mass=1.0 inertia=1.0 /\n&transient t_end=1.05e-3 output_step=1e-4 {method} /\n"
     energy = run_deck(text).energy
     np.testing.assert_allclose(energy.time, [*(1e-4 * np.arange(11)), 1.05e-3], rtol=1e-12)
+
+
+@pytest.mark.parametrize("title", [b"a\xc2\x85b", b"a\xe2\x80\xa8b", b"caf\xe9", b"caf\xc3\xa9\tb", b"\xed\xa0\x80\xe0\x80\x80"])
+def test_a_title_of_any_bytes_is_one_printable_line(title, biela, tmp_path):
+    """Every table can be read by numpy, every text file is UTF-8 whose lines end where they should, and JSON loses nothing."""
+    name = b"d\x1b\xe9" + title.replace(b"\t", b"") + b".nml"
+    groups = "&modal modes=1 /\n&static /\n" + ANALYSES[ANALYSES.index("&transient") :]
+    scene = SCENE + groups
+    (tmp_path / os.fsdecode(name)).write_bytes(b"&scene title='" + title + b"' /\n" + re.sub(r"&scene[^/]*/", "", scene).encode())
+    subprocess.run([str(biela), "--quiet", "-o", "out", os.fsdecode(name)], cwd=tmp_path, check=True)
+    for path in (tmp_path / "out").glob("*.txt"):
+        text = path.read_bytes().decode("utf-8")
+        assert text.splitlines() == text.split("\n")[:-1]
+        assert {unicodedata.category(c) for c in text if c not in "\n\t"}.isdisjoint({"Cc", "Cf", "Cs", "Zl", "Zp"})
+        if path.name != "summary.txt":
+            assert np.loadtxt(path, encoding="utf-8").size > 0
+    told = json.loads((tmp_path / "out" / "summary.json").read_bytes().decode("utf-8"))
+    assert told["title"] in (title.decode("utf-8", "replace"), title.decode("latin-1"))

@@ -77,13 +77,11 @@ def test_a_folder_into_which_another_run_writes_is_left_alone(biela, tmp_path):
 
 
 def test_a_signal_before_anything_is_written_ends_at_once(biela, tmp_path):
-    pipe = tmp_path / "deck.nml"
-    os.mkfifo(pipe)
-    process = subprocess.Popen([biela, "deck.nml"], cwd=tmp_path)
-    with pipe.open("w"):  # the run waits for its deck now
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=600) == 128 + signal.SIGTERM
-    assert [path.name for path in tmp_path.iterdir()] == ["deck.nml"]
+    process = subprocess.Popen([biela, "-"], cwd=tmp_path, stdin=subprocess.PIPE)
+    process.stdin.write(b"&" * 200000)  # more than the pipe holds: the run waits for the rest of its deck now
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=600) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])

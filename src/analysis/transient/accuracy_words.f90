@@ -6,7 +6,8 @@ module accuracy_words
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
-  use summary_text, only: json_number, json_text, summary_record
+  use summary_text, only: json_number, summary_record
+  use readable_text, only: json_text
   use text, only: es_text, to_text
   use transient, only: transient_march
   implicit none (type, external)

@@ -2,7 +2,9 @@
 module deck_histories
   use kinds, only: wp
   use archive, only: digest, text_words
-  use text, only: to_text, read_file, printable, quoted
+  use readable_text, only: printable
+  use whole_file, only: read_file
+  use text, only: to_text, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_lists, only: get_list, same_length

@@ -2,6 +2,7 @@
 !> and reports all faults at once, sorted by file and line.
 module deck_reader
   use kinds, only: wp
+  use growing_text, only: text_buffer
   use text, only: nearest_word, joined, quoted
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
@@ -31,6 +32,7 @@ contains
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
     type(deck_source) :: source
+    type(text_buffer) :: text
     integer, allocatable :: list(:)                ! groups in reading order
     character(:), allocatable :: problem
     integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
@@ -38,7 +40,6 @@ contains
     integer :: k
     d%path = path
     d%name = deck_name(path)
-    d%text = ''
     allocate (list(0))
     call read_source(source, path, 0, list, problem)
     if (len(problem) > 0) then
@@ -46,15 +47,15 @@ contains
       return
     end if
     do k = 1, source%parts%source_count
-      if (k > 1) d%text = d%text//'! '//source%parts%sources(k)%path//achar(10)
-      d%text = d%text//source%parts%sources(k)%text
+      if (k > 1) call text%add('! '//source%parts%sources(k)%path//achar(10))
+      call text%add(source%parts%sources(k)%text)
     end do
     call classify()
     call allocate_records()
     call read_groups()
     call check_inertia()
     call check_histories(source, d%histories, d%transient%t_end)
-    d%text = d%text//table_files(d%histories)
+    d%text = text%all()//table_files(d%histories)
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults()
   contains
@@ -214,19 +215,19 @@ contains
 
     !> The faults by file, in the order in which the files were read, and by line; those of one line as they were found.
     subroutine sort_faults()
-      integer, allocatable :: first(:), by_line(:)
-      integer :: j, k
+      integer, allocatable :: first(:), by_line(:), by_file(:), file(:)
+      integer :: k
       if (source%faults%count == 0) return
       associate (found => source%faults%items(1:source%faults%count))
         call sort_by_number(found%line, maxval(found%line), first, by_line)
-      end associate
-      do j = 1, source%parts%source_count
-        do k = 1, source%faults%count
-          associate (f => source%faults%items(by_line(k)))
-            if (f%file == source%parts%sources(j)%path) call faults%add(f%file, f%line, f%subject, f%message)
+        file = [(source%parts%source_of(found(by_line(k))%file), k=1, size(found))]
+        call sort_by_number(file, source%parts%source_count, first, by_file)
+        do k = 1, size(found)
+          associate (f => found(by_line(by_file(k))))
+            call faults%add(f%file, f%line, f%subject, f%message)
           end associate
         end do
-      end do
+      end associate
     end subroutine sort_faults
   end subroutine read_deck
 end module deck_reader

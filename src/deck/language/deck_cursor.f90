@@ -1,6 +1,7 @@
 !> A deck as text, with one of its groups open: the names and values of the group as they are written, and its faults.
 module deck_cursor
-  use text, only: lower, to_text, printable, quoted
+  use readable_text, only: printable
+  use text, only: lower, to_text, quoted
   use errors, only: fault_list
   use deck_origin, only: origin
   use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject

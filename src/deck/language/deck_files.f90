@@ -1,14 +1,17 @@
 !> The files of a deck: reads them, splits them into groups, follows &include, and keeps the groups in reading order.
 module deck_files
-  use text, only: read_file, quoted
+  use whole_file, only: read_file
+  use text, only: nearest_word, quoted, to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get
-  use deck_kinds, only: group_number, in_include
+  use deck_kinds, only: group_names, group_number, in_include
   use deck_lexer, only: split_groups
-  use deck_paths, only: beside, from_input
+  use deck_paths, only: beside
   implicit none (type, external)
   private
   public :: read_source
+
+  integer, parameter :: deepest = 5000      !! files that include each other: each takes its part of the stack
 
 contains
 
@@ -20,18 +23,21 @@ contains
     integer, allocatable, intent(inout) :: list(:)         !! receives the groups other than &include, in reading order
     character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
     character(:), allocatable :: content
-    integer :: file, next, last, j, k
-    if (path == from_input .and. parent == 0) then
-      call read_file('/dev/stdin', content, problem)
-    else
-      call read_file(path, content, problem)
-    end if
+    integer :: file, next, last, faults, j, k
+    call read_file(path, content, problem, handed=parent == 0)
     if (len(problem) > 0) return
     call deck%parts%add_source(path, content, parent)
     file = deck%parts%source_count
     next = deck%parts%group_count + 1
+    faults = deck%faults%count
     call split_groups(deck, file)
     last = deck%parts%group_count
+    if (parent > 0 .and. deck%faults%count > faults .and. .not. any_known(deck, next, last)) then
+      problem = 'it holds no group of a deck'               ! a file of another kind; nothing of it is shown
+      deck%faults%count = faults
+      deck%parts%group_count = next - 1
+      return
+    end if
     do k = next, last
       if (group_number(deck%group_word(k)) /= in_include) cycle
       list = [list, (j, j=next, k - 1)]
@@ -40,6 +46,18 @@ contains
     end do
     list = [list, (j, j=next, last)]
   end subroutine read_source
+
+  !> Whether a group of a file has a name that decks know, or nearly so.
+  logical function any_known(deck, first, last) result(yes)
+    class(deck_source), intent(in) :: deck
+    integer, intent(in) :: first, last            !! the groups of the file
+    integer :: k
+    do k = first, last
+      yes = nearest_word(deck%group_word(k), group_names) > 0
+      if (yes) return
+    end do
+    yes = .false.
+  end function any_known
 
   !> Reads the file that an &include names.
   recursive subroutine follow(deck, number, file, list)
@@ -67,6 +85,7 @@ contains
       if (len(problem) > 0) problem = ' cannot be read: '//problem//', expected a deck file beside this one'
       if (len(problem) > 0) deck%names%complete = .false.
     end if
+    if (len(problem) > 0) call deck%open(number)
     if (len(problem) > 0) call deck%complain('file', 'file='//quoted(name)//problem)
   end subroutine follow
 
@@ -78,17 +97,14 @@ contains
     character(:), allocatable, intent(out) :: problem      !! empty if it may be read
     integer :: k
     problem = ''
+    if (deck%parts%sources(file)%depth >= deepest) problem = ' is included too deep, expected at most '//to_text(deepest)// &
+      ' files within each other'
+    if (deck%parts%source_of(path) == 0) return
+    problem = ' is included before, expected every file once'
     k = file
     do while (k > 0)
-      if (beside('', deck%parts%sources(k)%path) == beside('', path)) then
-        problem = ' includes itself, expected files that do not lead back to themselves'
-        return
-      end if
+      if (k == deck%parts%source_of(path)) problem = ' includes itself, expected files that do not lead back to themselves'
       k = deck%parts%sources(k)%parent
-    end do
-    do k = 1, deck%parts%source_count
-      if (beside('', deck%parts%sources(k)%path) == beside('', path)) problem = &
-        ' is included before, expected every file once'
     end do
   end subroutine check_repeated
 end module deck_files

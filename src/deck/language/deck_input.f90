@@ -2,7 +2,8 @@
 !> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
 !> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
-  use text, only: lower, to_text, nearest_word, printable, quoted
+  use readable_text, only: printable
+  use text, only: lower, to_text, nearest_word, quoted
   use deck_kinds, only: group_kinds
   use deck_names, only: name_table
   use deck_cursor, only: group_cursor

@@ -2,7 +2,8 @@
 !> (comments, quotes, repeat counts, any mixture of blanks, commas and new lines), but a string ends on its line and
 !> nothing but comments stands between groups.
 module deck_lexer
-  use text, only: lower, to_text, printable
+  use readable_text, only: printable
+  use text, only: lower, to_text
   use deck_cursor, only: group_cursor
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer

@@ -1,10 +1,9 @@
 !> Names of files: folders, names without ending, paths relative to a file.
 module deck_paths
+  use whole_file, only: from_input
   implicit none (type, external)
   private
   public :: deck_name, beside
-
-  character(*), parameter, public :: from_input = '-'   !! path of a deck that stands on standard input
 
 contains
 

@@ -1,8 +1,10 @@
 !> The parts of a deck as written, before anyone asks what they mean: values, assignments and groups, each with its
 !> place in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
 module deck_syntax
-  use text, only: lower, printable
+  use readable_text, only: printable
+  use text, only: lower, word_hash
   use deck_kinds, only: name_characters
+  use deck_paths, only: beside
   implicit none (type, external)
   private
   public :: group_subject
@@ -16,6 +18,8 @@ module deck_syntax
   integer, parameter, public :: bad_value = 4       !! unusable, its fault already reported
 
   integer, parameter, public :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   !! what became of an assignment
+
+  integer, parameter :: hashes = 4096   !! by which files are found
 
   !> One value of an assignment.
   type, public :: value_token
@@ -54,14 +58,18 @@ module deck_syntax
   !> A file of the deck.
   type, public :: source
     character(:), allocatable :: path   !! as shown in messages
+    character(:), allocatable :: key    !! the same without needless `.` and `..`
     character(:), allocatable :: text   !! whole text, lines end with a line feed
     integer :: parent = 0               !! number of the file that includes it, 0: the deck itself
+    integer :: depth = 0                !! how many files include each other above it
+    integer :: next = 0                 !! number of another file whose path has the same hash, 0: none
   end type source
 
   !> Everything that stands in the deck and its included files.
   type, public :: syntax
     type(source), allocatable :: sources(:)
     integer :: source_count = 0
+    integer, private :: last_with(0:hashes - 1) = 0   !! number of the last file whose path has that hash, 0: none
     type(group), allocatable :: groups(:)
     integer :: group_count = 0
     type(setting), allocatable :: assignments(:)
@@ -70,6 +78,7 @@ module deck_syntax
     integer :: value_count = 0
   contains
     procedure :: add_source
+    procedure :: source_of
     procedure :: add_group
     procedure :: add_assignment
     procedure :: add_value
@@ -83,11 +92,30 @@ contains
     character(*), intent(in) :: path   !! as shown in messages
     character(*), intent(in) :: text   !! whole text
     integer, intent(in) :: parent      !! number of the file that includes it
+    character(:), allocatable :: key
+    integer :: slot
     if (.not. allocated(self%sources)) allocate (self%sources(4))
     if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
-    self%sources(self%source_count) = source(path, text, parent)
+    key = beside('', path)
+    slot = mod(word_hash(key), hashes)
+    self%sources(self%source_count) = source(path, key, text, parent, 0, self%last_with(slot))
+    if (parent > 0) self%sources(self%source_count)%depth = self%sources(parent)%depth + 1
+    self%last_with(slot) = self%source_count
   end subroutine add_source
+
+  !> Number of the file that was read from a path, 0: none.
+  pure integer function source_of(self, path) result(number)
+    class(syntax), intent(in) :: self
+    character(*), intent(in) :: path
+    character(:), allocatable :: key
+    key = beside('', path)
+    number = self%last_with(mod(word_hash(key), hashes))
+    do while (number > 0)
+      if (self%sources(number)%key == key) return
+      number = self%sources(number)%next
+    end do
+  end function source_of
 
   !> Appends a group; assignments that are appended after it belong to it.
   subroutine add_group(self, new)

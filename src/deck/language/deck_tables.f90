@@ -3,7 +3,8 @@
 !> of numbers, empty lines and comments after #, ! or % are passed over.
 module deck_tables
   use kinds, only: wp
-  use text, only: to_text, printable
+  use readable_text, only: printable
+  use text, only: to_text
   use deck_numbers, only: read_real
   implicit none (type, external)
   private

@@ -1,6 +1,7 @@
 !> Words of a list, names and references from the open group.
 module deck_words
-  use text, only: lower, to_text, nearest_word, joined, printable, quoted
+  use readable_text, only: printable
+  use text, only: lower, to_text, nearest_word, joined, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: get, text_of
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
