@@ -15,11 +15,12 @@ module assembly_conflict
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_setup, only: set_up_mechanism
+  use position_closing, only: closed_gap
   use scene_model, only: scene
   use text, only: exact_text, to_text
   implicit none (type, external)
   private
-  public :: explain_open_joints
+  public :: explain_open_joints, place_of
 
   character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive holds at t = 0'
   integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
@@ -38,7 +39,7 @@ contains
     type(assembly_report) :: report
     character(:), allocatable :: words
     real(wp), allocatable :: q(:)
-    integer :: culprit, low, middle, k
+    integer :: culprit, named, low, middle, k
     call build(d, all, faults)
     low = 0                                         ! as many of the first joints close, culprit as many do not
     culprit = size(all%constraints)
@@ -49,9 +50,10 @@ contains
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
-    call contradicting_angle(d, all, culprit, words)
+    call contradicting_angle(d, all, culprit, words, named)
     if (len(words) == 0) call open_constraint(d, all, culprit, words)
     fail%message = 'the mechanism cannot be assembled: '//words
+    fail%place = place_of(d, named)
   end subroutine explain_open_joints
 
   !> How far a constraint stays open where others are closed, and why.
@@ -84,7 +86,10 @@ contains
     call evaluate(m, ev, usual_options(m%s), 0.0_wp, q, at_rest, none, none)
     surplus = leaves_no_motion(d, culprit)
     associate (c => m%s%constraints(culprit)%item)
-      if (c%drive) then
+      if (maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1))) <= closed_gap(m, ev)) then
+        words = name_of(d, culprit)//' holds'//where_closed//', but no way there was found from the positions in the deck'// &
+                what_is_expected
+      else if (c%drive) then
         unit = trim(merge(' rad', ' m  ', c%angular))
         words = name_of(d, culprit)//' starts at '//exact_text(c%start_value())//unit//', but its bodies stand at '// &
                 exact_text(c%measure(ev%p))//unit//where_closed//': '
@@ -178,11 +183,12 @@ contains
   end subroutine close_up
 
   !> The weld or prismatic joint without whose angle all close, the one that has to give least; empty: there is none.
-  subroutine contradicting_angle(d, all, culprit, words)
+  subroutine contradicting_angle(d, all, culprit, words, named)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: all
     integer, intent(in) :: culprit                  !! as many of the first joints do not close
     character(:), allocatable, intent(out) :: words
+    integer, intent(out) :: named                   !! joint or drive that is to blame
     type(scene) :: part
     type(mechanism_model) :: m
     type(evaluation) :: ev
@@ -193,6 +199,7 @@ contains
     integer :: k, i, tried
     logical :: holds
     words = ''
+    named = culprit
     least = huge(1.0_wp)
     tried = 0
     do k = 1, min(culprit, all%joints)
@@ -209,6 +216,7 @@ contains
       angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)
       if (abs(angle - held) >= least) cycle
       least = abs(angle - held)
+      named = k
       words = name_of(d, k)//' holds the angle '//to_text(held)//' rad between its bodies, that of the deck, but all '// &
               'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'//what_is_expected
     end do
@@ -238,6 +246,17 @@ contains
       end associate
     end if
   end function name_of
+
+  !> Where a joint or drive stands: `deck.nml:7`.
+  function place_of(d, k) result(text)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: k                        !! number of the constraint: joints, then drives
+    character(:), allocatable :: text
+    type(origin) :: at
+    if (k <= size(d%joints)) at = d%joints(k)%at
+    if (k > size(d%joints)) at = d%drives(k - size(d%joints))%at
+    text = at%file//':'//to_text(at%line)
+  end function place_of
 
   !> Where a group stands.
   function line_of(d, at) result(text)

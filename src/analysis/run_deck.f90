@@ -64,7 +64,7 @@ contains
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
     if (fail%happened()) then
-      call tell(path//': '//fail%message)
+      call fail%tell(path)
       status = fail%status
       return
     end if
@@ -98,7 +98,7 @@ contains
     if (run%restart) then
       call read_restart(run, fail)
       status = fail%status
-      if (fail%happened()) call tell(path//': '//fail%message)
+      if (fail%happened()) call fail%tell(path)
       if (fail%happened()) return
     end if
     status = run_in_folder(run, text)
@@ -235,7 +235,7 @@ contains
       status = status_no_output
       call tell(run%d%path//': results cannot be written into "'//run%folder//'"')
     end if
-    if (fail%happened()) call tell(run%d%path//': '//fail%message)
+    if (fail%happened()) call fail%tell(run%d%path)
   end function run_in_folder
 
   !> Fails where a LAPACK or BLAS routine has refused its arguments: what was computed from it means nothing.

@@ -38,8 +38,10 @@ module errors
   type :: failure
     integer :: status = status_ok
     character(:), allocatable :: message
+    character(:), allocatable :: place     !! `DECK:LINE` of the group that the message names, if it names one
   contains
     procedure :: raise => raise_failure
+    procedure :: tell => tell_failure
     procedure :: happened => failure_happened
   end type failure
 
@@ -89,6 +91,17 @@ contains
     self%status = status
     self%message = message
   end subroutine raise_failure
+
+  !> Writes the failure to standard error, with the line of the group that it names.
+  subroutine tell_failure(self, path)
+    class(failure), intent(in) :: self
+    character(*), intent(in) :: path     !! deck file
+    if (allocated(self%place)) then
+      call tell(self%place//': '//self%message)
+    else
+      call tell(path//': '//self%message)
+    end if
+  end subroutine tell_failure
 
   !> Whether a failure has been raised.
   pure logical function failure_happened(self) result(yes)

@@ -54,7 +54,7 @@ contains
     do k = 1, size(self%s%forces)
       call self%s%forces(k)%item%init_from_assembly(ev%p, gap)
     end do
-    call require_directions(self, ev, gap, fail)
+    call require_directions(self, ev, gap, report, fail)
     if (fail%happened()) return
     call close_velocities(self, ev, q, v, report, fail)
     if (fail%happened()) return
@@ -62,16 +62,18 @@ contains
   end subroutine assemble
 
   !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name.
-  subroutine require_directions(self, ev, gap, fail)
+  subroutine require_directions(self, ev, gap, report, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: gap              !! distance up to which markers coincide [m]
+    type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text
     integer :: k
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         text = c%fault(gap)
+        if (len(text) > 0 .and. report%culprit == 0) report%culprit = k
         if (len(text) > 0) call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": '//text)
       end associate
     end do

@@ -18,6 +18,7 @@ module assembly_reports
     logical, allocatable :: dependent(:)            !! (constraints) takes part in a redundant set
     character(:), allocatable :: warnings(:)        !! one sentence each
     logical :: open = .false.                       !! positions that close all joints were not found
+    integer :: culprit = 0                          !! joint or drive that a failure names first, 0: none
     integer :: newton = 0                           !! position steps taken
   end type assembly_report
 

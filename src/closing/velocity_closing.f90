@@ -34,7 +34,7 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: none(:), start(:)
     real(wp) :: worst, goal
-    integer :: attempt, pass
+    integer :: attempt, pass, k
     logical :: uneven, beyond_digits, elastic_held
     allocate (none(self%s%nz), source=0.0_wp)
     start = v
@@ -63,6 +63,11 @@ contains
       return
     else if (worst > goal) then
       call row_rates(self, ev, ev%lambda)
+      do k = size(self%s%constraints), 1, -1
+        associate (c => self%s%constraints(k)%item)
+          if (maxval(abs(ev%lambda(c%first:c%first + c%rows - 1))) > goal) report%culprit = k
+        end associate
+      end do
       call fail%raise(status_bad_input, 'no velocities satisfy the joints and drives at t = 0: '// &
                       open_joints(self, ev, ev%lambda, goal, '/s')//'; the mechanism is locked or a drive starts from a '// &
                       'singular position; expected a drive that begins at rest, or another start')

@@ -37,7 +37,9 @@ def four_bar(rng, stretch: float = 1.0):
 
 def told(run_deck, deck: str) -> str:
     """Return what is said of a deck that cannot be assembled, without the path."""
-    return run_deck(deck + RUN, expect=2).stderr.partition(".nml: the mechanism cannot be assembled: ")[2]
+    place, _, words = run_deck(deck + RUN, expect=2).stderr.partition(": the mechanism cannot be assembled: ")
+    assert f' in line {place.partition(".nml:")[2]} ' in words  # that of the joint or drive which it names
+    return words
 
 
 @pytest.mark.parametrize("seed", range(8))

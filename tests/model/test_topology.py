@@ -139,6 +139,8 @@ def test_what_cannot_be_assembled_is_refused_with_its_joints(run_deck, text, nam
     assert "cannot be assembled" in done.stderr or "no velocities satisfy" in done.stderr
     for name in names:
         assert re.search(rf'(joint|drive) "{name}" (in line 6 )?stays open by', done.stderr)
+    line = 1 + next(k for k, group in enumerate((GRAVITY + text).splitlines()) if f"name='{names[0]}'" in group)
+    assert f".nml:{line}: " in done.stderr  # of the first that it names
     assert not done.folder.exists()
 
 

@@ -3,6 +3,7 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
+  use assembly_conflict, only: place_of
   use assembly_reports, only: too_uneven
   use projection, only: open_constraints
   use scene_run, only: run_state
@@ -33,14 +34,15 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
     real(wp) :: gap
-    integer :: b
+    integer :: b, trouble
     b = 0
     if (march%trouble == trouble_shape) b = out_of_shape(norm, size(run%sys%m%s%bodies))
     if (b > 0) then
       call explain_shape(run, b, march%tried, last, fail)
       return
     end if
-    select case (merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size))
+    trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
+    select case (trouble)
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(run)
     case (trouble_manifold)
@@ -72,6 +74,7 @@ contains
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
     end select
     call fail%raise(status_failed, text//'. '//kept(last))
+    if (trouble == trouble_masses) fail%place = place_of(run%d, maxloc(reactions(run), 1))
   end subroutine explain_loss
 
   !> A march whose energies say that the solution is lost, though its numbers are finite.
@@ -142,11 +145,7 @@ contains
     integer :: k, n
     text = ''
     if (size(force) == 0) return
-    do k = 1, size(force)
-      associate (c => run%sys%m%s%constraints(k)%item)
-        force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
-      end associate
-    end do
+    force = reactions(run)
     largest = maxval(force)
     do n = 1, min(4, size(force))
       k = maxloc(force, 1)
@@ -157,6 +156,18 @@ contains
     end do
     text = ', the largest reactions are those of'//text
   end function strongest
+
+  !> The largest multiplier of each joint and drive.
+  pure function reactions(run) result(force)
+    type(run_state), intent(in) :: run
+    real(wp) :: force(size(run%sys%m%s%constraints))   !! [N]
+    integer :: k
+    do k = 1, size(force)
+      associate (c => run%sys%m%s%constraints(k)%item)
+        force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
+      end associate
+    end do
+  end function reactions
 
   !> What to try, for fixed and for adaptive steps.
   pure function advice(fixed, free, run) result(text)
