@@ -163,3 +163,15 @@ def test_a_drive_that_turns_its_body_says_both_values(run_deck):
     told = run_deck(deck + RUN).stderr
     assert 'drive "d" starts at 0 rad, the deck has its bodies at 1.2 rad: they were moved; expected' in told
     assert "moved" not in run_deck(deck.replace(" history='h'", " history='h' relative=.true.") + RUN).stderr
+
+
+def test_a_slider_out_of_reach_tells_how_far_it_is_open_where_the_others_are_closed(run_deck):
+    """Found where it was said to stay open by 0 m: with the others closed the arm's end is 0.3 sin 0.8 + sin(-0.6) above the axis."""
+    deck = """&body name='a' mass=1 inertia=1 position=-0.2,-1.3 angle=0.8 /
+&body name='b' mass=1 inertia=1 position=-0.8,-0.4 angle=-0.6 /
+&joint name='p' type='prismatic' body_a='a' /
+&joint name='q' type='revolute' body_a='b' body_b='a' point_b=0.3,0.0 /
+&joint name='z' type='slider' body_a='b' point_a=1,0 point_b=-1.3,-1.6 /
+"""
+    open_by = float(re.search(r'"z" in line 5 stays open by (\S+) m', told(run_deck, deck))[1])
+    assert open_by == pytest.approx(0.3 * np.sin(0.8) + np.sin(-0.6) + 1.6, rel=1e-5)
