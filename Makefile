@@ -2,7 +2,8 @@
 #
 # Options (make TARGET NAME=value):
 #   FC=gfortran       Fortran compiler (gfortran 12 or newer)
-#   FFLAGS=-O3        optimisation; floating-point arithmetic stays strict (never -ffast-math)
+#   FFLAGS=-O3        optimisation of what a step runs; floating-point arithmetic stays strict (never -ffast-math)
+#   ONCE=-O1          optimisation of what runs once a deck, where -O3 only takes longer to compile; empty: FFLAGS
 #   WERROR=-Werror    empty: warnings of another compiler version do not stop the build
 #   NATIVE=1          adds -march=native: faster, runs on this kind of processor only
 #   DEBUG=1           the checked build (build/debug, bin/*-debug) for any target: make test DEBUG=1
@@ -17,6 +18,7 @@
 
 FC      = gfortran
 FFLAGS  = -O3
+ONCE    = -O1
 WERROR  = -Werror
 LDLIBS  = -llapack -lblas
 PYTHON  = python3
@@ -38,7 +40,13 @@ FLAGS_release  = $(FFLAGS) -fno-backtrace $(if $(filter 1,$(NATIVE)),-march=nati
 FLAGS_debug    = $(CHECKED)
 FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
 FLAGS_coverage = -O0 -g --coverage
+FLAGS_once     = $(if $(filter release,$(BUILD)),$(ONCE))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
+
+# what runs once a deck, or once an output: its time is not felt ("what a step costs" of `make bench` is the judge)
+NOT_ONCE   = analysis/transient/mechanism_ode system/linear/dynamic_stiffness
+ONCE_PARTS = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
+  model/history/ model/body/body_modes model/body/body_setup model/body/modal_reduction closing/assembly closing/redundancy
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
 # modules of which there are two from one text: what is real(number) in it is complex in its twin, complex_...
@@ -144,7 +152,7 @@ $(VENV): requirements.txt setup.sh | $(TOOLS)
 
 # --- what a change of compiler, options or of the list of sources makes out of date
 $(B)/flags: FORCE
-	@mkdir -p $(@D); echo '$(FC) $(FLAGS) $(LDLIBS)' | cmp -s - $@ || echo '$(FC) $(FLAGS) $(LDLIBS)' > $@
+	@mkdir -p $(@D); echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' | cmp -s - $@ || echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' > $@
 $(B)/sources: FORCE
 	@mkdir -p $(@D); echo '$(SOURCES)' | cmp -s - $@ || echo '$(SOURCES)' > $@
 
@@ -160,7 +168,7 @@ $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
-	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
+	$(FC) $(FLAGS) $(if $(filter $(ONCE_PARTS:%=$(B)/%%),$(filter-out $(NOT_ONCE:%=$(B)/%%),$@)),$(FLAGS_once)) -J$(B)/mod -c $< -o $@
 $(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
 	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
