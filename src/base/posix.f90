@@ -153,9 +153,9 @@ contains
     status = c_mkdir(path//c_null_char, int(o'777'))
   end subroutine make_folder
 
-  !> Opens and locks a file for this process alone; the lock ends with the process. Handle: > 0 locked, 0 held by
-  !> another process, -1 the file cannot be written. Who held the lock before has perhaps removed the file between its opening
-  !> and its locking here, and a third process made another: so the file of that name must still be the one that is locked.
+  !> Opens and locks a file for this process alone; the lock ends with the process. Handle: > 0: locked; 0: another process
+  !> holds it; -1: the file cannot be written. Between opening and locking, the former holder may remove the file and a third
+  !> process may make another. So the file that is locked must still be the file of that name.
   integer function lock_file(path) result(handle)
     character(*), intent(in) :: path
     character(80) :: here, there

@@ -11,7 +11,7 @@ module process
   integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_alarm = 14, signal_terminate = 15, signal_file_size = 25
   integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
   integer(c_int), volatile :: received = 0                 !! the last signal caught
-  logical, volatile :: held = .false.                      !! signals are noted; else they end the program
+  logical, volatile :: note_only = .false.                 !! signals are noted; else they end the program
   logical :: ended = .false.                               !! the program ends by its own decision
   integer(c_int) :: parent = 0                             !! of a child: the process that started it
   integer, parameter, public :: most_children = 1024       !! that run at a time
@@ -122,7 +122,7 @@ contains
   !> While results are written signals are noted for `caught_signal`; at other times they end the program.
   subroutine hold_signals(yes)
     logical, intent(in) :: yes
-    held = yes
+    note_only = yes
   end subroutine hold_signals
 
   !> The handler of signals.
@@ -134,7 +134,7 @@ contains
     do k = 1, most_children
       if (children(k) > 0) status = c_kill(children(k), number)
     end do
-    if (.not. held) call c_exit(status_signal + number)
+    if (.not. note_only) call c_exit(status_signal + number)
   end subroutine note_signal
 
   !> The handler of a child's alarm, once a second: a child whose parent has been killed ends as by a signal.
@@ -156,7 +156,7 @@ contains
     child = c_fork()
     if (child == 0) then
       children = 0
-      held = .false.
+      note_only = .false.
       parent = starter
       old = c_signal(signal_alarm, c_funloc(look_for_parent))
       call look_for_parent(signal_alarm)

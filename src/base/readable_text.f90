@@ -44,7 +44,7 @@ contains
     end do
   end function one_line
 
-  !> A faulty text as a message shows it: tabs and line ends are told from blanks, and it is cut after `most` characters.
+  !> A faulty text as a message shows it: tabs and line ends become `?` too, and it is cut after `most` characters.
   pure function printable(s, most) result(t)
     character(*), intent(in) :: s     !! any text
     integer, intent(in) :: most       !! longest text wanted

@@ -176,13 +176,13 @@ contains
     integer, intent(in) :: most                      !! joints that are named
     character(:), allocatable :: text
     character(32) :: name
-    integer :: k, length, told
+    integer :: k, length, named
     allocate (character(min(count(report%dependent), most)*(len(name) + 3)) :: text)
     length = 0
-    told = 0
+    named = 0
     do k = 1, size(m%s%constraints)
-      if (.not. report%dependent(k) .or. told == most) cycle
-      told = told + 1
+      if (.not. report%dependent(k) .or. named == most) cycle
+      named = named + 1
       name = m%s%constraints(k)%item%name
       text(length + 1:length + len_trim(name) + 3) = ' "'//trim(name)//'"'
       length = length + len_trim(name) + 3
