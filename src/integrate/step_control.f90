@@ -10,6 +10,7 @@ module step_control
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
   real(wp), parameter :: calm = 1.0e-4_wp     !! least error that is remembered [-]
+  real(wp), parameter :: digits_moved = 16.0_wp   !! last digits by which the state changes where rounding is measured [-]
 
   !> Groups of unknowns that share a scale: the largest value that the group has had, or its floor if that is larger.
   type, public :: error_norm
@@ -21,7 +22,7 @@ module step_control
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
     real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far [unit/s]
-    real(wp), allocatable :: noise(:)   !! (groups) rounding of these derivatives, which nothing can undercut [unit/s]
+    real(wp), allocatable :: noise(:)   !! (groups) rounding of derivatives of rates, which nothing can undercut [unit/s]
     real(wp) :: fastest = 0.0_wp              !! largest natural frequency of the system, 0: nothing vibrates [rad/s]
   contains
     procedure :: watch
@@ -65,7 +66,7 @@ contains
     do k = 1, size(dy)
       associate (g => self%group(k))
         if (g == 0 .or. .not. abs(dy(k)) < huge(1.0_wp)) cycle
-        if (self%slope(g) .and. rounding) self%noise(g) = max(self%noise(g), abs(dy(k)))
+        if (self%rate(g) .and. rounding) self%noise(g) = max(self%noise(g), abs(dy(k)))
         if (self%slope(g) .and. .not. rounding) self%steepest(g) = max(self%steepest(g), abs(dy(k)))
       end associate
     end do
@@ -98,6 +99,8 @@ contains
 
   !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
   !> Allowed besides is what is known to be rounding, the largest of any group since joints pass it on, of values and of rates.
+  !> Rates of internal variables follow small differences of large values: their derivatives' rounding times h is allowed in their
+  !> own group.
   function measure(self, e, y, h, tolerance, rounding) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
@@ -121,6 +124,7 @@ contains
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(y(k)))
     end do
     self%scale = self%scale + merge(rate_digits, value_digits, self%rate)*self%floor/tolerance
+    where (self%rate .and. .not. self%slope) self%scale = self%scale + h*self%noise/(digits_moved*tolerance)
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))

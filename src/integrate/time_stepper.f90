@@ -8,13 +8,13 @@ module time_stepper
   use summary_text, only: summary_record
   implicit none (type, external)
   private
-  public :: step_end, exchange_common
+  public :: step_end, exchange_common, loss_of_accuracy
 
   !> How a call of `advance` ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
-                                trouble_iteration = 4, trouble_shape = 5
+                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6
 
   !> What a deck asks of the steps.
   type, public :: step_settings
@@ -131,6 +131,15 @@ contains
     if (at_stop) h = stops(next) - t
     ends = merge(stops(next), t + h, at_stop)
   end subroutine step_end
+
+  !> Why a step that is too small still errs: rounding where the error is below half the digits and that of a step eight times as
+  !> large is not larger by a third power, as no method's own error would be.
+  pure integer function loss_of_accuracy(tolerance, error, larger) result(trouble)
+    real(wp), intent(in) :: tolerance         !! [-]
+    real(wp), intent(in) :: error, larger     !! of the step and of the larger one, over the tolerance [-]
+    trouble = trouble_accuracy
+    if (error*tolerance < sqrt(epsilon(1.0_wp)) .and. larger < 8**3*error) trouble = trouble_rounding
+  end function loss_of_accuracy
 
   !> A line for the summary about the method's own work; most methods have none.
   subroutine nothing_more(self, text)

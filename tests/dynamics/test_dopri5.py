@@ -7,6 +7,7 @@ import pytest
 from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE
+from scipy.linalg import expm
 
 SCENES = ("vrl_elastic", "vrl_ghm", "vrl_torque_on_rod", "four_bar", "viscoelastic_joint", "spin_up", "andrews")
 
@@ -183,6 +184,23 @@ def test_first_and_largest_step(run_deck):
     told = re.search(r"accepted steps from\s+(\S+) to\s+(\S+) s", run_deck(deck).summary)
     assert float(told[1]) == pytest.approx(1e-9, rel=1e-6)
     assert float(told[2]) <= 2e-5 * (1 + 1e-3)
+
+
+WOUND = """&body name='b' mass=0.07 inertia=0.01 /
+&spring name='k' type='torsional' body_a='b' stiffness=8.0 free_angle={angle} ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=1e5 /
+&sensor name='a' quantity='angle' body='b' /
+&transient t_end=0.002 output_step=0.002 method='dopri5' tolerance=1e-12 /
+"""
+
+
+@pytest.mark.parametrize("angle", [0.7, 70.0])
+def test_rounding_of_a_wound_spring_takes_no_steps(angle, run_deck):
+    """The spring's internal variable follows the small difference of two large angles; its fast pole alone asks for 70 steps."""
+    run = run_deck(WOUND.format(angle=angle))
+    assert int(re.search(r"steps: (\d+)", run.summary)[1]) < 300
+    rates = np.array([[0.0, 1.0, 0.0, 0.0], [-1200.0, 0.0, 400.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1e10, 0.0, -1e10, -2e5]])
+    exact = (expm(0.002 * rates) @ [-angle, 0.0, -angle, 0.0])[0] + angle
+    assert abs(run.history["a"][-1] - exact) < 1e-10 * abs(exact)
 
 
 def test_rejected_steps_are_counted(run_deck):

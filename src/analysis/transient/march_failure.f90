@@ -9,7 +9,8 @@ module march_failure
   use scene_run, only: run_state
   use step_control, only: error_norm
   use text, only: es_text
-  use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
+  use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
+                          trouble_rounding
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
@@ -51,12 +52,17 @@ contains
              ' m at t = '//number(march%tried)//' s)'//beyond_reach// &
              advice('or the step is too large: check the drive, or try a smaller step', &
                     'check the drive and the geometry', run)
-    case (trouble_accuracy)
+    case (trouble_accuracy, trouble_rounding)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
              culprit(run, norm, march%trial)//strongest(run)
       if (run%stable_step < hopeless*run%d%transient%t_end) then
         text = text//'; light masses or stiff springs ask for steps below '//number(run%stable_step)//' s, whose motion '// &
                'rounding shakes: check them, or use radau'
+      else if (march%trouble == trouble_rounding) then
+        text = text//'; rounding sets the estimated error there, not the step: '
+        if (run%sys%m%s%rows > 0) text = text//'the motion may be singular there, or '
+        text = text//'large values cancel (springs wound or stretched far, places far from the origin): check them, or try a '// &
+               'larger tolerance'
       else
         text = text//'; the motion may be singular there: check loads, drives and near-singular positions, or try a larger '// &
                'tolerance'

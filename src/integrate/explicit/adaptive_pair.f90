@@ -16,7 +16,7 @@ module adaptive_pair
   use step_control, only: step_controller
   use tableaux, only: tableau
   use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, &
-                          trouble_manifold, trouble_accuracy
+                          trouble_manifold, loss_of_accuracy
   implicit none (type, external)
   private
 
@@ -146,7 +146,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! next output time [s]
     integer, intent(inout) :: outcome
-    real(wp) :: h, wanted, err
+    real(wp) :: h, wanted, err, larger
     integer :: next
     logical :: at_stop, ok
     wanted = min(self%h, self%settings%max_step)
@@ -159,8 +159,12 @@ contains
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
       if (self%h > max(16*spacing(self%t), least_step*self%settings%stops(size(self%settings%stops)))) return
-      if (err > 0.0_wp) self%trouble = trouble_accuracy
       outcome = lost
+      if (.not. err > 0.0_wp) return
+      larger = huge(1.0_wp)
+      call estimate_error(self, system, 8*h, ok)
+      if (ok) call measure_error(self, system, 8*h, epsilon(1.0_wp)*self%trial, larger)
+      self%trouble = loss_of_accuracy(least_share*self%settings%tolerance, err, larger)
       return
     end if
     if (self%tried >= to) call keep_dense(self, h)

@@ -10,7 +10,7 @@ module implicit_march
   use summary_text, only: summary_record
   use text, only: to_text
   use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_none, trouble_size, &
-                          trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape
+                          trouble_manifold, trouble_iteration, trouble_shape, loss_of_accuracy
   implicit none (type, external)
   private
   public :: exchange_march
@@ -196,7 +196,7 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     real(wp) :: h, error, next, end
-    integer :: stop
+    integer :: stop, trouble
     logical :: at_stop, ok
     associate (s => self%settings)
       end = s%stops(size(s%stops))
@@ -220,7 +220,9 @@ contains
       if (.not. ok) self%failures = self%failures + 1
       self%h = next_step(self, h, error)
       if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
-      call give_up(self, merge(trouble_accuracy, trouble_iteration, ok))
+      trouble = trouble_iteration
+      if (ok) call try_larger(self, system, h, error, trouble)
+      call give_up(self, trouble)
       return
     end if
     call self%accept_step(system, h)
@@ -228,6 +230,21 @@ contains
     self%h = merge(max(self%h, next), next, at_stop)
     if (.not. self%started) self%h = 0.0_wp
   end subroutine controlled_step
+
+  !> Why the last step, of size h, errs too much, from the error of a larger one.
+  subroutine try_larger(self, system, h, error, trouble)
+    class(implicit_stepper), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: error             !! [-]
+    integer, intent(out) :: trouble
+    real(wp) :: larger                        ! [-]
+    logical :: ok
+    call self%try_step(system, 8*h, ok)
+    larger = huge(1.0_wp)
+    if (ok) call self%measure_step(system, 8*h, larger)
+    trouble = loss_of_accuracy(self%settings%tolerance, error, larger)
+  end subroutine try_larger
 
   !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
   !> with its phase: a step grows only where the worst of several steps, or one that is far too small, says so.
