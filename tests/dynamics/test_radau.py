@@ -192,6 +192,26 @@ def test_steps_on_viscoelastic_springs_beside_those_of_scipy(words, strain, tole
     assert abs(found[len(found) // 2] - pull) < 100 * tolerance * max(abs(rates[1] @ start), abs(pull))
 
 
+BEND = """&material name='m' density=1100.0 young=5e7 {terms} /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='b' kind='beam' length=0.5 elements=3 material='m' section='s' reference='clamped' {modes} /
+&joint name='w' type='weld' body_a='b' node_a=1 point_b=0.0,0.0 /
+&force name='f' type='force' body='b' node=-1 fy=-0.5 stage='static' /
+&sensor name='p' quantity='position' body='b' node=-1 /
+&static /
+&transient t_end=2e-3 output_step=2e-3 method='radau' tolerance=1e-11 /
+"""
+
+
+@pytest.mark.parametrize("modes", ["", "modes=3"])
+def test_steps_of_a_bent_beam_let_go(modes, run_deck):
+    """Terms with inertia and slow poles take as many steps as terms without: rounding of the bend sets none."""
+    laws = {"ghm": "ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=100.0", "maxwell": "prony_alpha=0.5 prony_tau=0.02"}
+    runs = {name: run_deck(BEND.format(terms=terms, modes=modes), name=name) for name, terms in laws.items()}
+    steps = {name: int(re.search(r"\n  steps: (\d+)", run.summary)[1]) for name, run in runs.items()}
+    assert steps["ghm"] < 1.2 * steps["maxwell"]
+
+
 def test_energy_that_the_method_takes_out_is_told(run_deck):
     """Undamped vibrations that large steps damp: the residual is what the method says that it removed."""
     deck = (REFERENCE / "vrl_elastic" / "deck.nml").read_text(encoding="utf-8")
