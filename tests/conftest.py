@@ -113,22 +113,21 @@ def probe() -> Path:
     return program("PROBE", "bin/probe")
 
 
-@pytest.fixture
-def run_deck(biela: Path, tmp_path: Path):
-    """Return a function that runs the solver on a deck, in a folder of the test's own.
+def runner(biela: Path, folder: Path) -> Callable[..., Run]:
+    """Return a function that runs the solver on a deck, in a folder.
 
-    run_deck(deck, *options, expect=0, name='scene', environment=None) takes a deck's path or its text (which is written to
+    run(deck, *options, expect=0, name='scene', environment=None) takes a deck's path or its text (which is written to
     NAME.nml), asserts the exit status (expect=None: any), and returns a `Run`.
     """
 
     def run(deck: Path | str, *options: str, expect: int | None = 0, name: str = "scene", environment: dict | None = None) -> Run:
         path = deck
         if isinstance(deck, str):
-            path = tmp_path / f"{name}.nml"
+            path = folder / f"{name}.nml"
             path.write_text(deck, encoding="utf-8")
         done = subprocess.run(
             [str(biela), *options, str(path)],
-            cwd=tmp_path,
+            cwd=folder,
             env={**os.environ, **(environment or {})},
             capture_output=True,
             text=True,
@@ -138,9 +137,21 @@ def run_deck(biela: Path, tmp_path: Path):
         if expect is not None:
             told = f"{path} ended with status {done.returncode}, not {expect}\n{done.stdout}{done.stderr}"
             assert done.returncode == expect, told
-        folder = tmp_path / "results" / path.stem
+        results = folder / "results" / path.stem
         if "--output" in options:
-            folder = tmp_path / options[options.index("--output") + 1]
-        return Run(folder, done.returncode, done.stdout, done.stderr)
+            results = folder / options[options.index("--output") + 1]
+        return Run(results, done.returncode, done.stdout, done.stderr)
 
     return run
+
+
+@pytest.fixture
+def run_deck(biela: Path, tmp_path: Path) -> Callable[..., Run]:
+    """Return a function that runs the solver on a deck (`runner`), in a folder of the test's own."""
+    return runner(biela, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def run_deck_once(biela: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
+    """Return the same for runs at which several tests of a module look: a fixture of the module keeps what it returns."""
+    return runner(biela, tmp_path_factory.mktemp("once"))

@@ -7,10 +7,11 @@ from conftest import REFERENCE
 from oracle import Scene
 from scipy.integrate import solve_ivp
 
-ROWS = {"vrl_elastic": 3, "vrl_ghm": 3, "vrl_torque_on_rod": 2, "viscoelastic_joint": 1, "spin_up": 1, "andrews": 10}
+ROWS = {"vrl_elastic": 1, "vrl_ghm": 1, "vrl_torque_on_rod": 1, "viscoelastic_joint": 1, "spin_up": 1, "andrews": 3}
+LONG = ("viscoelastic_joint", "spin_up")
 
 
-@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in ROWS])
 def test_reference_scenes(name):
     scene = Scene(REFERENCE / name / "deck.nml")
     expected = read(REFERENCE / name / "expected.csv")

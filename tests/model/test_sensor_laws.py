@@ -48,8 +48,8 @@ def transient(t_end: float, step: float) -> str:
 VARIANTS = [("pinned", ""), ("clamped", ""), ("clamped", "modes=6"), ("clamped", "stiffening=.true."), ("pinned", "axial=.false.")]
 
 
-@pytest.fixture(params=VARIANTS, ids=" ".join)
-def run(request, run_deck):
+@pytest.fixture(scope="module", params=VARIANTS, ids=" ".join)
+def run(request, run_deck_once):
     """One run with all kinematic sensors, for each kind of flexible body."""
     reference, more = request.param
     text = pendulum(more, reference)
@@ -63,7 +63,7 @@ def run(request, run_deck):
     for joint in ("o", "e"):
         text += f"&sensor name='{joint}' quantity='reaction' joint='{joint}' /\n"
     text += "&sensor name='k' quantity='spring' spring='k' /\n"
-    return run_deck(text + transient(0.06, 2.0e-5))
+    return run_deck_once(text + transient(0.06, 2.0e-5))
 
 
 def test_rates_are_the_derivatives_of_what_they_rate(run):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from html.parser import HTMLParser
 
 import matplotlib.pyplot as plt
@@ -16,6 +15,7 @@ from conftest import ROOT
 from PIL import Image
 from test_frequency_response import FORCE, sweep
 from test_modal import beam
+from tool_calls import call
 
 CRANK = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=2e-4")
 VOID = {"meta", "img", "br", "link", "wbr"}
@@ -48,11 +48,7 @@ class Page(HTMLParser):
 
 
 def report(folder, *words):
-    done = subprocess.run(
-        [sys.executable, ROOT / "post" / "report.py", *words], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert "Traceback" not in done.stderr
-    return done
+    return call(report_command.main, *words, cwd=folder)
 
 
 @pytest.fixture(scope="module")

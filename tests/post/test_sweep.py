@@ -208,7 +208,10 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_table(study):
     assert there == here
 
 
-def test_no_scheduler_is_told_in_one_line(study, capsys):
+def test_no_scheduler_is_told_in_one_line(study, capsys, monkeypatch):
+    distributed = pytest.importorskip("dask.distributed")
+    client = distributed.Client
+    monkeypatch.setattr(distributed, "Client", lambda address, **_: client(address, timeout="1s"))  # not its 10 s
     Path("results/sweep/study").mkdir(parents=True)
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
     assert study(STUDY, "--dask", "tcp://127.0.0.1:9")[0] == 2

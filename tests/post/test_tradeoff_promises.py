@@ -284,7 +284,7 @@ def work(run: Run) -> int:
 OWN = {"five_bar": ("0.01", "2.5e-6"), "press": ("0.008", "2.5e-6"), "swing": ("0.04", "5e-6")}
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", ["five_bar", *(pytest.param(name, marks=pytest.mark.long) for name in ("press", "swing"))])
 def test_recommended_decks_of_own_mechanisms_keep_their_promise_and_are_no_slower(biela, run_deck, tmp_path, monkeypatch, name):
     real = deck_models.removals
     monkeypatch.setattr(deck_models, "removals", lambda *words: real(*words)[::9])  # a part of the search
