@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Callable
 
 import pytest
-from biela.histories import History, read
+from biela.histories import History, read, read_summary
 
 ROOT = Path(__file__).resolve().parent.parent
 REFERENCE = ROOT / "tests" / "reference"
@@ -53,6 +53,16 @@ class Run:
     def motion(self) -> History:
         """Body frames and nodes."""
         return read(self.folder, "motion")
+
+    @property
+    def figures(self) -> dict:
+        """The figures of summary.json."""
+        return read_summary(self.folder)
+
+    @property
+    def transient(self) -> dict:
+        """Those of the transient."""
+        return self.figures["transient"]
 
     @property
     def summary(self) -> str:

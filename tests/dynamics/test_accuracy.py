@@ -41,7 +41,7 @@ CRANK = """&material name='m' density=1600.0 young=2.1e10 /
 
 def share(run: Run) -> float:
     """Return how far the energy balance closed, of the energy that moved."""
-    return float(re.search(r"closed to (\S+) of the energy that moved", run.summary)[1])
+    return run.transient["energy_balance"]
 
 
 def body_share(run: Run) -> float:

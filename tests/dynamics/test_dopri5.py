@@ -26,7 +26,13 @@ def history_of(scene):
 
 
 @pytest.mark.parametrize(
-    ("scene", "tolerance"), [(s, t) for s in SCENES for t in (1e-6, 1e-8, 1e-10) if (s, t) != ("four_bar", 1e-8)]
+    ("scene", "tolerance"),
+    [
+        pytest.param(s, t, marks=[pytest.mark.long] * ((s, t) == ("four_bar", 1e-10)))
+        for s in SCENES
+        for t in (1e-6, 1e-8, 1e-10)
+        if (s, t) not in (("four_bar", 1e-8), ("spin_up", 1e-8))
+    ],
 )
 def test_errors_stay_within_a_hundred_tolerances(scene, tolerance, run_deck):
     """Every column, accelerations and reactions too; at 1e-10 that is the 1e-8 of range asked for."""
@@ -204,10 +210,9 @@ def test_rounding_of_a_wound_spring_takes_no_steps(angle, run_deck):
 
 
 def test_rejected_steps_are_counted(run_deck):
-    summary = run_deck(scene_deck("andrews", "method='dopri5' tolerance=1e-6 first_step=1e-2")).summary
-    steps, rejected = map(int, re.search(r"steps: (\d+), rejected: (\d+)", summary).groups())
-    assert rejected > 0
-    assert steps > 50
+    told = run_deck(scene_deck("andrews", "method='dopri5' tolerance=1e-6 first_step=1e-2")).transient
+    assert told["rejected"] > 0
+    assert told["steps"] > 50
 
 
 @pytest.mark.parametrize(("interval", "every"), [(3.0e-3, 3), (2.4e-3, 2), (1.0e-4, 1)])

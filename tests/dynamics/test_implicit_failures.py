@@ -15,7 +15,7 @@ BLOW = CRANK + (
 
 
 def newton_failures(summary):
-    """Return how often the summary says that Newton's method failed."""
+    """Return how often the summary says in words that Newton's method failed."""
     found = re.search(r"Newton's method failed (\d+) times, and the step was (halved|tried smaller)", summary)
     return int(found[1]) if found else 0
 
@@ -68,7 +68,7 @@ def test_a_load_that_passes_all_numbers_stops_the_run_early(steps, method, run_d
     assert "the solution diverged at t" in told
     assert 'the coordinates of body "a" grow most' in told
     assert ("check the loads" if "tolerance" in steps else "try a smaller one") in told
-    assert int(re.search(r"steps: (\d+), rejected", run.summary)[1]) < 20000
+    assert run.transient["steps"] < 20000
 
 
 def test_a_beam_bent_beyond_all_shape_stops_the_run_between_rows(run_deck):

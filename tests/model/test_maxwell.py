@@ -296,6 +296,6 @@ def test_the_elastomer_with_maxwell_terms_moves_as_with_ghm_terms(run_deck):
     for name in ("tip.v", "tip.r", "wall.fy", "wall.m"):
         a, b = ghm.history[name], maxwell.history[name]
         assert np.abs(a - b).max() < 1e-4 * np.ptp(a)
-    bounds = [float(re.search(r"rk4: safe bound\s+([-+.\dE]+)", run.summary)[1]) for run in (ghm, maxwell)]
+    bounds = [run.figures["stable_steps"]["rk4"]["safe_bound"] for run in (ghm, maxwell)]
     assert bounds[1] > 2.0 * bounds[0]
     assert "dissipative coordinates: 36, of first order: 36" in maxwell.summary

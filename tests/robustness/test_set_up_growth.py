@@ -77,9 +77,8 @@ def test_many_like_materials_bound_steps_as_one(run_deck, elements, omega):
     found = []
     for count in (1, elements):
         deck = scenes.many_materials(elements, run, 0.0, omega, count)
-        bounds = re.findall(r"(rk4|dopri5): safe bound +(\S+) s .*, current bound +(\S+) s", run_deck(deck).summary)
-        assert len(bounds) == 2
-        found.append(np.array([[float(x) for x in b[1:]] for b in bounds]))
+        bounds = run_deck(deck).figures["stable_steps"]
+        found.append([bounds[method][which] for method in ("rk4", "dopri5") for which in ("safe_bound", "current_bound")])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3)
 
 
@@ -90,7 +89,7 @@ def test_the_modes_of_a_fine_mesh(run_deck):
     table = np.loadtxt(run.folder / "modes.txt")
     exact = (beta / scenes.LENGTH) ** 2 * math.sqrt(scenes.YOUNG * scenes.INERTIA / scenes.DENSITY / scenes.AREA) / (2 * math.pi)
     np.testing.assert_allclose(table[:3, 3], exact, rtol=1e-10)
-    assert int(re.search(r"factorisations: (\d+)", run.summary).group(1)) <= 40
+    assert run.figures["modes"]["factorisations"] <= 40
 
 
 def test_the_modes_of_a_mesh_whose_rounding_lies_above_them(run_deck):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import pytest
 
@@ -32,9 +31,8 @@ def test_counts_that_do_not_fit_are_refused(times, said, run_deck):
 
 
 def steps(done):
-    """Return the number of steps and the step that the summary states."""
-    found = re.search(r"  step: +(\S+) s\n(?:.*\n)*?  steps: (\d+),", done.summary)
-    return int(found[2]), float(found[1])
+    """Return the number of steps and the step."""
+    return done.transient["steps"], done.transient["step"]
 
 
 @pytest.mark.parametrize("method", ["rk4", "dopri5", "generalized_alpha"])
