@@ -165,3 +165,13 @@ def run_deck(biela: Path, tmp_path: Path) -> Callable[..., Run]:
 def run_deck_once(biela: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
     """Return the same for runs at which several tests of a module look: a fixture of the module keeps what it returns."""
     return runner(biela, tmp_path_factory.mktemp("once"))
+
+
+@pytest.fixture(scope="session")
+def counters(tmp_path_factory):
+    """Return the path of the counting library; skips where it cannot be built or preloaded (another C library)."""
+    library = preloaded("counters", tmp_path_factory.mktemp("counters"), "-Wl,-fini=report_counts")
+    done = subprocess.run(["true"], env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False)
+    if "allocations" not in done.stderr:
+        pytest.skip("the C library does not let its allocations be counted")
+    return library

@@ -12,6 +12,7 @@ import pytest
 from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
+from four_bars import row_of_four_bars
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
 MIXED = (
@@ -394,25 +395,9 @@ def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
     assert texts[0] == texts[1]
 
 
-def four_bars(n, speed=1.0):
-    """Return N four-bars in a row (IFToMM A02): all links collinear twice a turn, N rows dependent there."""
-    deck = "&scene gravity=0.0,-9.81 /\n"
-    for k in range(n + 1):
-        spin = f"angular_velocity={-speed}" if k == 0 else ""
-        deck += (
-            f"&body name='v{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,0.0 angle={np.pi / 2} {spin} /\n"
-        )
-        deck += f"&joint name='g{k}' type='revolute' body_a='v{k}' point_b={k}.0,0.0 /\n"
-    for k in range(n):
-        deck += f"&body name='h{k}' kind='rigid' mass=1.0 inertia={1 / 12} com=0.5,0.0 position={k}.0,1.0 /\n"
-        deck += f"&joint name='l{k}' type='revolute' body_a='h{k}' body_b='v{k}' point_b=1.0,0.0 /\n"
-        deck += f"&joint name='r{k}' type='revolute' body_a='h{k}' point_a=1.0,0.0 body_b='v{k + 1}' point_b=1.0,0.0 /\n"
-    return deck + "&sensor name='b' quantity='position' body='v0' point=1.0,0.0 /\n"
-
-
 def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_deck):
     """Two four-bars through all their change points: end values of the exact reduction."""
-    deck = four_bars(2)
+    deck = row_of_four_bars(2)
     errors = []
     for step in (1e-3, 5e-4):
         run = run_deck(deck + march(f"t_end=10.0 step={step} output_step=0.01"), name=f"s{step}")
@@ -427,7 +412,7 @@ def test_controlled_steps_pass_singular_positions(radius, run_deck):
     """The same with a tolerance: the error falls with it, and steps do not crawl at the change points."""
     errors = []
     for tolerance in (1e-4, 1e-6, 1e-8):
-        text = four_bars(2) + march(f"t_end=10.0 tolerance={tolerance} spectral_radius={radius} output_step=0.01")
+        text = row_of_four_bars(2) + march(f"t_end=10.0 tolerance={tolerance} spectral_radius={radius} output_step=0.01")
         run = run_deck(text, name=f"t{tolerance}")
         errors.append(abs(run.history["b.x"][-1] - 0.3284581115347))
         assert run.energy["position_violation"].max() < 1e-12
@@ -441,7 +426,7 @@ def test_controlled_steps_pass_singular_positions(radius, run_deck):
 @pytest.mark.parametrize("bars", [1, 4, 6])
 def test_many_rows_may_become_dependent_at_once(bars, tolerance, run_deck):
     """Six four-bars in line at other speeds: the energy is kept through the change points."""
-    run = run_deck(four_bars(bars, 1.37) + march(f"t_end=3.0 tolerance={tolerance} output_step=0.01"))
+    run = run_deck(row_of_four_bars(bars, 1.37) + march(f"t_end=3.0 tolerance={tolerance} output_step=0.01"))
     assert np.abs(run.energy["residual"]).max() < max(tolerance ** (2 / 3), 5e-5) * run.energy["kinetic"].max()
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from test_failures import CRANK, PULL, failed
+from failing_scenes import BENT, BEYOND, CRANK, PULL, failed
 
 IMPLICIT = "&transient method='generalized_alpha' "
 RIGID = CRANK.replace("elements=2", "elements=2 flexible=.false.")
@@ -54,10 +54,8 @@ def test_a_blow_that_no_beam_survives(run_deck):
     assert run.history.time[-1] == pytest.approx(5e-3)
 
 
-BEYOND = "&history name='h' kind='polynomial' coefficients=0,0,0,0,0,0,0,0,1.0e59 /\n"
 SPUN = PULL[: PULL.index("&history")] + BEYOND + "&force name='f' type='torque' body='a' moment=1.0 history='h' /\n"
 SWUNG = SPUN.replace("type='torque' body='a' moment", "type='force' body='a' point=1.0,0.0 fx")
-BENT = CRANK + BEYOND + "&force name='f' type='force' body='rod' node=2 fy=1.0 history='h' /\n"
 
 
 @pytest.mark.parametrize("steps", ["tolerance=1e-3", "tolerance=1e-6", "step=1e-3", "step=1e-5"])

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from biela.histories import read
 from conftest import REFERENCE
+from four_bars import GRAVITY, four_bars, reduced_four_bars
 from scipy.integrate import solve_ivp
-
-GRAVITY = 9.81
 
 # ---------------------------------------------------------------- Andrews' squeezing mechanism
 
@@ -54,37 +53,6 @@ def test_andrews_end_values_and_history(run_deck):
 
 
 # ---------------------------------------------------------------- N-four-bar mechanism
-
-
-def four_bars(count, phi=0.0, rate=1.0, t_end=10.0, step=1e-3, output=0.1):
-    """Return the deck of N four-bars in a row at the angle phi from the vertical, B0 moving clockwise."""
-    angle, x, y = np.pi / 2 - phi, np.sin(phi), np.cos(phi)
-    lines = [f"&scene gravity=0.0,{-GRAVITY} /"]
-    link = "kind='rigid' mass=1.0 inertia=0.08333333333333333 com=0.5,0.0"
-    for k in range(count + 1):
-        spin = f"angular_velocity={-rate:.17g}" if k == 0 else ""
-        lines.append(f"&body name='v{k}' {link} position={float(k)},0.0 angle={angle:.17g} {spin} /")
-        lines.append(f"&joint name='ground{k}' type='revolute' body_a='v{k}' point_b={float(k)},0.0 /")
-    for k in range(count):
-        lines.append(f"&body name='h{k}' {link} position={k + x:.17g},{y:.17g} /")
-        lines.append(f"&joint name='left{k}' type='revolute' body_a='h{k}' body_b='v{k}' point_b=1.0,0.0 /")
-        lines.append(f"&joint name='right{k}' type='revolute' body_a='h{k}' point_a=1.0,0.0 body_b='v{k + 1}' point_b=1.0,0.0 /")
-    lines += [
-        "&sensor name='b0' quantity='position' body='v0' point=1.0,0.0 /",
-        "&sensor name='vb0' quantity='velocity' body='v0' point=1.0,0.0 /",
-        f"&transient t_end={t_end:.17g} method='rk4' step={step:.17g} output_step={output:.17g} /",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def reduced_four_bars(count, times, phi=0.0, rate=1.0):
-    """Return phi, phi' (2, times) of the exact reduction I phi'^2/2 + g H cos phi = const."""
-    inertia, height = (count + 1) / 3 + count, (count + 1) / 2 + count
-
-    def slope(_, y):
-        return [y[1], GRAVITY * height / inertia * np.sin(y[0])]
-
-    return solve_ivp(slope, (0.0, times[-1]), [phi, rate], "DOP853", t_eval=times, rtol=1e-13, atol=1e-13).y
 
 
 FOUR_BAR_ENDS = {

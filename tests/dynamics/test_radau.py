@@ -7,12 +7,10 @@ import pytest
 from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, ROOT
+from failing_scenes import BENT, PULL, failed
+from four_bars import four_bars, reduced_four_bars, row_of_four_bars
 from scipy.integrate import Radau
 from scipy.linalg import expm
-from test_failures import PULL, failed
-from test_generalized_alpha import four_bars as row_of_four_bars
-from test_implicit_failures import BENT
-from test_published import four_bars, reduced_four_bars
 
 # Two steps between which every column above the reference's own error falls with order 5.
 STEPS = {

@@ -1,84 +1,11 @@
 """The linearised matrices against finite differences of the accelerations, term by term, at random states."""
 
-import os
 import subprocess
 
 import numpy as np
 import pytest
+from linearised import DECKS, PROBE, SENSOR, evaluate, layout
 from scipy.linalg import eigh
-
-PROBE = os.environ.get("PROBE", "bin/probe")
-
-MATERIALS = """
-&material name='m' density=1500.0 young=3.0e9 ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0
-  rayleigh_mass=2.0 rayleigh_stiffness=1.0e-5 /
-&material name='e' density=2000.0 young=5.0e9 /
-&section name='s' shape='rectangle' width=0.02 height=0.01 /
-"""
-BEAM = "&body name='b' kind='beam' length=0.6 elements=2 material='m' section='s' position=0.1,0.2 angle=0.7 {} /\n"
-FRAME = """&body name='f' kind='frame' node_x=0.0,0.3,0.35,0.1 node_y=0.0,0.0,0.25,0.3 element_nodes=1,2,2,3,3,4,4,1
-  material='e' section='s' element_material='m','e','m','e' reference='clamped' position=-0.2,0.1 angle=-0.4 /
-&lump body='f' node=3 mass=0.3 inertia=2.0e-3 /
-"""
-RIGID = "&body name='r' kind='rigid' mass=0.8 inertia=0.01 com=0.1,-0.05 position=0.5,0.4 angle=1.1 /\n"
-SPRINGS = """&spring name='k1' type='linear' body_a='b' node_a=2 body_b='f' node_b=3 stiffness=300.0 damping=4.0 free_length=0.2
-  ghm_alpha=0.7 ghm_zeta=0.8 ghm_omega=80.0 /
-&spring name='k2' type='torsional' body_a='b' node_a=3 body_b='f' node_b=2 stiffness=20.0 damping=0.3 free_angle=0.1 /
-"""
-LOADS = """&force name='f1' type='force' body='b' node=2 fx=30.0 fy=-20.0 axes='section' /
-&force name='f2' type='force' body='b' node=3 fx=-10.0 fy=15.0 axes='body' /
-&force name='f3' type='force' body='f' node=2 fx=5.0 fy=7.0 /
-&force name='f4' type='torque_about' body='b' node=1 centre=-0.3,0.1 moment=4.0 /
-&force name='f5' type='torque' body='f' node=3 moment=2.0 /
-"""
-SENSOR = "&scene title='t' gravity=1.0,-9.81 /\n"
-
-DECKS = {
-    "free_beam": MATERIALS + BEAM.format(""),
-    "beam_loads": MATERIALS + BEAM.format("") + FRAME + SPRINGS + LOADS,
-    "stiffening": MATERIALS + BEAM.format("stiffening=.true. reference='clamped'"),
-    "no_axial": MATERIALS + BEAM.format("axial=.false."),
-    "modal": MATERIALS
-    + BEAM.format("modes=3")
-    + FRAME.replace("reference='clamped'", "reference='free' modes=4")
-    + SPRINGS,
-    "joints": MATERIALS
-    + BEAM.format("")
-    + FRAME
-    + RIGID
-    + """&joint name='j1' type='slider' body_a='r' point_a=0.1,0.1 body_b='b' node_b=2 direction=0.3 /
-&joint name='j2' type='distance' body_a='r' point_a=-0.2,0.1 body_b='f' node_b=3 /
-&joint name='j3' type='revolute' body_a='b' node_a=1 point_b=0.1,0.2 /
-""",
-    "welds": MATERIALS
-    + BEAM.format("")
-    + FRAME
-    + RIGID
-    + """&joint name='j1' type='weld' body_a='r' point_a=0.1,0.1 body_b='b' node_b=3 /
-&joint name='j2' type='prismatic' body_a='f' node_a=2 body_b='b' node_b=2 direction=0.3 /
-""",
-}
-
-
-def layout(deck):
-    text = subprocess.run([PROBE, "layout", deck], check=True, capture_output=True, text=True).stdout.splitlines()
-    numbers = {line.split()[0]: int(line.split()[1]) for line in text[:3]}
-    bodies = [int(line.split()[2]) - 1 for line in text if line.startswith("body ")]
-    return numbers["coordinates"], numbers["dissipative"], numbers["rows"], bodies
-
-
-def evaluate(deck, states, word="evaluate"):
-    text = "\n".join(" ".join(f"{x:.17g}" for x in row) for row in states) + "\n"
-    out = subprocess.run([PROBE, word, deck], input=text, check=True, capture_output=True, text=True).stdout
-    results, now = [], []
-    for line in out.splitlines():
-        if line == "end":
-            results.append(now)
-            now = []
-        else:
-            name, *values = line.split()
-            now.append((name, np.array([float(x) for x in values])))
-    return results
 
 
 @pytest.mark.parametrize("name", DECKS)
@@ -142,8 +69,6 @@ def test_matrices_against_finite_differences(name, tmp_path):
         residual = null.T @ sum(terms)
         scale = max(np.abs(null.T @ t).max() for t in terms)
         assert np.abs(residual).max() < 2e-7 * scale
-
-
 
 
 def element(length, mass, young, area, inertia):

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 from conftest import program
-from test_linearisation import DECKS, SENSOR
+from linearised import DECKS, SENSOR
 
 SUFFIX = "-debug" if "debug" in os.environ.get("PROBE", "") else ""
 BENT = DECKS["beam_loads"].replace("reference='clamped'", "reference='clamped' stiffening=.true.")

@@ -2,41 +2,32 @@
 
 import numpy as np
 import pytest
-from biela.histories import read
 from conftest import ROOT
-from linear_oracle import LinearOracle, settle
+from linear_oracle import LinearOracle, TurningArm, settle
+from linear_scenes import (
+    AREA,
+    DENSITY,
+    FORCE,
+    GHM,
+    INERTIA,
+    LENGTH,
+    YOUNG,
+    Response,
+    beam,
+    closed_mechanism,
+    spinning_arm,
+    sweep,
+    textbook_cantilever,
+)
 from oracle_probe import Twins
 from scipy.optimize import brentq
-from test_modal import AREA, DENSITY, GHM, INERTIA, LENGTH, YOUNG, TurningArm, beam, closed_mechanism, spinning_arm
 
 S1 = "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0"
-FORCE = "&force name='tip' type='force' body='b' node=-1 fy=1.0 /\n&sensor name='tip' quantity='deflection' body='b' node=-1 /\n"
-SWEEP = "&frequency_response from={start} to={stop} points={points} spacing='{spacing}' input='{source}' /\n"
-
-
-def sweep(start=1.0, stop=500.0, points=40, spacing="log", source="tip"):
-    """Return a &frequency_response group."""
-    return SWEEP.format(start=start, stop=stop, points=points, spacing=spacing, source=source)
 
 
 def modulus(s, alpha=(0.5,), zeta=(2.0,), omega=(1000.0,)):
     """Return E(s)/E_R."""
     return 1.0 + sum(a * (s**2 + 2 * z * w * s) / (s**2 + 2 * z * w * s + w**2) for a, z, w in zip(alpha, zeta, omega))
-
-
-class Response:
-    """The columns of frequency_response.txt as complex amplitudes."""
-
-    def __init__(self, run):
-        self.table = read(run.folder, "frequency_response")
-        self.s = 2j * np.pi * self.table["f"]
-
-    def __getitem__(self, name):
-        """Return one sensor column, shape (points,), after checking amplitude and phase against real and imaginary part."""
-        value = self.table[f"{name}.re"] + 1j * self.table[f"{name}.im"]
-        np.testing.assert_allclose(self.table[f"{name}.amplitude"], np.abs(value), rtol=1e-14)
-        np.testing.assert_allclose(np.exp(1j * self.table[f"{name}.phase"]) * np.abs(value), value, rtol=1e-13, atol=1e-300)
-        return value
 
 
 @pytest.fixture
@@ -69,33 +60,6 @@ def test_cantilever_against_the_published_closed_form(response_of):
     errors = np.abs(np.array(found) - expected)
     assert len(expected) > 8
     assert np.max(errors) < 2e-6
-
-
-def textbook_cantilever(elements):
-    """Return bending mass and stiffness of a clamped beam from the textbook's element matrices (v and rotation of each node)."""
-    h = LENGTH / elements
-    k = np.array(
-        [
-            [12, 6 * h, -12, 6 * h],
-            [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-            [-12, -6 * h, 12, -6 * h],
-            [6 * h, 2 * h**2, -6 * h, 4 * h**2],
-        ]
-    )
-    m = np.array(
-        [
-            [156, 22 * h, 54, -13 * h],
-            [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-            [54, 13 * h, 156, -22 * h],
-            [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
-        ]
-    )
-    mass, stiffness = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
-    for e in range(elements):
-        at = slice(2 * e, 2 * e + 4)
-        stiffness[at, at] += YOUNG * INERTIA / h**3 * k
-        mass[at, at] += DENSITY * AREA * h / 420 * m
-    return mass[2:, 2:], stiffness[2:, 2:]
 
 
 @pytest.mark.parametrize(

@@ -10,63 +10,32 @@ Largest relative error of the first three bending frequencies against the closed
 
 import numpy as np
 import pytest
-from biela.histories import read
 from conftest import ROOT
-from linear_oracle import LinearOracle, settle
+from linear_oracle import LinearOracle, TurningArm, settle
+from linear_scenes import (
+    AREA,
+    DENSITY,
+    ENDS,
+    GHM,
+    HELD,
+    LENGTH,
+    REAL,
+    UNDAMPED,
+    UNIT,
+    VIBRATION,
+    Modes,
+    beam,
+    closed_mechanism,
+    spinning_arm,
+)
 from oracle_probe import Twins
 
-LENGTH, YOUNG, DENSITY, AREA, INERTIA = 0.8, 7.0e10, 2700.0, 3.0e-4, 2.5e-9
-UNIT = np.sqrt(YOUNG * INERTIA / (DENSITY * AREA)) / LENGTH**2
-GHM = {
-    1: "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0",
-    2: "ghm_alpha=0.5,0.8 ghm_zeta=0.6,1.4 ghm_omega=400.0,5000.0",
-    5: "ghm_alpha=0.2,0.3,0.4,0.5,0.6 ghm_zeta=1.0,2.0,0.8,3.0,1.5 ghm_omega=60.0,300.0,1500.0,8000.0,40000.0",
-}
-ENDS = {
-    "pinned-pinned": ("pinned", "pin(1) slide(-1)"),
-    "clamped-free": ("clamped", "clamp(1)"),
-    "clamped-pinned": ("clamped", "clamp(1) slide(-1)"),
-    "free-free": ("pinned", ""),
-}
 ROOTS = {
     "pinned-pinned": np.pi * np.array([1.0, 2.0, 3.0]),
     "clamped-free": np.array([1.87510406871196, 4.69409113297417, 7.85475743823761]),
     "clamped-pinned": np.array([3.92660231204792, 7.06858274562873, 10.21017612281303]),
     "free-free": np.array([4.73004074486270, 7.85320462409584, 10.9956078380017]),
 }
-UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
-
-
-def beam(elements, ends="clamped-free", ghm="", rest="", modes=3, length=LENGTH):
-    """Return a deck of one beam with the given supports."""
-    reference, supports = ENDS[ends]
-    text = f"&scene title='beam' /\n&material name='m' density={DENSITY} young={YOUNG} {ghm} /\n"
-    text += f"&section name='s' area={AREA} inertia={INERTIA} /\n"
-    text += f"&body name='b' kind='beam' length={length} elements={elements} material='m' section='s' reference='{reference}' /\n"
-    if "clamp(1)" in supports:
-        text += "&joint name='one' type='weld' body_a='b' node_a=1 /\n"
-    if "pin(1)" in supports:
-        text += "&joint name='one' type='revolute' body_a='b' node_a=1 /\n"
-    if "slide(-1)" in supports:
-        text += f"&joint name='two' type='slider' body_a='b' node_a=-1 point_b={length},0.0 /\n"
-    return text + rest + f"&modal modes={modes} /\n"
-
-
-class Modes:
-    """The rows of modes.txt."""
-
-    def __init__(self, run):
-        self.table = read(run.folder, "modes")
-        self.kind = self.table["kind"].astype(int)
-        self.poles = self.table["real"] + 1j * self.table["imag"]
-
-    def undamped(self):
-        """Return the angular frequencies of the undamped modes [rad/s]."""
-        return self.poles[self.kind == UNDAMPED].imag
-
-    def damped(self):
-        """Return all poles of the damped system [1/s]."""
-        return self.poles[self.kind != UNDAMPED]
 
 
 @pytest.fixture
@@ -162,52 +131,6 @@ def test_over_damped_vibration_is_listed_as_real_poles(modes_of):
 
 
 # ---------------------------------------------------------------- mechanisms
-
-MATERIAL = """&material name='soft' density=1500.0 young=4.0e9 ghm_alpha=0.4,0.9 ghm_zeta=0.7,2.0 ghm_omega=800.0,6000.0 /
-&material name='hard' density=2700.0 young=7.0e10 rayleigh_stiffness=3.0e-6 rayleigh_mass=2.0 /
-&section name='s' shape='rectangle' width=0.02 height=0.008 /
-"""
-FOUR_BAR = (
-    MATERIAL
-    + """&body name='crank' kind='rigid' mass=0.4 inertia=1.0e-3 com=0.05,0.0 angle={angle} /
-&body name='coupler' kind='beam' length=0.35 elements=2 material='soft' section='s' angle={coupler} position={x},{y} /
-&body name='rocker' kind='beam' length=0.25 elements=2 material='hard' section='s' angle={rocker} position=0.3,0.0
-  reference='clamped' /
-&joint name='a' type='revolute' body_a='crank' /
-&joint name='b' type='revolute' body_a='crank' point_a=0.1,0.0 body_b='coupler' node_b=1 /
-&joint name='c' type='revolute' body_a='coupler' node_a=-1 body_b='rocker' node_b=-1 /
-&joint name='d' type='revolute' body_a='rocker' node_a=1 point_b=0.3,0.0 /
-"""
-)
-SLIDER_CRANK = (
-    MATERIAL
-    + """&body name='crank' kind='beam' length=0.1 elements=1 material='hard' section='s' angle={angle} reference='clamped' /
-&body name='rod' kind='beam' length=0.3 elements=2 material='soft' section='s' angle={rod} position={x},{y} /
-&lump body='rod' node=-1 mass=0.3 /
-&joint name='a' type='revolute' body_a='crank' node_a=1 /
-&joint name='b' type='revolute' body_a='crank' node_a=-1 body_b='rod' node_b=1 /
-&joint name='c' type='slider' body_a='rod' node_a=-1 direction=0.0 /
-"""
-)
-HELD = {
-    "drive": "&history name='still' kind='polynomial' coefficients={angle} /\n"
-    "&drive name='hold' type='rotation' body_a='crank' history='still' /\n",
-    "spring": "&spring name='hold' type='torsional' body_a='crank' stiffness=40.0 damping=0.01 ghm_alpha=0.5 ghm_zeta=1.2"
-    " ghm_omega=300.0 /\n",
-    "free": "",
-}
-
-
-def closed_mechanism(kind, angle):
-    """Return the deck of a four-bar or slider-crank at a crank angle, positions near the closed ones."""
-    x, y = 0.1 * np.cos(angle), 0.1 * np.sin(angle)
-    if kind == "slider_crank":
-        return SLIDER_CRANK.format(angle=angle, x=x, y=y, rod=-np.arcsin(y / 0.3))
-    reach, toward = np.hypot(0.3 - x, -y), np.arctan2(-y, 0.3 - x)
-    inner = np.arccos((0.35**2 + reach**2 - 0.25**2) / (2 * 0.35 * reach))
-    coupler = toward + inner
-    rocker = np.arctan2(y + 0.35 * np.sin(coupler), x + 0.35 * np.cos(coupler) - 0.3)
-    return FOUR_BAR.format(angle=angle, x=x, y=y, coupler=coupler, rocker=rocker)
 
 
 def paired(found, expected, count):
@@ -357,18 +280,6 @@ def rotating_table():
     return np.genfromtxt(path, delimiter=",", names=True)
 
 
-def spinning_arm(eta, slenderness, elements=12):
-    """Return the deck of a clamped arm held at a spin by a drive; slenderness is L sqrt(A/I)."""
-    inertia = AREA * LENGTH**2 / slenderness**2
-    spin = eta * np.sqrt(YOUNG * inertia / (DENSITY * AREA)) / LENGTH**2
-    deck = beam(elements, rest="", modes=3).replace(f"inertia={INERTIA}", f"inertia={inertia:.17g}")
-    deck = deck.replace("type='weld'", "type='revolute'")
-    deck = deck.replace("reference='clamped' /", "reference='clamped' stiffening=.true. /")
-    drive = f"&history name='w' kind='polynomial' coefficients={spin:.17g} /\n"
-    drive += "&drive name='motor' type='rotation' body_a='b' history='w' rate=.true. /\n&static load_steps=4 /\n"
-    return deck.replace("&modal", drive + "&modal"), np.sqrt(YOUNG * inertia / (DENSITY * AREA)) / LENGTH**2
-
-
 @pytest.mark.parametrize("eta", [0.0, 2.0, 4.0, 6.0, 8.0, 10.0])
 def test_spinning_arm_follows_the_published_table(modes_of, rotating_table, eta):
     row = rotating_table[np.argmin(np.abs(rotating_table["eta"] - eta))]
@@ -388,35 +299,6 @@ def test_coriolis_coupling_with_stretch_lowers_the_frequency(modes_of, rotating_
     deck, unit = spinning_arm(2.0, 70.0)
     table = rotating_table["chord1"][rotating_table["eta"] == 2.0][0]
     assert 3.6196 < bending(modes_of(deck), 1)[0] / unit < table - 1e-3
-
-
-class TurningArm:
-    """An arm at a constant spin as the oracle sees it: first-order equations of its elastic and dissipative coordinates."""
-
-    def __init__(self, scene):
-        self.scene = scene
-        self.spin = scene.rows[-1].history.value(0.0, 1)
-        self.elastic = np.arange(3, scene.nq)
-        self.n, self.m = len(self.elastic), scene.nz
-        self.state = np.zeros(2 * self.n + 2 * self.m)
-        for _ in range(8):
-            self.state = self.state - np.linalg.solve(self.slopes(), self.rate(self.state))
-
-    def rate(self, y, t=0.0):
-        """Return dy/dt of (q_f, q_f', z, z'); the arm's angle stays 0, loads are those of time t."""
-        scene, n, m = self.scene, self.n, self.m
-        q, v = scene.q0.copy(), np.zeros(scene.nq)
-        q[self.elastic], v[self.elastic], v[2] = y[:n], y[n : 2 * n], self.spin
-        q[2] = self.spin * t
-        z, zd = y[2 * n : 2 * n + m], y[2 * n + m :]
-        a = scene.solve(t, q, v, z, zd)[0]
-        return np.concatenate([v[self.elastic], a[self.elastic], zd, scene.dissipative_accelerations(q, z, zd)])
-
-    def slopes(self):
-        """Return the Jacobian at the present state by central differences."""
-        n, m = self.n, self.m
-        steps = 1e-6 * np.concatenate([np.ones(n), np.full(n, 1e3), np.ones(m), np.full(m, 1e3)])
-        return np.array([(self.rate(self.state + h) - self.rate(self.state - h)) / (2 * h.max()) for h in np.diag(steps)]).T
 
 
 @pytest.mark.parametrize("ghm", ["", GHM[2]])

@@ -9,8 +9,7 @@ For damping ratios of the GHM oscillator below, at and above one. The literal ma
 import numpy as np
 import pytest
 import scipy.linalg
-from test_frequency_response import FORCE, Response, sweep, textbook_cantilever
-from test_modal import FURTHER, REAL, VIBRATION, Modes, beam
+from linear_scenes import FORCE, FURTHER, REAL, VIBRATION, Modes, Response, beam, sweep, textbook_cantilever
 
 ALPHA, OMEGA = 0.5, 900.0
 ZETAS = [0.6, 1.0, 1.7]

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from biela.histories import read
 from linear_oracle import settle
+from linear_scenes import AREA, DENSITY, HELD, INERTIA, LENGTH, YOUNG, beam, closed_mechanism
 from oracle_probe import Twins
-from test_modal import AREA, DENSITY, HELD, INERTIA, LENGTH, YOUNG, beam, closed_mechanism
 
 TIP = "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n&sensor name='wall' quantity='reaction' joint='one' /\n"
 

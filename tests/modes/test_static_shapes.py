@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pytest
 from conftest import ROOT
-from test_modes import HEAD, LOADS, LUMPS, PIN, SCENES, SENSORS, TRANSIENT, text
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 from bench_scenes import driven_rod
+from modal_bodies import HEAD, LOADS, LUMPS, PIN, SCENES, SENSORS, TRANSIENT, text
 
 SHAPES = " static_shapes=.true."
 

@@ -12,6 +12,7 @@ from hashlib import sha1
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 
 FOLDER = Path(os.environ["PLANTED_FOLDER"])
 PASSED: dict[str, bool] = {}
@@ -22,12 +23,15 @@ def pytest_runtest_logreport(report):
     PASSED[report.nodeid] = PASSED.get(report.nodeid, True) and report.passed
 
 
-@pytest.hookimpl(hookwrapper=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item):
-    """Name the file, run the test, note its name, time and end."""
+    """Name the file, run the test with all of its fixtures, those of its module too, note its name, time and end."""
     record = FOLDER / sha1(item.nodeid.encode()).hexdigest()
     os.environ["PLANTED_SEEN"] = str(record) + ".seen"
     start = time.perf_counter()
-    yield
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    runtestprotocol(item, nextitem=None)  # as if it were the last one: nothing is left that the next test would not reach
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     test = {"name": item.nodeid, "seconds": time.perf_counter() - start, "passed": PASSED.get(item.nodeid, False)}
     Path(str(record) + ".json").write_text(json.dumps(test), encoding="utf-8")
+    return True

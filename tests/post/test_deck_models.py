@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from biela import deck_models, deck_text, tradeoff_truth
 from biela.tradeoff_settings import grid_of
-from test_tradeoff_promises import study_with
+from studies import study_with
 
 FRAME = """&body name='l' kind='frame' node_x=0,1,1 node_y=0,0,2 element_nodes=1,2,2,3 element_material='a','b' section='s','t'
  reference_node=1,-1,3 reference_dof='u','v','r' /

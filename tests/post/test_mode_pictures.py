@@ -9,9 +9,8 @@ import pytest
 from biela import modes
 from biela.commands import modes as modes_command
 from biela.histories import History, HistoryError, read
+from linear_scenes import FORCE, beam, sweep
 from PIL import Image
-from test_frequency_response import FORCE, sweep
-from test_modal import beam
 
 GHM = "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0"
 

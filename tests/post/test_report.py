@@ -12,9 +12,8 @@ from biela import report as report_tool
 from biela.commands import report as report_command
 from biela.histories import HistoryError, read
 from conftest import ROOT
+from linear_scenes import FORCE, beam, sweep
 from PIL import Image
-from test_frequency_response import FORCE, sweep
-from test_modal import beam
 from tool_calls import call
 
 CRANK = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=2e-4")

@@ -14,36 +14,13 @@ from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
 from biela.histories import read_summary
 from biela.material_law import of_group
-from biela.tradeoff_errors import Compared, Gap, gap, truth_of
+from biela.tradeoff_errors import Gap, gap
 from biela.tradeoff_report import Result
-from biela.tradeoff_settings import Setting, columns, grid_of
-from biela.tradeoff_study import FULL, Point, Study
+from biela.tradeoff_settings import Setting, columns
+from biela.tradeoff_study import Point
 from biela.tradeoff_truth import Base
-from conftest import REFERENCE, ROOT, Run
-
-CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
-TIMES = np.linspace(0.0, 1.0, 11)
-
-
-def outcome(*values: np.ndarray, seconds: float = 1.0, names: tuple[str, ...] = ("a.x", "b.x")) -> Outcome:
-    data = np.column_stack([TIMES, *values])
-    counts = {"evaluations": int(1000 * seconds), "coordinates": 5}
-    return Outcome(0, "", names, ("m",) * len(names), data, seconds, counts)
-
-
-def study_with(tmp_path: Path, *points: Point, tolerance: float = 1e-2) -> Study:
-    """Return a study with the truth a.x = b.x = t and some points; its runner's solver is no program."""
-    deck = deck_text.read(CRANK)
-    runner = Runner(Path(__file__), tmp_path / "kept", 1)
-    truth = truth_of(outcome(TIMES, TIMES), Compared({}))
-    return Study(runner, grid_of(deck), {"a", "b"}, tolerance, ["rk4"], Compared({}), truth, list(points))
-
-
-def point(a: float, b: float, seconds: float, model: str = FULL, index: int = 3, family: str = "rk4") -> Point:
-    """Return a point whose columns are off by a and b."""
-    made = outcome(TIMES + a, TIMES + b, seconds=seconds)
-    truth = truth_of(outcome(TIMES, TIMES), Compared({}))
-    return Point(model, Setting(family, index), deck_text.read(CRANK), made, gap(made, truth))
+from conftest import ROOT, Run
+from studies import CRANK, TIMES, outcome, point, study_with
 
 
 @pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "-5"], ["--jobs", "x"], ["--tolerance", "nan"], ["--time", "inf"]])

@@ -17,7 +17,7 @@ from biela.tradeoff_report import Result, head, verdict
 from biela.tradeoff_settings import Setting
 from biela.tradeoff_study import FULL, Step, Study
 from biela.tradeoff_truth import Base, deck_truth, refined_truth
-from test_tradeoff_promises import CRANK, TIMES, outcome, point, study_with
+from studies import CRANK, TIMES, outcome, point, study_with
 
 DECK = deck_text.read(CRANK)
 FAILED = Outcome(2, "line 3: refused")

@@ -12,7 +12,6 @@ from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 import bench_scenes as scenes
-from test_counts import counters  # noqa: F401
 
 RUN = scenes.transient(1e-9, 1, "generalized_alpha")
 FAMILIES = {
@@ -26,7 +25,7 @@ FAMILIES = {
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_growth_of_what_a_set_up_allocates(biela, counters, tmp_path, name):  # noqa: F811
+def test_growth_of_what_a_set_up_allocates(biela, counters, tmp_path, name):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
     make, n = FAMILIES[name]

@@ -4,8 +4,11 @@ Mass, damping and stiffness come from central differences of the oracle's forces
 Jacobian; dissipative coordinates are eliminated at each frequency or kept as unknowns. Nothing of the solver is used.
 """
 
+import subprocess
+
 import numpy as np
 import scipy.linalg
+from linearised import evaluate, layout
 
 
 class LinearOracle:
@@ -98,3 +101,144 @@ def settle(scene, q, passes=12):
         if np.max(np.abs(q - about.q)) < 1e-13:
             break
     return LinearOracle(scene, q)
+
+
+class TurningArm:
+    """An arm at a constant spin as the oracle sees it: first-order equations of its elastic and dissipative coordinates."""
+
+    def __init__(self, scene):
+        self.scene = scene
+        self.spin = scene.rows[-1].history.value(0.0, 1)
+        self.elastic = np.arange(3, scene.nq)
+        self.n, self.m = len(self.elastic), scene.nz
+        self.state = np.zeros(2 * self.n + 2 * self.m)
+        for _ in range(8):
+            self.state = self.state - np.linalg.solve(self.slopes(), self.rate(self.state))
+
+    def rate(self, y, t=0.0):
+        """Return dy/dt of (q_f, q_f', z, z'); the arm's angle stays 0, loads are those of time t."""
+        scene, n, m = self.scene, self.n, self.m
+        q, v = scene.q0.copy(), np.zeros(scene.nq)
+        q[self.elastic], v[self.elastic], v[2] = y[:n], y[n : 2 * n], self.spin
+        q[2] = self.spin * t
+        z, zd = y[2 * n : 2 * n + m], y[2 * n + m :]
+        a = scene.solve(t, q, v, z, zd)[0]
+        return np.concatenate([v[self.elastic], a[self.elastic], zd, scene.dissipative_accelerations(q, z, zd)])
+
+    def slopes(self):
+        """Return the Jacobian at the present state by central differences."""
+        n, m = self.n, self.m
+        steps = 1e-6 * np.concatenate([np.ones(n), np.full(n, 1e3), np.ones(m), np.full(m, 1e3)])
+        return np.array([(self.rate(self.state + h) - self.rate(self.state - h)) / (2 * h.max()) for h in np.diag(steps)]).T
+
+
+class Dense:
+    """The linearised scene on the null space of its constraints.
+
+    Attributes:
+        mass, gyro, damping, stiffness: (p, p)
+        parts: (alpha, zeta, omega, K_r) of each distinct set of terms
+    """
+
+    def __init__(self, probe, path):
+        nq, nz, rows, _ = layout(str(path))
+        text = subprocess.run([str(probe), "layout", str(path)], check=True, capture_output=True, text=True).stdout
+        initial = [np.array(line.split()[1:], float) for line in text.splitlines() if line.startswith("initial")]
+        state = [0.0, *initial[0], *initial[1], *np.zeros(2 * nz)]
+        named = evaluate(str(path), [state], "linear")[0]
+        base, runs = {}, []
+        for key, value in named:
+            if key == "run":
+                runs.append([value.reshape(3, -1)])
+            elif key == "run_stiffness":
+                runs[-1].append(value.reshape(nq, nq).T)
+            else:
+                base[key] = value
+        null = np.eye(nq)
+        if rows:
+            jac = base["rows"].reshape(nq, rows).T
+            _, s, vt = np.linalg.svd(jac)
+            null = vt[int((s > 1e-9 * s.max()).sum()) :].T
+        full = {k: base[k].reshape(nq, nq).T for k in ("mass", "damping", "stiffness")}
+        mass = null.T @ full["mass"] @ null
+        null = null @ np.linalg.inv(np.linalg.cholesky((mass + mass.T) / 2)).T
+        damping = null.T @ full["damping"] @ null
+        self.stiffness = null.T @ full["stiffness"] @ null
+        self.gyro, self.damping = (damping - damping.T) / 2, (damping + damping.T) / 2
+        sets = {}
+        for terms, k in runs:
+            key = terms.tobytes()
+            sets.setdefault(key, [terms, 0.0])
+            sets[key][1] = sets[key][1] + null.T @ k @ null
+        self.parts = list(sets.values())
+        self.modes = np.linalg.eigh((self.stiffness + self.stiffness.T) / 2)[1]
+        for name in ("stiffness", "gyro", "damping"):
+            setattr(self, name, self.modes.T @ getattr(self, name) @ self.modes)
+        self.parts = [(terms, self.modes.T @ k @ self.modes) for terms, k in self.parts]
+
+    def matrix(self, share):
+        """Return the matrix of first order with a share of the damping."""
+        p = len(self.stiffness)
+        whole = np.abs(np.diag(self.stiffness)) + sum(t[0].sum() * np.diag(k) for t, k in self.parts)
+        scale = np.sqrt(np.maximum(whole, 1e-9 * whole.max() + 1e-30))
+        blocks, order = [], 2 * p
+        for terms, k in self.parts if share else []:
+            w, v = np.linalg.eigh((k + k.T) / 2 / np.outer(scale, scale))
+            f = (v * np.sqrt(np.maximum(w, 0.0)))[:, w > 1e-9]
+            blocks += [(*term, f) for term in terms.T]
+        order += 2 * sum(b[3].shape[1] for b in blocks)
+        a = np.zeros((order, order))
+        a[:p, p : 2 * p] = np.diag(scale)
+        a[p : 2 * p, :p] = -self.stiffness / scale
+        a[p : 2 * p, p : 2 * p] = -self.gyro - share * self.damping
+        i = 2 * p
+        for alpha, zeta, omega, f in blocks:
+            m = f.shape[1]
+            z, y = slice(i, i + m), slice(i + m, i + 2 * m)
+            a[p : 2 * p, :p] -= share * alpha * scale[:, None] * (f @ f.T)
+            a[p : 2 * p, z] = share * alpha * scale[:, None] * f
+            a[z, y] = omega * np.eye(m)
+            a[y, :p] = omega * f.T
+            a[y, z] = -omega * np.eye(m)
+            a[y, y] = -2 * zeta * omega * np.eye(m)
+            i += 2 * m
+        return a
+
+    def poles(self, share=1.0):
+        """Return all poles with Im >= 0 in which the mechanism moves."""
+        values = np.linalg.eigvals(self.matrix(share))
+        values = values[np.abs(values) > 1e-6 * np.abs(values).max() ** 0.5]
+        for terms, _ in self.parts if share else []:
+            for _, zeta, omega in terms.T:
+                values = values[np.abs(values**2 + 2 * zeta * omega * values + omega**2) > 1e-6 * omega**2]
+        return values[values.imag >= 0.0]
+
+    def dynamic(self, s, share):
+        """Return T(s) and its derivative."""
+        t = s * s * np.eye(len(self.stiffness)) + s * (self.gyro + share * self.damping) + self.stiffness
+        slope = 2 * s * np.eye(len(self.stiffness)) + self.gyro + share * self.damping
+        for terms, k in self.parts:
+            for alpha, zeta, omega in terms.T:
+                below = s * s + 2 * zeta * omega * s + omega**2
+                t = t + share * alpha * (below - omega**2) / below * k
+                slope = slope + share * alpha * 2 * (s + zeta * omega) * omega**2 / below**2 * k
+        return t, slope
+
+    def follow(self, s, x, steps=150):
+        """Return what an undamped pole becomes while the damping grows, None where it meets the real axis or is not sure."""
+        for i in range(1, steps + 1):
+            before = s
+            for _ in range(20):
+                t, slope = self.dynamic(s, (i / steps) ** 1.5)
+                try:
+                    u = np.linalg.solve(t, slope @ x)
+                except np.linalg.LinAlgError:  # singular to the last bit: the iteration ends there
+                    left, values, right = np.linalg.svd(t)
+                    u = right.conj().T @ (left.conj().T @ (slope @ x) / np.maximum(values, 1e-16 * values[0]))
+                step = np.vdot(x, x) / np.vdot(x, u)
+                s, x = s - step, u / np.linalg.norm(u)
+                if abs(step) < 1e-12 * abs(s):
+                    break
+            if s.imag < 1e-3 * abs(s) or abs(s - before) > 0.1 * abs(s):
+                return None
+        return s

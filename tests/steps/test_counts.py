@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, preloaded
+from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 import bench_scenes as scenes
@@ -52,16 +52,6 @@ def test_iterations_and_factors_of_implicit_steps(run_deck, name):
     assert 200 <= told["newton_iterations"] <= 2.1 * 200
     assert told["exact_factorisations"] == 0
     assert told["constant_factorisations"] <= len(re.findall(r"kind='beam'", SCENES[name]("")))
-
-
-@pytest.fixture(scope="module")
-def counters(tmp_path_factory):
-    """Return the path of the counting library; skips where it cannot be built or preloaded (another C library)."""
-    library = preloaded("counters", tmp_path_factory.mktemp("counters"), "-Wl,-fini=report_counts")
-    done = subprocess.run(["true"], env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False)
-    if "allocations" not in done.stderr:
-        pytest.skip("the C library does not let its allocations be counted")
-    return library
 
 
 def counts(program: Path, library: Path, folder: Path, text: str):
