@@ -142,7 +142,7 @@ def test_every_pole_of_a_random_scene_is_listed(run_deck, probe, tmp_path, seed)
     assert not any("missing" in line or "not counted" in line for line in few.head), told
 
 
-@pytest.mark.parametrize("seed", SEEDS[1:32:3])
+@pytest.mark.parametrize("seed", SEEDS[1:32:6])
 def test_every_mode_is_followed_to_its_vibration(run_deck, probe, tmp_path, seed):
     """By small steps of the damping in the dense system; over-damped modes have none."""
     deck = scene(seed)
@@ -178,9 +178,9 @@ def coupled_arms(arms, elements):
     return text
 
 
-@pytest.mark.parametrize(("arms", "elements", "modes"), [(1, 44, 12), (2, 21, 12)])
+@pytest.mark.parametrize(("arms", "elements", "modes"), [pytest.param(1, 44, 12, marks=pytest.mark.long), (2, 21, 12)])
 def test_a_large_coupled_scene_lists_true_poles(run_deck, probe, tmp_path, arms, elements, modes):
-    """More unknowns than are solved as a whole, poles of internal variables in crowds: each that is listed is one, none is twice."""
+    """More unknowns than are solved as a whole, crowds of internal poles: each that is listed is one, none is twice."""
     deck = coupled_arms(arms, elements)
     listed = Listed(run_deck(deck + f"&modal modes={modes} /\n"))
     (tmp_path / "dense.nml").write_text(deck, encoding="utf-8")
@@ -190,7 +190,7 @@ def test_a_large_coupled_scene_lists_true_poles(run_deck, probe, tmp_path, arms,
     assert all(len(listed.vibration(mode)) == 1 for mode in range(1, modes + 1))
 
 
-LAWS = {  # by the terms of the material: those of one beam, a pole of high damping; two with nearly the same frequency, and Maxwell terms
+LAWS = {  # terms of the material: one, with a pole of high damping; two with nearly the same frequency, and Maxwell terms
     "one term": {"ghm": ((1.0, 0.3, 3000.0),), "prony": ()},
     "five terms": {"ghm": ((0.2, 0.05, 30.0), (0.2, 0.03, 32.0), (0.2, 0.02, 1200.0)), "prony": ((0.4, 0.01), (0.2, 3e-4))},
 }

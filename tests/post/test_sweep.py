@@ -191,6 +191,7 @@ def test_measures_against_closed_forms():
     assert np.isnan(Scalar("x", "decay_rate", "c").of(time, time))
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_a_worker_gives_the_same_table(study):
     distributed = pytest.importorskip("distributed")
     text = STUDY.replace("points = 3", "points = 30")

@@ -82,7 +82,7 @@ def test_recommended_deck_meets_the_tolerance_against_an_independent_solution(st
 
 def test_all_sensors_of_the_joint_spring_scene(study, run_deck, tmp_path):
     reference = REFERENCE / "viscoelastic_joint"
-    deck = shortened(reference / "deck.nml", tmp_path, "0.2")
+    deck = shortened(reference / "deck.nml", tmp_path, "0.1")
     folder, _, _ = study(deck, "--tolerance", "1e-2", "--methods", "rk4")
     done = run_deck(folder / "recommended.nml")
     found = differences(done.history, beginning(read(reference / "expected.csv"), len(done.history.time)), 1e-2)
@@ -103,7 +103,7 @@ def test_refined_truth_splits_the_error_and_is_met(study, run_deck):
 
 
 def test_refined_truth_of_the_four_bar_starts_the_search_from_the_decks_own_model(study, run_deck, tmp_path):
-    path = shortened(ROOT / "input" / "four_bar_from_equilibrium.nml", tmp_path, "0.06")
+    path = shortened(ROOT / "input" / "four_bar_from_equilibrium.nml", tmp_path, "0.04")
     short, asked = deck_text.read(path), {"rocker", "motor", "pin_c"}
     folder, _, _ = study(path, "--sensor", *asked, "--tolerance", "1e-2", "--truth", "refined", "--methods", "dopri5", *SOME)
     text = (folder / "tradeoff.txt").read_text()

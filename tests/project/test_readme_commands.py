@@ -16,7 +16,7 @@ from conftest import ROOT
 PAGES = ("README.md", "post/README.md")
 COMMAND = re.compile(r"^    ((?:post/\w+\.py|bin/biela|sed) .*?)(?:\s+#\s.*)?$", re.MULTILINE)
 EXAMPLE = re.compile(r"\b[A-Z]{3,}\b|\.\.\.")  # DECK, STUDY.toml: words that stand for something
-SHORTER = {"animate": ["--frames", "3"], "tradeoff": ["--time", "3", "--quiet"]}  # the same work on less, for the test's time
+SHORTER = {"animate": ["--frames", "3"], "tradeoff": ["--time", "1", "--quiet"]}  # the same work on less, for the test's time
 STATUS = {"compare": {1}, "tradeoff": {0, 1}}
 
 

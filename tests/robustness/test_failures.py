@@ -166,10 +166,10 @@ PENDULUM = """&scene gravity=0.0,-9.81 /
 """
 
 
-def test_a_flexible_pendulum_for_a_million_steps(run_deck):
-    """The joint stays closed to 1e-12 of the size; the energy residual is bounded: it falls with the method's order."""
+def test_a_flexible_pendulum_for_many_steps(run_deck):
+    """Over 250,000 steps the joint stays closed to 1e-12 of the size; the energy residual falls with the method's order."""
     size = 1.0
-    energy = run_deck(PENDULUM.format(t_end=200.0, step=2e-4, output=0.02)).energy
+    energy = run_deck(PENDULUM.format(t_end=50.0, step=2e-4, output=0.02)).energy
     assert energy["position_violation"].max() < 1e-12 * size
     assert np.abs(energy["residual"]).max() < 1e-6 * np.abs(energy["potential"]).max()
     coarse, fine = (

@@ -61,7 +61,8 @@ def scene(dice: random.Random) -> str:
         x, y = x + length * cos(angle), y + length * sin(angle)
     if dice.random() < 0.3:
         lines.append("&history name='h' kind='cycloid' start_value=0.1 end_value=0.5 start=0.0 finish=0.1 /")
-        lines.append(f"&drive name='d' type='rotation' body_a='b0' history='h' relative=.true. rate={dice.choice(['.true.', '.false.'])} /")
+        rate = dice.choice([".true.", ".false."])
+        lines.append(f"&drive name='d' type='rotation' body_a='b0' history='h' relative=.true. rate={rate} /")
     return "\n".join(lines) + "\n"
 
 
