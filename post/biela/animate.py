@@ -15,11 +15,13 @@ from matplotlib import patheffects as path_effects
 from PIL import Image
 
 from .histories import read
-from .mechanism import Mechanism, add_deck, add_trace, from_motion
+from .mechanism import Mechanism, add_trace, from_run
+from .picture_files import FORMATS, stem_of
 from .plot import COLOURS, LOOK, STYLES
-from .result_files import HistoryError
+from .result_files import HistoryError, note
 
 DARK = "#333333"
+FILMS = (".gif", ".mp4")
 MARGIN = 0.1  # around what is drawn, by its larger side
 SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
 LARGEST, SMALLEST = 4.5, 1.4  # width of one panel [inch]
@@ -166,20 +168,31 @@ def write_mp4(images: list[Image.Image], path: Path, seconds: float) -> None:
 def write(
     scene: Mechanism, stem: Path, frames: int = 100, seconds: float = 5.0, pictures: int = 6, title: str = "", mp4: bool = False
 ) -> list[Path]:
-    """Write STEM.gif, STEM.png and where it is asked for STEM.mp4, and return their paths.
+    """Write STEM.gif, STEM.png and where it is asked for STEM.mp4; of STEM.gif, STEM.mp4 or a picture's name that file alone.
+
+    Returns:
+        the paths of what was written
 
     Raises:
         HistoryError: they cannot be written.
     """
-    paths = [stem.with_name(stem.name + ending) for ending in (".gif", ".png", ".mp4")[: 3 if mp4 else 2]]
+    name = stem_of(stem, (*FORMATS, *FILMS))
+    endings = [".gif", ".png"] if name == stem else [stem.suffix]
+    if mp4 and ".mp4" not in endings:
+        endings.append(".mp4")
+    paths = [name.with_name(name.name + ending) for ending in endings]
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
-        images = film(scene, frames)
-        if mp4:
-            write_mp4(images, paths[2], seconds)
-        images = [image.quantize(64) for image in images]
-        images[0].save(paths[0], save_all=True, append_images=images[1:], duration=round(1000.0 * seconds / len(images)), loop=0)
-        sheet(scene, pictures, title).savefig(paths[1], dpi=110)
+        images = film(scene, frames) if {*endings} & {*FILMS} else []
+        for path in paths:
+            if path.suffix == ".mp4":
+                write_mp4(images, path, seconds)
+            elif path.suffix == ".gif":
+                few, *rest = (image.quantize(64) for image in images)
+                few.save(path, save_all=True, append_images=rest, duration=round(1000.0 * seconds / len(images)), loop=0)
+            else:
+                sheet(scene, pictures, title).savefig(path, dpi=110)
+            note(path)
     except OSError as fault:
         raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
     finally:
@@ -192,9 +205,7 @@ def animate(args: argparse.Namespace) -> int:
     if args.frames < 2:
         raise HistoryError("at least 2 frames are needed")
     motion = read(args.run, "motion")
-    scene = from_motion(motion, args.exaggerate)
-    if args.deck:
-        add_deck(scene, args.deck)
+    scene = from_run(motion, args.exaggerate)
     for name in args.trace:
         add_trace(scene, name)
     note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""

@@ -9,7 +9,8 @@ import numpy as np
 
 from .demo import RESULTS, deck, run, size
 from .histories import History, read
-from .plot import COLOURS, LOOK, pretty_unit, save
+from .picture_files import save
+from .plot import COLOURS, LOOK, pretty_unit
 from .result_files import HistoryError
 
 CASES = {"none": "no damping", "rod": "viscoelastic rod", "joint": "viscoelastic joint", "both": "both"}
@@ -49,7 +50,7 @@ def energies(cases: list[str]) -> list[str]:
     return [f"{'energy dissipated [J]':41}{dissipated}", f"{'largest work of the motor [J]':41}{work}"]
 
 
-def picture(runs: dict[str, History], columns: dict[str, str]) -> list[Path]:
+def picture(runs: dict[str, History], columns: dict[str, str]) -> Path:
     """Draw one row of panels a column and one panel a case, all of a row on one scale, the undamped one behind each."""
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(
@@ -82,5 +83,5 @@ def tabulate(biela: Path) -> int:
     print("RMS: of the ringing after the swing; in brackets: ratio to no damping\n")
     print("\n".join(table(runs, QUANTITIES) + energies(list(CASES))) + "\n")
     drawn = picture(runs, QUANTITIES)
-    print(f"Picture in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))
+    print(f"Picture: {drawn}")
     return 0

@@ -12,8 +12,9 @@ from . import command, deck_text
 from .animate import write as write_motion
 from .compare import differences
 from .histories import read
-from .mechanism import add_deck, from_motion
-from .plot import draw, pretty_unit, save
+from .mechanism import from_run
+from .picture_files import save
+from .plot import draw, pretty_unit
 from .result_files import HistoryError
 
 RESULTS = Path("results")
@@ -101,7 +102,7 @@ def attenuation(pair: Pair, twin: tuple[Path, float, float]) -> list[str]:
     return lines
 
 
-def pictures(pair: Pair) -> list[Path]:
+def picture(pair: Pair) -> Path:
     """Draw velocity and acceleration of the sensor, undamped blue and viscoelastic red."""
     runs = [read(RESULTS / name) for name in (pair.elastic, pair.viscoelastic)]
     title = f"Slider-crank, {pair.title}: rotation of the middle node"
@@ -111,8 +112,7 @@ def pictures(pair: Pair) -> list[Path]:
 
 def motion(name: str) -> list[Path]:
     """Draw the moving mechanism with its deflections exaggerated."""
-    scene = from_motion(read(RESULTS / name, "motion"), EXAGGERATE)
-    add_deck(scene, deck(name))
+    scene = from_run(read(RESULTS / name, "motion"), EXAGGERATE)
     title = f"{name}: deflections × {EXAGGERATE:g}"
     return write_motion(scene, RESULTS / "demo" / "motion", frames=60, seconds=4.0, title=title)
 
@@ -137,7 +137,7 @@ def demonstrate(biela: Path) -> int:
     drawn = []
     for pair, twin in zip(PAIRS, twins):
         print("\n".join(attenuation(pair, twin)) + "\n")
-        drawn += pictures(pair)
+        drawn.append(picture(pair))
     print("\n".join(mesh()) + "\n")
     drawn += motion(PAIRS[1].elastic)
     print(f"Pictures in {drawn[0].parent}/: " + ", ".join(path.name for path in drawn))

@@ -16,7 +16,8 @@ from matplotlib.patches import Arc, Polygon
 
 from .histories import read_summary
 from .mechanism import hull
-from .plot import COLOURS, LOOK, save
+from .picture_files import save
+from .plot import COLOURS, LOOK
 from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
@@ -269,6 +270,6 @@ def work(args: argparse.Namespace) -> int:
     """Draw and say which files were written; raises HistoryError."""
     figures = figures_of(args.source, args.biela)
     folder = args.source if args.source.is_dir() else Path("results") / figures["deck"]
-    paths = save(draw(figures), args.output or folder / "scene")
-    print("wrote " + " and ".join(map(str, paths)))
+    path = save(draw(figures), args.output or folder / "scene")
+    print(f"wrote {path}")
     return 0

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.io import savemat
 
 from .histories import History, read
-from .mechanism import Mechanism, add_deck, from_motion
-from .result_files import TABLES, HistoryError
+from .mechanism import Mechanism, from_run
+from .result_files import TABLES, HistoryError, note
 
 
 def matlab_names(names: list[str]) -> list[str]:
@@ -87,13 +87,11 @@ def export(args: argparse.Namespace) -> int:
         run = read(source, "motion" if args.to == "vtk" else args.file)
         try:
             if args.to == "vtk":
-                scene = from_motion(run)
-                if args.deck:
-                    add_deck(scene, args.deck)
-                path = write_vtk(scene, args.output or run.path.parent / "vtk")
+                path = write_vtk(from_run(run), args.output or run.path.parent / "vtk")
             else:
                 path = args.output or run.path.with_suffix(TABLES[args.to])
                 write_table(run, args.to, path)
+                note(path)
         except OSError as fault:
             raise HistoryError(f"{fault.filename or args.output}: cannot be written ({fault.strerror or fault})") from None
         print(f"wrote {path}")

@@ -18,7 +18,8 @@ from . import deck_text, material_data
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, master_curve, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
-from .plot import COLOURS, LOOK, save
+from .picture_files import FORMATS, save, stem_of
+from .plot import COLOURS, LOOK
 from .result_files import HistoryError
 
 DECADE = 10.0
@@ -232,14 +233,17 @@ def deliver(args, name: str, frequency, modulus, points: list, notes: list[str],
     text = material_lines(material, name, density or 1000.0, notes)
     print(text, end="")
     stem = args.output or args.source.with_name(f"{args.source.stem}_fit")
-    drawn = save(picture(material, f"{name}: {law_of(material)}, {100 * found.error:.2g} % rms", band, points), stem)
+    title = f"{name}: {law_of(material)}, {100 * found.error:.2g} % rms"
+    drawn = save(picture(material, title, band, points), stem_of(stem, (".nml",)))
+    lines = stem_of(stem, (*FORMATS, ".nml"))
+    lines = lines.with_name(lines.name + ".nml")
     try:
-        stem.with_name(stem.name + ".nml").write_text(text, encoding="utf-8")
+        lines.write_text(text, encoding="utf-8")
     except OSError as fault:
-        raise DataError(f"{stem}.nml: cannot be written ({fault.strerror})") from None
+        raise DataError(f"{lines}: cannot be written ({fault.strerror})") from None
     if args.deck:
         print("\n".join(["", *stable_steps(args, material)]))
-    print(f"\nwrote {stem.name}.nml, {', '.join(path.name for path in drawn)} in {stem.parent}/", file=sys.stderr)
+    print(f"\nwrote {lines} and {drawn}", file=sys.stderr)
     return 0
 
 
@@ -258,7 +262,7 @@ def show_material(args: argparse.Namespace) -> int:
         value = material.modulus(np.array([frequency]))[0]
         print(f"{frequency:12.4g} Hz   E' {value.real:11.4e} Pa   loss factor {value.imag / value.real:8.4f}")
     print(f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation")
-    print(f"wrote {' and '.join(map(str, drawn))}", file=sys.stderr)
+    print(f"wrote {drawn}", file=sys.stderr)
     return 0
 
 

@@ -1,7 +1,8 @@
-"""What a picture of a mechanism shows: the places of motion.txt, joined as the deck says.
+"""What a picture shows of a mechanism: the bodies of motion.txt over time, joined as the solver assembled them.
 
-motion.txt holds the frame of every body (`NAME.x NAME.y NAME.angle`) and its nodes (`NAME.1.x NAME.1.y ...`). The deck, where
-it is given, adds what has no coordinates of its own: rigid bodies' joint places, massless links, springs, slider lines, ground.
+motion.txt holds the frame of every body (`NAME.x NAME.y NAME.angle`) and its nodes (`NAME.1.x NAME.1.y ...`). The assembled scene,
+which the solver writes into summary.json, adds what has no columns of its own: undeformed nodes, elements, places of joints on
+rigid bodies, massless links, springs, slider lines, lumps, the ground.
 """
 
 from __future__ import annotations
@@ -10,13 +11,10 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import f90nml
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from .deck_text import DeckError
-from .deck_text import read as read_deck
-from .histories import History
+from .histories import History, read_summary
 from .result_files import HistoryError
 
 NODE = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.x")
@@ -114,8 +112,12 @@ class Mechanism:
 
 
 def hull(points: np.ndarray) -> np.ndarray:
-    """Return the closed convex outline of points, shape (n, 2); of points on one line, its ends."""
-    ordered = sorted(set(map(tuple, points)))
+    """Return the closed convex outline of points, shape (n, 2); of points on one line, its ends.
+
+    Points that differ only by the rounding of a file count as one.
+    """
+    extent = np.ptp(points, axis=0).max() or 1.0
+    ordered = sorted({tuple(np.round(point / extent, 5)): tuple(point) for point in points}.values())
     if len(ordered) < 3:
         return np.array(ordered)
 
@@ -134,7 +136,7 @@ def hull(points: np.ndarray) -> np.ndarray:
 
 
 def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
-    """Return the bodies of a motion file; what only the deck knows is missing.
+    """Return the bodies of a motion file alone.
 
     Raises:
         HistoryError: the columns are not those of a motion file.
@@ -153,46 +155,86 @@ def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
     return Mechanism(motion.time, bodies, exaggerate)
 
 
-def add_deck(scene: Mechanism, path: Path) -> None:
-    """Add to a mechanism what its deck says about links, springs, sliders, pins and the places on rigid bodies.
+def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
+    """Return the mechanism of a motion file with the assembled scene beside it; the bodies alone where there is no summary.json.
 
     Raises:
-        HistoryError: the deck cannot be read, or is of another scene.
+        HistoryError: the motion has no bodies, or the summary is damaged or of another scene.
+    """
+    mechanism = from_motion(motion, exaggerate)
+    if (motion.path.parent / "summary.json").is_file():
+        add_scene(mechanism, read_summary(motion.path.parent), motion.path.parent / "summary.json")
+    return mechanism
+
+
+def add_scene(mechanism: Mechanism, figures: dict, path: Path) -> None:
+    """Add to a mechanism what the assembled scene of a summary says.
+
+    Args:
+        mechanism: the bodies of the motion
+        figures: of the summary
+        path: where they come from, for messages
+
+    Raises:
+        HistoryError: the scene is damaged, or has other bodies.
     """
     try:
-        text = read_deck(path).text
-    except DeckError as fault:
-        raise HistoryError(str(fault)) from None
-    add_text(scene, text, path)
+        _add_items(mechanism, figures["scene"])
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as fault:
+        raise HistoryError(f"{path}: has no scene of this motion ({fault})") from None
 
 
-def add_text(scene: Mechanism, text: str, path: Path) -> None:
-    """Add what the text of a deck says; path: where it comes from, for messages. Raises HistoryError as `add_deck`."""
-    try:
-        _add_groups(scene, f90nml.reads(text))
-    except Exception as fault:
-        raise HistoryError(f"{path}: is no deck of these results ({fault})") from None
+def _add_items(mechanism: Mechanism, scene: dict) -> None:
+    """Add nodes, joints, springs, lumps and places of sensors; any exception where the scene is not that of the motion."""
+    frames = {}
+    for item in scene["bodies"]:
+        name = item["name"].lower()
+        if name not in mechanism.bodies:
+            raise ValueError(f"its body {item['name']!r} is not in the motion")
+        body, frames[name] = mechanism.bodies[name], np.array(item["frame"], dtype=float)
+        if len(item["nodes"]) != len(body.rest):
+            raise ValueError(f"its body {item['name']!r} has {len(item['nodes'])} nodes, {len(body.rest)} in the motion")
+        if len(body.rest):
+            body.rest = to_local(frames[name], np.array(item["nodes"], dtype=float))
+        if item["kind"].lower() == "frame":
+            body.elements = [(i - 1, j - 1) for i, j in item["elements"]]
+
+    def place(item: dict) -> Place:
+        """Return where something acts; noted on a rigid body, whose outline contains it."""
+        at = np.array(item["at"], dtype=float).reshape(2)
+        if item["body"] is None:
+            return Place(None, None, at)
+        body = mechanism.bodies[item["body"].lower()]
+        if item["node"] > 0:
+            return Place(body, item["node"] - 1, np.zeros(2))
+        point = to_local(frames[item["body"].lower()], at[None])[0]
+        body.places.append(point)
+        return Place(body, None, point)
+
+    for joint in scene["joints"]:
+        a, b = place(joint["a"]), place(joint["b"])
+        if joint["kind"] == "distance":
+            mechanism.links.append((a, b))
+            mechanism.pins += [a, b]
+        elif joint["kind"] in ("slider", "prismatic"):
+            turned = frames[joint["b"]["body"].lower()][2] if b.body else 0.0
+            mechanism.sliders.append((a, b, joint["direction"] - turned))
+        else:
+            mechanism.pins.append(b)
+    for spring in scene["springs"]:
+        a, b = place(spring["a"]), place(spring["b"])
+        if spring["kind"] == "linear":
+            mechanism.springs.append((a, b))
+    for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
+        place(item)
+    mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them
+    mechanism.sensors |= {sensor["name"].lower(): place(sensor["at"]) for sensor in scene["sensors"]}
 
 
-def _add_groups(scene: Mechanism, groups: f90nml.Namelist) -> None:
-    """Add what the groups of a deck say; any exception where they are not those of the scene."""
-    for group in _all(groups, "body"):
-        body = scene.bodies.get(str(group["name"]).lower())
-        if body is None:
-            raise ValueError(f"its body {group['name']!r} is not in the motion file")
-        _shape(body, group)
-    for kind in ("joint", "spring"):
-        for group in _all(groups, kind):
-            _connection(scene, kind, group)
-    for kind in ("force", "drive"):
-        for group in _all(groups, kind):
-            _place(scene, group, "")
-            _place(scene, group, "_a")
-    scene.lumps += [place for group in _all(groups, "lump") if (place := _place(scene, group, ""))]
-    for group in _all(groups, "sensor"):
-        place = _place(scene, group, "")
-        if place:
-            scene.sensors[str(group["name"]).lower()] = place
+def to_local(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return points given in global axes, shape (n, 2) [m], in the axes of a frame (x, y, angle) [m, m, rad]."""
+    c, s = np.cos(frame[2]), np.sin(frame[2])
+    return (points - frame[:2]) @ np.array([[c, -s], [s, c]])
 
 
 def add_trace(scene: Mechanism, name: str) -> None:
@@ -211,64 +253,3 @@ def add_trace(scene: Mechanism, name: str) -> None:
         known = ", ".join([*scene.sensors, *(f"{key}.1" if len(b.rest) else key for key, b in scene.bodies.items())])
         raise HistoryError(f"no place {name!r} to trace; there are {known}")
     scene.traces.append(np.array([scene.at(place, row) for row in range(len(scene.time))]))
-
-
-def _all(groups: f90nml.Namelist, kind: str) -> list[f90nml.Namelist]:
-    """Return all groups of one kind."""
-    found = groups.get(kind, [])
-    return found if isinstance(found, list) else [found]
-
-
-def _list(value: object) -> list:
-    return value if isinstance(value, list) else [value]
-
-
-def _shape(body: Body, group: f90nml.Namelist) -> None:
-    """Take the undeformed nodes and the elements of a beam or frame from its group."""
-    count, kind = len(body.rest), str(group.get("kind")).lower()
-    if kind == "frame" and count:
-        rest = np.column_stack([_list(group["node_x"]), _list(group["node_y"])]).astype(float)
-        if len(rest) != count:
-            raise ValueError(f"its body {group['name']!r} has {len(rest)} nodes, {count} in the motion file")
-        body.rest = rest
-        ends = _list(group["element_nodes"])
-        body.elements = [(int(i) - 1, int(j) - 1) for i, j in zip(ends[::2], ends[1::2])]
-    elif kind == "beam" and count:
-        body.rest = np.column_stack([np.linspace(0.0, float(group["length"]), count), np.zeros(count)])
-
-
-def _place(scene: Mechanism, group: f90nml.Namelist, side: str) -> Place | None:
-    """Return the place that a group names with body/node/point (side '', '_a' or '_b'), and note it on a rigid body."""
-    name = str(group.get(f"body{side}", "ground" if side == "_b" else "")).lower()
-    point = np.array(_list(group.get(f"point{side}", [0.0, 0.0])), dtype=float)
-    if name == "ground":
-        return Place(None, None, point)
-    body = scene.bodies.get(name)
-    if body is None:
-        return None
-    node = group.get(f"node{side}")
-    if node and len(body.rest):
-        if not 0 < abs(node) <= len(body.rest):
-            raise ValueError(f"its body {name!r} has {len(body.rest)} nodes in the motion file, no node {node}")
-        return Place(body, int(node) - 1 if node > 0 else int(node), point)
-    if f"point{side}" in group:
-        body.places.append(point)
-    return Place(body, None, point)
-
-
-def _connection(scene: Mechanism, kind: str, group: f90nml.Namelist) -> None:
-    """Add one joint or spring to what is drawn."""
-    a, b = _place(scene, group, "_a"), _place(scene, group, "_b")
-    if a is None or b is None:
-        return
-    word = str(group.get("type", "")).lower()
-    if kind == "spring":
-        if word == "linear":
-            scene.springs.append((a, b))
-    elif word == "distance":
-        scene.links.append((a, b))
-        scene.pins += [a, b]
-    elif word in ("slider", "prismatic"):
-        scene.sliders.append((a, b, float(group.get("direction", 0.0))))
-    else:
-        scene.pins.append(b)

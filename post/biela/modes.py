@@ -13,8 +13,9 @@ import numpy as np
 
 from .animate import Picture, tiles
 from .histories import History, read
-from .mechanism import Mechanism, add_deck, add_text, from_motion
-from .plot import COLOURS, LOOK, STYLES, axis_label, moving, save
+from .mechanism import Mechanism, from_run
+from .picture_files import save
+from .plot import COLOURS, LOOK, STYLES, axis_label, moving
 from .result_files import RESULT_FILES, HistoryError
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
@@ -74,11 +75,11 @@ def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list
     return rows
 
 
-def moved(table: History, row: int, deck: Path | str | None) -> Mechanism:
-    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2); deck: where it is, or its text.
+def moved(table: History, row: int) -> Mechanism:
+    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2).
 
     Raises:
-        HistoryError: the file or the deck cannot be read.
+        HistoryError: the file, or the scene of its run, cannot be read.
     """
     names, shape = shapes(table)
     rest = positions(table.path)
@@ -92,12 +93,7 @@ def moved(table: History, row: int, deck: Path | str | None) -> Mechanism:
     largest = seen[np.argmax(np.abs(seen))] or 1.0
     part = SIZE * extent * (shape[row] / largest).real  # at the instant when the largest displacement is at its extreme
     rows = np.array([[0.0, *rest], [1.0, *(rest + part)], [2.0, *(rest - part)]])
-    scene = from_motion(History(table.path, ["t", *names], {}, rows))
-    if isinstance(deck, str):
-        add_text(scene, deck, table.path)
-    elif deck:
-        add_deck(scene, deck)
-    return scene
+    return from_run(History(table.path, ["t", *names], {}, rows))
 
 
 def caption(table: History, row: int) -> str:
@@ -107,9 +103,9 @@ def caption(table: History, row: int) -> str:
     return text if table["kind"][row] == UNDAMPED else text + f", ζ = {ratio:.3g}"
 
 
-def draw_shapes(table: History, rows: list[int], deck: Path | str | None = None, title: str = "") -> plt.Figure:
+def draw_shapes(table: History, rows: list[int], title: str = "") -> plt.Figure:
     """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
-    scenes = [moved(table, row, deck) for row in rows]
+    scenes = [moved(table, row) for row in rows]
     corners = np.array([scene.extent() for scene in scenes])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     lines, columns, width, height = tiles(len(rows), low, high)
@@ -251,12 +247,12 @@ def draw_all(args: argparse.Namespace) -> int:
         raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
     if "modes" in there:
         table = read(args.run, "modes")
-        figure = draw_shapes(table, chosen_rows(table, args.modes), args.deck, args.title)
-        paths += save(figure, stem.with_name(stem.name + "_modes"))
-        paths += save(draw_poles(table, args.title), stem.with_name(stem.name + "_poles"))
+        figure = draw_shapes(table, chosen_rows(table, args.modes), args.title)
+        paths.append(save(figure, stem, "_modes"))
+        paths.append(save(draw_poles(table, args.title), stem, "_poles"))
     if "frequency_response" in there:
         table = read(args.run, "frequency_response")
         figure = draw_response(table, sensors(table, args.columns), args.title)
-        paths += save(figure, stem.with_name(stem.name + "_response"))
+        paths.append(save(figure, stem, "_response"))
     print("wrote " + ", ".join(map(str, paths)))
     return 0

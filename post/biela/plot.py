@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.ticker import ScalarFormatter
 
 from .histories import History, read
+from .picture_files import save
 from .result_files import RESULT_FILES, HistoryError
 
 # told apart by colour-blind readers, and in grey by lightness or by line style
@@ -229,24 +230,6 @@ def usual_stem(words: list[str]) -> str:
     return re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
 
 
-def save(figure: plt.Figure, stem: Path) -> list[Path]:
-    """Write STEM.png and STEM.pdf and return their paths; the folder is made where it is missing.
-
-    Raises:
-        HistoryError: they cannot be written.
-    """
-    paths = [stem.with_name(stem.name + ending) for ending in (".png", ".pdf")]
-    try:
-        stem.parent.mkdir(parents=True, exist_ok=True)
-        for path in paths:
-            figure.savefig(path)
-    except OSError as fault:
-        raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
-    finally:
-        plt.close(figure)
-    return paths
-
-
 def names_of(sources: list[Path]) -> list[str]:
     """Return what tells the runs apart: the folder's name (of results files), else the file's."""
     return [path.parent.name or path.stem if path.name in RESULT_FILES.values() else path.stem for path in sources]
@@ -261,8 +244,8 @@ def plot(args: argparse.Namespace) -> int:
     labels = args.labels or names_of([run.path for run in runs])
     figure = draw(runs, labels, names, args.against, args.title)
     words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
-    paths = save(figure, args.output or runs[0].path.parent / usual_stem(words))
+    path = save(figure, args.output or runs[0].path.parent / usual_stem(words))
     if idle:
         print(f"left out, zero or rounding throughout: {', '.join(idle)}")
-    print("wrote " + " and ".join(map(str, paths)))
+    print(f"wrote {path}")
     return 0

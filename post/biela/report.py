@@ -20,8 +20,8 @@ from . import draw as scene_picture
 from . import modes, plot
 from .animate import sheet
 from .histories import History, read, read_summary
-from .mechanism import add_text, from_motion
-from .result_files import RESULT_FILES, HistoryError
+from .mechanism import from_run
+from .result_files import RESULT_FILES, HistoryError, note
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
@@ -276,7 +276,7 @@ def modal(runs: list[Run]) -> Section | None:
         ]
         head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
         shown = modes.chosen_rows(table, None)
-        shapes = modes.draw_shapes(table, shown, run.figures["deck_text"])
+        shapes = modes.draw_shapes(table, shown)
         pictures = [embed(shapes, f"{run.label}: shapes"), embed(modes.draw_poles(table), f"{run.label}: poles")]
         words = [line for line in (found["complete"], found["complete_damped"]) if line]
         parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
@@ -303,9 +303,7 @@ def motion(runs: list[Run]) -> Section | None:
     for run in runs:
         table = run.table("motion")
         if table is not None and len(table.time) > 1:
-            scene = from_motion(table)
-            add_text(scene, run.figures["deck_text"], run.folder)
-            parts.append(Part(pictures=[embed(sheet(scene, 3), f"{run.label}: motion")]))
+            parts.append(Part(pictures=[embed(sheet(from_run(table), 3), f"{run.label}: motion")]))
     return Section("Motion", parts) if parts else None
 
 
@@ -372,6 +370,7 @@ def work(args: argparse.Namespace) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
+        note(path)
     except OSError as fault:
         raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
     print(f"wrote {path}")

@@ -14,7 +14,8 @@ from scipy import signal
 from scipy.interpolate import make_interp_spline
 
 from .histories import History, read
-from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit, save
+from .picture_files import save
+from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 
 LEAST = 16  # rows that a spectrum needs
@@ -220,6 +221,6 @@ def spectrum(args: argparse.Namespace) -> int:
         figure = draw_spectrum(run, names, turns, f"order of {args.orders}", "per turn", args.peaks)
     else:
         figure = draw_spectrum(run, names, run.time, "frequency", "Hz", args.peaks)
-    paths = save(figure, args.output or run.path.parent / "spectrum")
-    print("wrote " + " and ".join(map(str, paths)))
+    path = save(figure, args.output or run.path.parent / "spectrum")
+    print(f"wrote {path}")
     return 0

@@ -18,7 +18,7 @@ from pathlib import Path
 import f90nml
 
 from . import deck_text
-from .result_files import HistoryError
+from .result_files import HistoryError, remove_noted
 from .sweep_run import Batch, Row, assign, run_batch
 from .sweep_study import Study, StudyError, read
 
@@ -250,6 +250,7 @@ def sweep(args: argparse.Namespace) -> int:
         run_all(study, text, journal, args, folder)
     except OSError as fault:
         raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
+    remove_noted(folder)
     header, rows = table(study, journal, keys(study, text, args.biela))
     write_table(folder / "table.csv", header, rows)
     failed = [row for row in rows if row[-1]]

@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 
-from .plot import COLOURS, LOOK, pretty_unit, save
+from .picture_files import save
+from .plot import COLOURS, LOOK, pretty_unit
 from .sweep_study import Study
 
 OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
@@ -40,7 +41,7 @@ def draw(study: Study, header: list[str], rows: list[list], folder: Path) -> lis
                     axis.set_xscale("log")
                 axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
             line[0].set_ylabel(pretty_unit(header[result].replace("[", " [")))
-    return [save(figure, folder / "curves")[0]]
+    return [save(figure, folder / "curves")]
 
 
 def _is_grid(rows: list[list], free: list[int]) -> bool:
@@ -73,4 +74,4 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
             label(pretty_unit(header[k].replace("[", " [")))
             if study.parameters[k].log:
                 scale("log")
-    return save(figure, folder / f"map_{study.scalars[result - len(study.parameters)].name}")[0]
+    return save(figure, folder / f"map_{study.scalars[result - len(study.parameters)].name}")

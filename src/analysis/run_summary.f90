@@ -11,6 +11,7 @@ module run_summary
   use readable_text, only: json_text, readable
   use text, only: fixed_text, to_text
   use text_file, only: result_file
+  use whole_file, only: read_file
   use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
   private
@@ -32,7 +33,26 @@ contains
     call remove_file(run%folder//'/history.txt')
     call remove_file(run%folder//'/energy.txt')
     call remove_file(run%folder//'/motion.txt')
+    call remove_drawn(run%folder)
   end subroutine begin_results
+
+  !> Removes what the programs of post/ drew of the former run: they note the names of their files in `.drawn`, one a line.
+  subroutine remove_drawn(folder)
+    character(*), intent(in) :: folder
+    character(:), allocatable :: names, problem
+    integer :: first, length
+    call read_file(folder//'/.drawn', names, problem)
+    if (len(problem) > 0) return
+    first = 1
+    do while (first <= len(names))            ! each line ends with a line feed
+      length = index(names(first:), new_line('a')) - 1
+      associate (name => names(first:first + length - 1))
+        if (length > 0 .and. index(name, '/') == 0) call remove_file(folder//'/'//name)
+      end associate
+      first = first + length + 1
+    end do
+    call remove_file(folder//'/.drawn')
+  end subroutine remove_drawn
 
   !> Writes the summary of a run that is under way.
   subroutine announce(run, fail)

@@ -53,6 +53,11 @@ contains
       end associate
     end do
     call text%close()
+    call text%open('lumps', '[')
+    do k = 1, size(d%lumps)
+      call text%member('', '{"at": '//marker(d%lumps(k)%marker)//', "mass": '//json_number(d%lumps(k)%mass)//'}')
+    end do
+    call text%close()
     call text%open('sensors', '[')
     do k = 1, size(d%sensors)
       call text%member('', item(d%sensors(k)%name, d%sensors(k)%quantity)//', "at": '//marker(measured(k))//'}')

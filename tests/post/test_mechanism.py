@@ -1,4 +1,4 @@
-"""What a picture shows of a mechanism, from the motion and the deck: outlines, places, traces, and decks of other scenes."""
+"""What a picture shows of a mechanism, from motion and assembled scene: outlines, places, traces, and scenes of other runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from biela import animate, mechanism
 from biela.histories import History, HistoryError
-from biela.mechanism import Mechanism, add_text, add_trace, from_motion
+from biela.mechanism import Mechanism, add_scene, add_trace, from_motion
 
 TIME = np.linspace(0.0, 1.0, 5)
 
@@ -26,16 +26,40 @@ def motion(**nodes: list[list[float]]) -> Mechanism:
     return from_motion(History(Path("motion.txt"), names, dict.fromkeys(names, ""), np.column_stack(columns)))
 
 
+QUARTER = 0.5 * np.pi  # by which the assembled scene is turned here, so that nothing is right by chance
+
+
+def turned(body: str | None, node: int, x: float, y: float) -> dict:
+    """Return a place of the assembled scene, given in body axes; all frames lie at (1, 2)."""
+    return {"body": body, "node": node, "at": [1.0 - y, 2.0 + x] if body else [x, y]}
+
+
+def item(name: str, kind: str, nodes: list[list[float]], elements: list[list[int]] | None = None) -> dict:
+    """Return a body of the assembled scene."""
+    at = [turned(name, 0, *node)["at"] for node in nodes]
+    return {"name": name, "kind": kind, "frame": [1.0, 2.0, QUARTER], "nodes": at, "elements": elements or []}
+
+
+def assembled(*bodies: dict, **items: list[dict]) -> dict:
+    """Return the figures of a summary with an assembled scene."""
+    empty = {kind: [] for kind in ("joints", "drives", "springs", "forces", "sensors")}
+    return {"scene": {"bodies": list(bodies), **empty, **items}}
+
+
+FILE = Path("summary.json")
+
+
 def test_a_beam_of_one_element_is_a_line():
     scene = motion(rod=[[0.0, 0.0], [2.0, 0.0]])
     np.testing.assert_allclose(scene.outline(scene.bodies["rod"], 4), [[0.0, 0.0], [0.0, 2.0]], atol=1e-15)
 
 
-@pytest.mark.parametrize("kind", ["frame", "FRAME"])
-def test_a_frame_has_the_elements_of_its_deck(kind):
+def test_a_frame_has_the_elements_and_the_undeformed_nodes_of_the_scene():
     scene = motion(l=[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
-    add_text(scene, f"&body name='L' kind='{kind}' node_x=0,1,1 node_y=0,0,2 element_nodes=1,2,2,3 /", Path("deck.nml"))
+    bent = [[0.0, 0.0], [1.0, 0.0], [1.0, 2.5]]
+    add_scene(scene, assembled(item("L", "frame", bent, [[1, 2], [2, 3]])), FILE)
     assert scene.bodies["l"].elements == [(0, 1), (1, 2)]
+    np.testing.assert_allclose(scene.bodies["l"].rest, bent, atol=1e-15)
     line = scene.outline(scene.bodies["l"], 4)
     np.testing.assert_allclose(line[[0, 1, 3, 4]], [[0.0, 0.0], [0.0, 1.0], [0.0, 1.0], [-2.0, 1.0]], atol=1e-15)
 
@@ -46,7 +70,9 @@ def test_a_frame_has_the_elements_of_its_deck(kind):
 )
 def test_the_path_of_a_frame_a_node_or_a_sensor(name, path):
     scene = motion(rod=[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], hub=[])
-    add_text(scene, "&sensor name='tip' quantity='position' body='rod' point=2.0,0.5 /", Path("deck.nml"))
+    sensors = [{"name": "Tip", "kind": "position", "at": turned("rod", 0, 2.0, 0.5)}]
+    rod = item("rod", "beam", [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    add_scene(scene, assembled(rod, item("hub", "rigid", []), sensors=sensors), FILE)
     add_trace(scene, name)
     assert scene.traces[0].shape == (5, 2)
     np.testing.assert_allclose(scene.traces[0][-1], path, atol=1e-15)
@@ -60,30 +86,37 @@ def test_a_place_that_is_not_there_is_told_with_those_that_are(name):
     assert str(fault.value) == f"no place '{name}' to trace; there are rod.1, hub"
 
 
-def test_a_spring_and_a_joint_of_bodies_that_are_not_drawn_are_left_out():
-    scene = motion(rod=[[0.0, 0.0], [2.0, 0.0]])
-    joints = "&joint type='revolute' body_a='rod' body_b='other' /\n&joint type='revolute' body_a='rod' node_a=-1 /\n"
-    add_text(scene, joints + "&spring name='c' type='torsional' body_a='rod' /", Path("deck.nml"))
-    assert (len(scene.pins), scene.springs, scene.links) == (1, [], [])
+def test_a_line_of_a_slider_turns_with_its_body_and_torsional_springs_are_not_drawn():
+    scene = motion(rod=[[0.0, 0.0], [2.0, 0.0]], hub=[])
+    places = {"a": turned("rod", 2, 2.0, 0.0), "b": turned("hub", 0, 0.3, 0.1)}
+    joint = {"name": "j", "kind": "prismatic", **places, "direction": QUARTER + 0.25}
+    springs = [{"name": kind, "kind": kind, **places, "direction": 0.0} for kind in ("torsional", "linear")]
+    bodies = [item("Rod", "beam", [[0.0, 0.0], [2.0, 0.0]]), item("hub", "rigid", [])]
+    add_scene(scene, assembled(*bodies, joints=[joint], springs=springs), FILE)
+    ((end, base, direction),) = scene.sliders
+    assert (end.body, end.node, base.body) == (scene.bodies["rod"], 1, scene.bodies["hub"])
+    assert direction == pytest.approx(0.25)
+    np.testing.assert_allclose(base.point, [0.3, 0.1], atol=1e-15)
+    assert (len(scene.springs), scene.links, scene.pins, scene.lumps) == (1, [], [], [])
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("figures", "told"),
     [
-        ("&body name='rod'", "End-of-file reached before end of namelist."),
-        ("&body kind='rigid' /", "'name'"),
-        ("&body name='other' kind='rigid' /", "its body 'other' is not in the motion file"),
-        ("&body name='rod' kind='beam' length='long' /", "could not convert string to float: 'long'"),
-        ("&body name='l' kind='frame' node_x=0,1 node_y=0,0 element_nodes=1,2 /", "its body 'l' has 2 nodes, 3 in the motion file"),
-        ("&sensor name='s' body='rod' node=5 /", "its body 'rod' has 2 nodes in the motion file, no node 5"),
-        ("&joint name='j' type='revolute' body_a='rod' node_a=-3 /", "its body 'rod' has 2 nodes in the motion file, no node -3"),
+        ({}, "'scene'"),
+        ({"scene": {}}, "'bodies'"),
+        (assembled({"kind": "rigid"}), "'name'"),
+        (assembled(item("other", "rigid", [])), "its body 'other' is not in the motion"),
+        (assembled(item("rod", "beam", [[0.0, 0.0]])), "its body 'rod' has 1 nodes, 2 in the motion"),
+        (assembled(sensors=[{"name": "s", "at": turned(None, 0, "x", 0.0)}]), "could not convert string to float: 'x'"),
+        (assembled(lumps=[{"at": {"body": "rod", "node": 0, "at": [0.0, 0.0]}}]), "'rod'"),
     ],
 )
-def test_the_deck_of_another_scene_is_refused(text, told):
-    scene = motion(rod=[[0.0, 0.0], [2.0, 0.0]], l=[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+def test_the_scene_of_another_run_is_refused(figures, told):
+    scene = motion(rod=[[0.0, 0.0], [2.0, 0.0]])
     with pytest.raises(HistoryError) as fault:
-        add_text(scene, text, Path("deck.nml"))
-    assert str(fault.value) == f"deck.nml: is no deck of these results ({told})"
+        add_scene(scene, figures, FILE)
+    assert str(fault.value) == f"summary.json: has no scene of this motion ({told})"
 
 
 def test_panels_that_a_sheet_does_not_need_are_empty():

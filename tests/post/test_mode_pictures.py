@@ -16,10 +16,9 @@ GHM = "ghm_alpha=0.5 ghm_zeta=2.0 ghm_omega=1000.0"
 
 
 @pytest.fixture
-def run(run_deck, tmp_path):
-    """Return a run with modes and a response, and its deck."""
-    deck = beam(6, ghm=GHM) + FORCE + sweep(1.0, 300.0, 30)
-    return run_deck(deck), tmp_path / "scene.nml"
+def run(run_deck):
+    """Return a run with modes and a response."""
+    return run_deck(beam(6, ghm=GHM) + FORCE + sweep(1.0, 300.0, 30))
 
 
 def ink(path):
@@ -28,19 +27,17 @@ def ink(path):
 
 
 def test_all_three_pictures_are_drawn(run, capsys):
-    done, deck = run
-    assert modes_command.main([str(done.folder), "--deck", str(deck)]) == 0
-    for name in ("modes", "poles", "response"):
-        for ending in ("png", "pdf"):
-            assert f"modal_{name}.{ending}" in capsys.readouterr().out or (done.folder / f"modal_{name}.{ending}").is_file()
-        assert ink(done.folder / f"modal_{name}.png") > 0.005
+    assert modes_command.main([str(run.folder)]) == 0
+    found = [run.folder / f"modal_{name}.png" for name in ("modes", "poles", "response")]
+    assert capsys.readouterr().out == f"wrote {', '.join(map(str, found))}\n"
+    assert all(ink(path) > 0.005 for path in found)
 
 
 def test_a_shape_is_drawn_where_the_file_puts_it(run):
-    table = read(run[0].folder, "modes")
+    table = read(run.folder, "modes")
     rows = modes.chosen_rows(table, [1, 2])
     assert [int(table["kind"][row]) for row in rows] == [modes.VIBRATION] * 2
-    scene = modes.moved(table, rows[0], None)
+    scene = modes.moved(table, rows[0])
     body = scene.bodies["b"]
     rest, up, down = (body.to_global(k, body.local[k]) for k in range(3))
     np.testing.assert_allclose(rest[:, 1], 0.0, atol=1e-14)
@@ -51,7 +48,7 @@ def test_a_shape_is_drawn_where_the_file_puts_it(run):
 
 
 def test_columns_that_are_rounding_are_left_out_unless_asked_for(run):
-    table = read(run[0].folder, "frequency_response")
+    table = read(run.folder, "frequency_response")
     assert modes.sensors(table, None) == ["tip.v", "tip.r"]
     assert modes.sensors(table, ["tip.u"]) == ["tip.u"]
 
@@ -89,7 +86,7 @@ def test_numbers_of_poles_at_one_place_stand_side_by_side():
 
 
 def test_a_response_says_to_what(run):
-    table = read(run[0].folder, "frequency_response")
+    table = read(run.folder, "frequency_response")
     figure = modes.draw_response(table, ["tip.v", "tip.r"])
     assert re.fullmatch(r'response to force "\w+", per unit of its history', figure.get_suptitle())
     assert [axis.get_ylabel() for axis in figure.axes] == ["amplitude [m]", "phase [°]", "amplitude [rad]", "phase [°]"]
@@ -98,7 +95,7 @@ def test_a_response_says_to_what(run):
 
 def test_faults_are_one_line(run, tmp_path, capsys):
     assert modes_command.main([str(tmp_path / "nowhere")]) == 2
-    assert modes_command.main([str(run[0].folder), "--modes", "9"]) == 2
+    assert modes_command.main([str(run.folder), "--modes", "9"]) == 2
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 2
     assert "neither" in told[0]
@@ -106,7 +103,7 @@ def test_faults_are_one_line(run, tmp_path, capsys):
 
 
 def test_a_file_without_positions_is_refused(run):
-    table = run[0].folder / "modes.txt"
+    table = run.folder / "modes.txt"
     table.write_text("\n".join(line for line in table.read_text().splitlines() if not line.startswith("# positions")))
     with pytest.raises(HistoryError, match="positions"):
         modes.positions(table)
@@ -130,16 +127,16 @@ def test_a_damaged_file_of_modes_is_told(tmp_path, places, columns, told):
     path.write_text(SHAPES.format(places, columns) + "1 1 0 5.0 0.0" + " 0.5" * len(columns.split()) + "\n")
     if told:
         with pytest.raises(HistoryError) as fault:
-            modes.moved(read(path), 0, None)
+            modes.moved(read(path), 0)
         assert str(fault.value) == f"{path}: {told}"
     else:
-        assert modes.moved(read(path), 0, None).bodies["b"].frame.shape == (3, 3)
+        assert modes.moved(read(path), 0).bodies["b"].frame.shape == (3, 3)
 
 
 def test_panels_that_shapes_do_not_need_are_empty(run):
-    table = read(run[0].folder, "modes")
+    table = read(run.folder, "modes")
     (row,) = modes.chosen_rows(table, [1])
-    corners = modes.moved(table, row, None).extent()
+    corners = modes.moved(table, row).extent()
     count = next(n for n in range(2, 20) if np.prod(modes.tiles(n, *corners)[:2]) > n)
     figure = modes.draw_shapes(table, [row] * count, title="a beam")
     titles = [axis.get_title() for axis in figure.axes]
@@ -151,8 +148,8 @@ def test_panels_that_shapes_do_not_need_are_empty(run):
 
 
 def test_the_file_itself_stands_for_its_folder(run, monkeypatch, capsys):
-    monkeypatch.setattr(modes, "save", lambda figure, stem: modes.plt.close(figure) or [stem])
-    folder = run[0].folder
+    monkeypatch.setattr(modes, "save", lambda figure, stem, part: modes.plt.close(figure) or f"{stem}{part}")
+    folder = run.folder
     assert modes_command.main([str(folder / "modes.txt"), "--modes", "1"]) == 0
     assert capsys.readouterr().out == f"wrote {folder}/modal_modes, {folder}/modal_poles, {folder}/modal_response\n"
 

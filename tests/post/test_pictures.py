@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from biela import animate, mechanism, plot
@@ -11,15 +13,28 @@ from biela.histories import HistoryError, read
 from PIL import Image
 
 TIME = np.linspace(0.0, 0.01, 21)
-DECK = """
-&include file='part.nml' /
-&body name='Rod' kind='beam' length=2.0 elements=2 material='m' section='s' position=1.0,0.0 /
-&body name='plate' kind='rigid' mass=1.0 inertia=1.0 /
-&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length=1.0 /
-&joint name='guide' type='slider' body_a='rod' node_a=-1 direction=0.0 /
-&joint name='pin' type='revolute' body_a='plate' point_a=0.5,0.0 body_b='rod' node_b=2 /
-&spring name='coil' type='linear' body_a='plate' point_a=0.0,0.5 point_b=0.0,3.0 stiffness=1.0 /
-"""
+ROD = {"name": "Rod", "kind": "beam", "frame": [1, 0, 0], "nodes": [[1, 0], [2, 0], [3, 0]], "elements": [[1, 2], [2, 3]]}
+PLATE = {"name": "plate", "kind": "rigid", "frame": [0, 2, 0], "nodes": [], "elements": []}
+
+
+def at(body, node, *point):
+    """Return a place of the assembled scene."""
+    return {"body": body, "node": node, "at": point}
+
+
+SCENE = {
+    "bodies": [ROD, PLATE],
+    "joints": [
+        {"name": "crank", "kind": "distance", "a": at("Rod", 1, 1, 0), "b": at(None, 0, 0, 0), "direction": 0},
+        {"name": "guide", "kind": "slider", "a": at("Rod", 3, 3, 0), "b": at(None, 0, 0, 0), "direction": 0},
+        {"name": "pin", "kind": "revolute", "a": at("plate", 0, 0.5, 2), "b": at("Rod", 2, 2, 0), "direction": 0},
+    ],
+    "drives": [],
+    "springs": [{"name": "coil", "kind": "linear", "a": at("plate", 0, 0, 2.5), "b": at(None, 0, 0, 3), "direction": 0}],
+    "forces": [],
+    "lumps": [{"at": at("plate", 0, -0.5, 1.5), "mass": 1}],
+    "sensors": [],
+}
 
 
 def written(path, columns, rows):
@@ -41,7 +56,7 @@ def runs(tmp_path):
 
 @pytest.fixture
 def motion(tmp_path):
-    """Return a motion file (a beam that bends while it turns, a plate beside it) and its deck, split over two files."""
+    """Return a motion file (a beam that bends while it turns, a plate beside it); the assembled scene lies beside it."""
     names = ["t[s]", *(f"Rod.{c}" for c in ("x[m]", "y[m]", "angle[rad]")), *(f"Rod.{k}.{c}[m]" for k in (1, 2, 3) for c in "xy")]
     names += [f"plate.{c}" for c in ("x[m]", "y[m]", "angle[rad]")]
     rows = []
@@ -50,9 +65,8 @@ def motion(tmp_path):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         nodes = [1.0, 0.0] + np.array([[0.0, 0.0], [1.0, 5.0 * t], [2.0, 0.0]]) @ turn.T
         rows.append([t, 1.0, 0.0, angle, *nodes.ravel(), 0.0, 2.0, 0.0])
-    (tmp_path / "part.nml").write_text("&lump body='plate' point=-0.5,-0.5 mass=1.0 / ! in a file of its own\n")
-    (tmp_path / "deck.nml").write_text(DECK)
-    return written(tmp_path / "motion.txt", names, rows), tmp_path / "deck.nml"
+    (tmp_path / "summary.json").write_text(json.dumps({"scene": SCENE}))
+    return written(tmp_path / "motion.txt", names, rows)
 
 
 def colours_in(path):
@@ -67,7 +81,7 @@ def test_two_runs_lie_over_each_other_blue_and_red(runs, tmp_path):
     blue, red = colours_in(tmp_path / "out" / "both.png")
     assert blue > 500
     assert red > 500
-    assert (tmp_path / "out" / "both.pdf").read_bytes().startswith(b"%PDF")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["both.png"]
 
 
 def test_the_axes_say_what_they_show(runs):
@@ -96,7 +110,7 @@ def test_a_column_against_another(runs):
         (["--against", "nothing"], "no column 'nothing'"),
         (["--labels", "a", "b"], "2 labels for 1 runs: one each expected"),
         (["--file", "energy"], "energy.txt: no such file"),
-        (["--output", "/dev/null/stem"], "/dev/null/stem: cannot be written"),
+        (["--output", "/dev/null/stem"], "/dev/null/stem.png: cannot be written"),
     ],
 )
 def test_plot_refuses_in_one_line(runs, capsys, options, told):
@@ -135,9 +149,7 @@ def test_units_as_text_shows_them(unit, shown):
 
 
 def test_places_of_the_mechanism(motion):
-    path, deck = motion
-    scene = mechanism.from_motion(read(path))
-    mechanism.add_deck(scene, deck)
+    scene = mechanism.from_run(read(motion))
     assert list(scene.bodies) == ["rod", "plate"]
     (a, b) = scene.links[0]
     np.testing.assert_allclose([scene.at(a, 9), scene.at(b, 9)], [[1.0, 0.0], [0.0, 0.0]], atol=1.0e-15)
@@ -151,7 +163,7 @@ def test_places_of_the_mechanism(motion):
 
 @pytest.mark.parametrize("factor", [1.0, 10.0])
 def test_deflections_are_exaggerated_in_the_bodys_axes(motion, factor):
-    scene = mechanism.from_motion(read(motion[0]), factor)
+    scene = mechanism.from_motion(read(motion), factor)
     rod = scene.bodies["rod"]
     np.testing.assert_allclose(scene.nodes(rod, 20), [[0.0, 0.0], [1.0, factor * 0.05], [2.0, 0.0]], atol=1.0e-14)
     line = scene.outline(rod, 20)
@@ -160,7 +172,7 @@ def test_deflections_are_exaggerated_in_the_bodys_axes(motion, factor):
 
 
 def test_separate_elements_of_a_frame_are_drawn_apart(motion):
-    scene = mechanism.from_motion(read(motion[0]))
+    scene = mechanism.from_motion(read(motion))
     rod = scene.bodies["rod"]
     rod.elements = [(0, 1), (1, 2)]
     assert np.isnan(scene.outline(rod, 0)[[2, 5]]).all()
@@ -181,10 +193,8 @@ def test_the_outline_of_points(points, outline):
 
 
 def test_animation_and_sheet(motion, tmp_path):
-    path, deck = motion
     stem = tmp_path / "film"
-    words = [str(path), "--deck", str(deck), "--frames", "5", "--pictures", "4", "--output", str(stem)]
-    assert animate_command.main(words) == 0
+    assert animate_command.main([str(motion), "--frames", "5", "--pictures", "4", "--output", str(stem)]) == 0
     with Image.open(stem.with_suffix(".gif")) as film:
         assert film.n_frames == 5
         first = np.asarray(film.convert("RGB")).astype(int)
@@ -195,15 +205,13 @@ def test_animation_and_sheet(motion, tmp_path):
     assert red > 20
 
 
-def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
-    path, _ = motion
-    (tmp_path / "bad.nml").write_text("&body name='other' /\n")
-    (tmp_path / "loop.nml").write_text("&include file='loop.nml' /\n")
+def test_animate_refuses_in_one_line(motion, runs, capsys):
+    path, other = motion, runs[0] / "motion.txt"
+    other.write_text(path.read_text())
+    (runs[0] / "summary.json").write_text(json.dumps({"scene": SCENE | {"bodies": [PLATE | {"name": "other"}]}}))
     cases = [
         ([str(runs[0] / "history.txt")], "has no body frames"),
-        ([str(path), "--deck", str(tmp_path / "none.nml")], "no such file"),
-        ([str(path), "--deck", str(tmp_path / "bad.nml")], "its body 'other' is not in the motion file"),
-        ([str(path), "--deck", str(tmp_path / "loop.nml")], "includes itself"),
+        ([str(other)], "summary.json: has no scene of this motion (its body 'other' is not in the motion)"),
         ([str(path), "--frames", "1"], "at least 2 frames"),
         ([str(path), "--trace", "rod.9"], "no place 'rod.9' to trace; there are rod.1, plate"),
     ]
@@ -227,15 +235,13 @@ def test_animate_refuses_in_one_line(motion, runs, tmp_path, capsys):
 )
 def test_numbers_of_the_command_line_are_refused_with_what_was_expected(motion, capsys, words, told):
     with pytest.raises(SystemExit) as ended:
-        animate_command.main([str(motion[0]), *words])
+        animate_command.main([str(motion), *words])
     assert ended.value.code == 2
     assert told in capsys.readouterr().err
 
 
 def test_lumps_names_and_paths_are_drawn_and_a_film_is_written(motion, tmp_path):
-    path, deck = motion
-    scene = mechanism.from_motion(read(path))
-    mechanism.add_deck(scene, deck)
+    scene = mechanism.from_run(read(motion))
     np.testing.assert_allclose(scene.at(scene.lumps[0], 0), [-0.5, 1.5])
     mechanism.add_trace(scene, "Rod.3")
     np.testing.assert_allclose(scene.traces[0][20], [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
@@ -246,9 +252,23 @@ def test_lumps_names_and_paths_are_drawn_and_a_film_is_written(motion, tmp_path)
     assert any(np.array_equal(line.get_xydata(), scene.traces[0]) for line in first.lines)
     plot.plt.close(figure)
     stem = tmp_path / "film"
-    words = [str(path), "--deck", str(deck), "--frames", "4", "--pictures", "1", "--mp4", "--output", str(stem)]
-    assert animate_command.main(words) == 0
+    assert animate_command.main([str(motion), "--frames", "4", "--pictures", "1", "--mp4", "--output", str(stem)]) == 0
     assert stem.with_suffix(".mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_suffix_that_is_given_is_taken(motion, runs, tmp_path, capsys):
+    words = ["--frames", "2", "--pictures", "1", "--output"]
+    for name, begin in (("d.gif", b"GIF8"), ("d.pdf", b"%PDF"), ("d.1.mp4", b"")):
+        folder = tmp_path / name.replace(".", "_")
+        assert animate_command.main([str(motion), *words, str(folder / name)]) == 0
+        assert [path.name for path in folder.iterdir()] == [name]
+        assert (folder / name).read_bytes().startswith(begin)
+    for name, found, begin in (("d.png", "d.png", b"\x89PNG"), ("d.PDF", "d.PDF", b"%PDF"), ("d.1", "d.1.png", b"\x89PNG")):
+        folder = tmp_path / f"plot_{name}"
+        assert plot_command.main([str(runs[0]), "--columns", "q.q", "--output", str(folder / name)]) == 0
+        assert capsys.readouterr().out.endswith(f"wrote {folder / found}\n")
+        assert [path.name for path in folder.iterdir()] == [found]
+        assert (folder / found).read_bytes().startswith(begin)
 
 
 @pytest.mark.parametrize("count", range(1, 10))

@@ -121,7 +121,7 @@ def test_motion_in_vtk_is_that_of_the_run(run_deck):
 
     deck = ROOT / "input" / "slider_crank_viscoelastic.nml"
     result = run_deck(deck)
-    assert export_command.main([str(result.folder), "--to", "vtk", "--deck", str(deck)]) == 0
+    assert export_command.main([str(result.folder), "--to", "vtk"]) == 0
     files = sorted((result.folder / "vtk").glob("*.vtu"))
     motion = result.motion
     assert len(files) == motion.time.size
@@ -145,7 +145,7 @@ MODES = UNDAMPED + "2 1 1 {} 0.031\n3 2 1 20.0 0.2\n4 3 3 0 1\n"
     ],
 )
 def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, told):
-    monkeypatch.setattr(spectrum, "save", lambda figure, _: spectrum.plt.close(figure) or [])
+    monkeypatch.setattr(spectrum, "save", lambda figure, _: spectrum.plt.close(figure))
     if modes:
         (run / "modes.txt").write_text(modes)
     assert spectrum.nearest_mode(run, 8.0) == told

@@ -9,6 +9,7 @@ import re
 import subprocess
 
 import pytest
+from biela.commands import draw, export, plot, report
 from conftest import ROOT
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -138,3 +139,26 @@ def test_json_goes_with_check(biela):
     done = subprocess.run([biela, "--json", "a.nml"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "--json goes with --check" in done.stderr
+
+
+def test_lumps_stand_in_the_scene(run_deck):
+    text = PENDULUM.format(t_end=0.002, method="rk4") + "&lump body='a' point=1.0,0.0 mass=2.5 /\n"
+    (lump,) = figures(run_deck(text).folder)["scene"]["lumps"]
+    assert (lump["mass"], lump["at"]["body"], lump["at"]["node"]) == (2.5, "a", 0)
+    assert lump["at"]["at"] == pytest.approx([math.cos(0.3), math.sin(0.3)], abs=1e-5)
+
+
+def test_a_new_run_removes_what_was_drawn_of_the_former_one_and_nothing_else(run_deck, tmp_path):
+    deck = PENDULUM.format(t_end=0.002, method="rk4")
+    folder = run_deck(deck, "--output", "out", name="first").folder
+    for command, words in ((plot, [folder]), (draw, [folder]), (report, [folder]), (export, [folder, "--to", "csv"])):
+        assert command.main([*map(str, words)]) == 0
+    assert plot.main([str(folder), "--output", str(folder / "again.pdf")]) == 0
+    drawn = {"history.png", "scene.png", "report.html", "history.csv", "again.pdf"}
+    assert set((folder / ".drawn").read_text().split()) == drawn
+    (folder / "mine.png").write_text("")
+    with (folder / ".drawn").open("a") as file:
+        file.write("../first.nml\n\n./mine.png\nnot there\nhistory.png")
+    run_deck(deck, "--output", "out", name="second")
+    assert {path.name for path in folder.iterdir()} & {*drawn, ".drawn", "mine.png"} == {"mine.png"}
+    assert (tmp_path / "first.nml").is_file()

@@ -94,10 +94,13 @@ def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
     ran = []
     monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
     capsys.readouterr()
+    Path("results/sweep/study/map_old.png").write_text("of another study")
+    Path("results/sweep/study/.drawn").write_text("map_old.png\nnone.png\n")
     for runs in (3, 3):  # the second time there is nothing left to run
         _, rest = study(STUDY, "--no-pictures")
         assert rest == whole
         assert sum(len(batch.assignments) for batch in ran) == runs
+    assert not Path("results/sweep/study/map_old.png").exists()
     told = "line 1 and 2 more cannot be read; the runs are made again"
     assert capsys.readouterr().err == f"sweep: warning: results/sweep/study/journal.jsonl: {told}\n"
 

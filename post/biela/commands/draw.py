@@ -2,7 +2,7 @@
 
 The solver assembles the deck (biela --check --json); a results folder is drawn from its summary.json. Lengths are to scale.
 
-    post/draw.py input/four_bar.nml          writes results/four_bar/scene.png and .pdf
+    post/draw.py input/four_bar.nml          writes results/four_bar/scene.png
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = command.parser("draw", __doc__)
     parser.add_argument("source", type=Path, metavar="DECK", help="a deck, or a results folder")
     parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (results/<deck name>/scene)")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="the picture, .png, .pdf or .svg (results/DECK/scene.png)")
     return parser
 
 

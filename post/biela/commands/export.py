@@ -2,7 +2,7 @@
 
     export.py results/four_bar --to csv                        history.csv beside history.txt, units in the columns' names
     export.py results/four_bar --to matlab --file energy       energy.mat: a vector a column, the units in `units`
-    export.py results/four_bar --to vtk --deck input/four_bar.nml    vtk/motion.pvd: the moving mechanism
+    export.py results/four_bar --to vtk                      vtk/motion.pvd: the moving mechanism
 
 VTK takes the motion of bodies and nodes: the deck needs a motion_step in its &transient.
 """
@@ -22,7 +22,6 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder or results file")
     parser.add_argument("--to", choices=[*TABLES, "vtk"], required=True, help="format")
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
-    parser.add_argument("--deck", type=Path, help="the deck: VTK shows massless links, springs and rigid bodies too")
     parser.add_argument("--output", type=Path, metavar="PATH", help="file to write (folder for vtk), where there is one RUN")
     return parser
 

@@ -33,7 +33,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--name", help="name of the material: printed, or picked from MATERIAL.nml")
     parser.add_argument("--density", type=float, metavar="KG/M3", help="density that the printed lines state")
     parser.add_argument("--source-note", default="", metavar="TEXT", help="where the data come from, for the printed comment")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.png, STEM.pdf and STEM.nml (beside the source, its name)")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.nml and STEM.png; STEM.pdf: PDF (beside the source)")
     parser.add_argument("--band", nargs=2, type=float, metavar=("LOW", "HIGH"), help="frequencies used [Hz]")
     parser.add_argument("--deck", type=Path, help="a deck: tells its stable steps with the fitted terms in its material NAME")
     parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")

@@ -1,9 +1,9 @@
-"""Draw what a modal analysis and a frequency response left in a results folder, as PNG and PDF; no window is needed.
+"""Draw what a modal analysis and a frequency response left in a results folder, as PNG (PDF, SVG by --output).
 
-STEM_modes: the shapes over the mechanism at the place about which they were computed (with --deck joints, links and springs
-too). STEM_poles: the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
+STEM_modes: the shapes over the mechanism at the place about which they were computed, with joints, links and springs. STEM_poles:
+the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
 
-Example: post/modes.py results/modal_four_bar --deck input/modal_four_bar.nml
+Example: post/modes.py results/modal_four_bar
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
     parser = command.parser("modes", __doc__)
     parser.add_argument("run", type=Path, metavar="RUN", help="results folder with modes.txt, frequency_response.txt or both")
-    parser.add_argument("--deck", type=Path, help="its deck: joints, links, springs and rigid outlines are drawn too")
     parser.add_argument("--modes", nargs="+", type=int, metavar="N", help="modes whose shapes are drawn (the first six)")
     parser.add_argument("--columns", nargs="+", metavar="NAME", help="sensors of the response, wildcards allowed (all)")
     parser.add_argument("--title", default="", help="written above the pictures")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="first part of the pictures' names (RUN/modal)")
+    parser.add_argument("--output", type=Path, metavar="STEM", help="begin of the pictures' names, STEM.pdf: as PDF (RUN/modal)")
     return parser
 
 

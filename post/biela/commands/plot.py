@@ -1,4 +1,4 @@
-"""Draw columns of one or several runs against time (or against another column), as PNG and PDF; no window is needed.
+"""Draw columns of one or several runs against time (or against another column), as PNG (PDF, SVG by --output); no window is needed.
 
 Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that are
 zero throughout, or rounding beside others of their unit, are left out, unless they are named. Several runs lie over each other in
@@ -25,7 +25,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
     parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
     parser.add_argument("--title", default="", help="written above the picture")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="write STEM.png and STEM.pdf (in the first run's folder)")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="the picture, .png, .pdf or .svg (in the first run's folder)")
     return parser
 
 

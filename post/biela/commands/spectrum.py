@@ -30,7 +30,7 @@ def arguments() -> argparse.ArgumentParser:
     kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
     parser.add_argument("--speed", metavar="COLUMN", help="with --waterfall: column of the drive's speed")
     parser.add_argument("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
-    parser.add_argument("--output", type=Path, metavar="STEM", help="STEM.png and STEM.pdf (spectrum, beside the run)")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
     return parser
 
 
