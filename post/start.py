@@ -13,6 +13,7 @@ def start(name: str) -> None:
     if os.access(python, os.X_OK) and os.path.realpath(sys.prefix) != os.path.realpath(OWN):
         os.execv(python, [python, os.path.join(HERE, name + ".py"), *sys.argv[1:]])
     sys.path[0] = HERE
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # to start threads takes longer than what they would compute
     try:
         from biela import tools
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
-import imageio_ffmpeg
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects as path_effects
@@ -16,8 +15,8 @@ from PIL import Image
 
 from .histories import read
 from .mechanism import Mechanism, add_trace, from_run
-from .picture_files import FORMATS, stem_of
-from .plot import COLOURS, LOOK, STYLES
+from .picture_files import FORMATS, lay_out, stem_of
+from .plot import COLOURS, LOOK, STYLES, plain_numbers
 from .result_files import HistoryError, note
 
 DARK = "#333333"
@@ -35,6 +34,7 @@ class Picture:
         low, high = corners or scene.extent()
         room = MARGIN * (max(high - low) or 1.0)
         axis.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
+        plain_numbers(axis)
         self.reach = 4.0 * max(high - low)
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
@@ -157,6 +157,8 @@ def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
 
 def write_mp4(images: list[Image.Image], path: Path, seconds: float) -> None:
     """Write frames as a film of that many seconds, its sides cut to even numbers of pixels as the codec asks."""
+    import imageio_ffmpeg
+
     width, height = (side // 2 * 2 for side in images[0].size)
     writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=len(images) / seconds, macro_block_size=2)
     writer.send(None)
@@ -191,7 +193,9 @@ def write(
                 few, *rest = (image.quantize(64) for image in images)
                 few.save(path, save_all=True, append_images=rest, duration=round(1000.0 * seconds / len(images)), loop=0)
             else:
-                sheet(scene, pictures, title).savefig(path, dpi=110)
+                figure = sheet(scene, pictures, title)
+                lay_out(figure)
+                figure.savefig(path, dpi=110)
             note(path)
     except OSError as fault:
         raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None

@@ -17,7 +17,7 @@ from matplotlib.patches import Arc, Polygon
 from .histories import read_summary
 from .mechanism import hull
 from .picture_files import save
-from .plot import COLOURS, LOOK
+from .plot import COLOURS, LOOK, plain_numbers
 from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
@@ -60,6 +60,7 @@ class ScenePicture:
         self.middle = (self.low + self.high) / 2.0
         room = np.maximum(0.16 * self.span, 0.3 * self.span - (self.high - self.low) / 2.0)
         axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        plain_numbers(axis)
         axis.set_xlim(self.low[0] - 0.25 * self.span, self.high[0] + 0.25 * self.span)
         axis.set_ylim(self.low[1] - room[1], self.high[1] + room[1])
 

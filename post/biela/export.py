@@ -6,9 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-import meshio
 import numpy as np
-from scipy.io import savemat
 
 from .histories import History, read
 from .mechanism import Mechanism, from_run
@@ -29,6 +27,8 @@ def matlab_names(names: list[str]) -> list[str]:
 def write_table(run: History, form: str, path: Path) -> None:
     """Write one results file as CSV, Parquet or MATLAB; OSError where it cannot be written."""
     if form == "matlab":
+        from scipy.io import savemat
+
         words = matlab_names(run.names)
         columns = {word: run[name] for word, name in zip(words, run.names)}
         units = {word: run.units[name] for word, name in zip(words, run.names)}
@@ -65,6 +65,8 @@ def lines(scene: Mechanism, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def write_vtk(scene: Mechanism, folder: Path) -> Path:
     """Write a file a time and the collection that ParaView opens; returns its path; OSError where they cannot be written."""
+    import meshio
+
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for row, time in enumerate(scene.time):

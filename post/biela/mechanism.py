@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .histories import History, read_summary
 from .result_files import HistoryError
@@ -96,9 +95,7 @@ class Mechanism:
             return body.to_global(row, np.array(pieces))
         if len(nodes) < 3:
             return body.to_global(row, nodes)
-        station = np.arange(len(nodes), dtype=float)
-        fine = np.linspace(0.0, station[-1], PER_ELEMENT * (len(nodes) - 1) + 1)
-        return body.to_global(row, CubicSpline(station, nodes, bc_type="natural")(fine))
+        return body.to_global(row, spline(nodes))
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lower left and upper right corner of all that ever moves or is fixed [m]."""
@@ -109,6 +106,26 @@ class Mechanism:
         points += [self.at(place, 0)[None] for place in self.pins]
         everything = np.concatenate(points)
         return np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+
+
+def spline(nodes: np.ndarray) -> np.ndarray:
+    """Return points of the natural cubic spline through nodes at even stations, shape (n, 2), `PER_ELEMENT` to an interval.
+
+    Written out, because to load a library for it takes longer than the picture.
+    """
+    bend = 6.0 * np.diff(nodes, 2, axis=0)  # right-hand sides of the second derivatives; row k: m[k-1] + 4 m[k] + m[k+1]
+    pivot = np.full(len(bend), 4.0)
+    for k in range(1, len(bend)):
+        pivot[k] -= 1.0 / pivot[k - 1]
+        bend[k] -= bend[k - 1] / pivot[k - 1]
+    for k in range(len(bend) - 1, -1, -1):
+        bend[k] = (bend[k] - (bend[k + 1] if k + 1 < len(bend) else 0.0)) / pivot[k]
+    second = np.concatenate([np.zeros((1, 2)), bend, np.zeros((1, 2))])[:, None]
+    points = nodes[:, None]
+    right = (np.arange(PER_ELEMENT) / PER_ELEMENT)[:, None]
+    left = 1.0 - right
+    inner = left * points[:-1] + right * points[1:] + ((left**3 - left) * second[:-1] + (right**3 - right) * second[1:]) / 6.0
+    return np.concatenate([inner.reshape(-1, 2), nodes[-1:]])
 
 
 def hull(points: np.ndarray) -> np.ndarray:

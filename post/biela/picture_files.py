@@ -22,6 +22,14 @@ def picture_path(path: Path, part: str = "") -> Path:
     return stem.with_name(stem.name + part + (path.name[len(stem.name) :] or ".png"))
 
 
+def lay_out(figure: plt.Figure) -> None:
+    """Place what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def save(figure: plt.Figure, path: Path, part: str = "") -> Path:
     """Write a figure and return the path of the picture; the folder is made where it is missing.
 
@@ -31,6 +39,7 @@ def save(figure: plt.Figure, path: Path, part: str = "") -> Path:
     picture = picture_path(path, part)
     try:
         picture.parent.mkdir(parents=True, exist_ok=True)
+        lay_out(figure)
         figure.savefig(picture)
         note(picture)
     except OSError as fault:

@@ -43,6 +43,12 @@ LOOK = {
 }
 
 
+def plain_numbers(axis: plt.Axes) -> None:
+    """Write the numbers of both axes as plain text."""
+    axis.xaxis.set_major_formatter(Plain())
+    axis.yaxis.set_major_formatter(Plain())
+
+
 class Plain(ScalarFormatter):
     """Numbers of an axis as plain text, the power of ten above it with raised digits: to set formulas takes a third of the time."""
 
@@ -115,8 +121,7 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             size = _to_scale(runs, groups[0], abscissa)
         figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
         for axis, group in zip(axes.T.flat, groups):
-            axis.xaxis.set_major_formatter(Plain())
-            axis.yaxis.set_major_formatter(Plain())
+            plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa)
             axis.margins(x=0.01)
             _log_scales(axis, runs, group, abscissa)

@@ -21,6 +21,7 @@ from . import modes, plot
 from .animate import sheet
 from .histories import History, read, read_summary
 from .mechanism import from_run
+from .picture_files import lay_out
 from .result_files import RESULT_FILES, HistoryError, note
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
@@ -131,6 +132,7 @@ def embed(figure: plt.Figure, caption: str) -> Picture:
     kind, name = ("png", "png") if points > MOST_POINTS else ("svg", "svg+xml")
     file = io.BytesIO()
     with plt.rc_context({"svg.fonttype": "path", "savefig.dpi": 150}):
+        lay_out(figure)
         figure.savefig(file, format=kind)
     width = round(PIXELS * figure.get_figwidth())
     plt.close(figure)

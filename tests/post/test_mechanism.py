@@ -9,6 +9,7 @@ import pytest
 from biela import animate, mechanism
 from biela.histories import History, HistoryError
 from biela.mechanism import Mechanism, add_scene, add_trace, from_motion
+from scipy.interpolate import CubicSpline
 
 TIME = np.linspace(0.0, 1.0, 5)
 
@@ -62,6 +63,13 @@ def test_a_frame_has_the_elements_and_the_undeformed_nodes_of_the_scene():
     np.testing.assert_allclose(scene.bodies["l"].rest, bent, atol=1e-15)
     line = scene.outline(scene.bodies["l"], 4)
     np.testing.assert_allclose(line[[0, 1, 3, 4]], [[0.0, 0.0], [0.0, 1.0], [0.0, 1.0], [-2.0, 1.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("count", [3, 4, 9])
+def test_a_beam_is_a_natural_cubic_spline(count):
+    nodes = np.random.default_rng(count).normal(size=(count, 2))
+    expected = CubicSpline(np.arange(count), nodes, bc_type="natural")(np.arange(8 * count - 7) / 8)
+    np.testing.assert_allclose(mechanism.spline(nodes), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize(
