@@ -44,7 +44,7 @@ COUNTS = {
     "first_order": ("model", "dissipative_coordinates_of_first_order"),
     "multipliers": ("model", "constraints"),
 }
-ALONE = 9  # a run timed alone is repeated so often at most
+ALONE = 9  # a run that is timed alone is repeated at most this often
 ENOUGH = 1.0  # [s] by the clock after which a run timed alone is not repeated any more
 GRACE = 0.5  # [s] that a run has to write how far it came
 Item = TypeVar("Item")
@@ -61,7 +61,7 @@ class InterruptedRunsError(Exception):
 
 
 class OutOfTimeError(Exception):
-    """No run is begun any more: the study has had its time."""
+    """The time of the study is over: no further run starts."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Runner:
         self.waits: list[float] = []  # by the clock, for each run [s]
 
     def slowness(self) -> float:
-        """Return how many times longer than by its processor a run takes by the clock, other work on the machine being as it is."""
+        """Return the ratio of clock time to processor time of the runs so far: it grows with other work on the machine."""
         used = _of_children() - self.others
         return max(sum(self.waits) / used, 1.0) if used > 0.0 else 1.0
 
@@ -258,7 +258,7 @@ class Runner:
         return hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
 
     def kept(self, text: str) -> Outcome | None:
-        """Return a kept run, None where it was not made yet."""
+        """Return a stored run, None where there is none yet."""
         with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             return _load(self.folder / f"{self._key(text)}.npz")
         return None
@@ -381,7 +381,7 @@ def _end(child: subprocess.Popen, how: int = signal.SIGKILL) -> None:
 
 
 def _save(path: Path, outcome: Outcome) -> None:
-    """Keep a run, never half of it: written beside and renamed."""
+    """Store a run; the file is written under another name and renamed, so that it is never incomplete."""
     plain = {k: v for k, v in outcome.__dict__.items() if k != "data"}
     new = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.new")
     with new.open("wb") as file:

@@ -1,4 +1,4 @@
-"""What can be done to the viscoelastic terms of a deck: left out, made stiffness, fewer Maxwell terms in place of GHM terms.
+"""Simpler viscoelastic terms of a deck: without a term, with stiffness in its place, or fewer Maxwell terms for GHM terms.
 
 Neighbouring GHM terms of a measured material often share their poles; then half as many internal variables, those of Maxwell terms,
 give nearly the same modulus. How nearly is told by the largest relative error of the complex modulus from a tenth of the slowest
@@ -16,7 +16,7 @@ from .material_fit import fit, relative_error
 from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group, static_key
 
 ROWS = 40  # frequencies of a fit
-ABOVE = 10.0  # poles of fitted terms reach so far beyond the band; so far below the slowest relaxation it begins
+ABOVE = 10.0  # the fit covers this factor below the slowest relaxation; poles reach this factor above the band
 
 
 def has_terms(group: Group) -> bool:

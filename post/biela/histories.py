@@ -113,7 +113,7 @@ def read(source: str | Path, kind: str = "history") -> History:
     names = [name for name, _ in columns]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise HistoryError(f"{path}: the column {twice[0]!r} stands there twice")
+        raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
     data = _rows(path, lines, first, len(names), separator)
     _check_order(path, names[0], data[:, 0])
     return History(path, names, dict(columns), data)
@@ -133,7 +133,7 @@ def read_summary(folder: str | Path) -> dict:
     except (OSError, ValueError) as fault:
         raise HistoryError(f"{path}: cannot be read ({fault})") from None
     if not isinstance(found, dict):
-        raise HistoryError(f"{path}: cannot be read (no figures of a run)")
+        raise HistoryError(f"{path}: cannot be read (no JSON object)")
     return found
 
 

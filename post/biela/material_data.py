@@ -163,7 +163,7 @@ def _measurements(path: Path, rows: list, where: dict[str, int], scale: dict[str
     values.sort(key=lambda value: value[:2])
     for one, two in zip(values, values[1:]):
         if one[1] == two[1] and (one[0] == two[0] or np.isnan(one[0])):
-            raise DataError(f"{path}:{two[4]}: the frequency {two[1]:g} Hz stands there twice (temperatures in a column T?)")
+            raise DataError(f"{path}:{two[4]}: the frequency {two[1]:g} Hz is given twice (temperatures in a column T?)")
     if len(values) < 2:
         raise DataError(f"{path}: {len(values)} rows of numbers, two or more frequencies expected")
     table = np.array([value[:4] for value in values])

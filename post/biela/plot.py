@@ -202,7 +202,7 @@ def usual_columns(run: History) -> list[str]:
 
 
 def moving(runs: list[History], names: list[str]) -> list[str]:
-    """Return the columns that are more than rounding beside the largest one of their unit, in any of the runs."""
+    """Return the columns whose values exceed rounding, compared with the largest column of their unit, in any of the runs."""
     size = {name: max((float(np.max(np.abs(run[name]))) for run in runs if name in run), default=0.0) for name in names}
     units = {name: unit_of(runs, name) for name in names}
     largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}

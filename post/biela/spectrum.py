@@ -19,7 +19,7 @@ from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 
 LEAST = 16  # rows that a spectrum needs
-SEEN = 1.0e-3  # of the largest amplitude: what is smaller does not widen a picture
+SEEN = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 LABEL = (40.0, 12.0)  # room of a peak's frequency [pixel]
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
 
@@ -158,7 +158,7 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
     if speed:
         across, label = np.interp(times, run.time, run[speed]), run.label(speed)
         if np.any(np.diff(across) <= 0.0) and np.any(np.diff(across) >= 0.0):
-            raise HistoryError(f"{run.path}: {speed} does not run one way: a waterfall against it would fold")
+            raise HistoryError(f"{run.path}: {speed} has to rise or to fall throughout")
     with plt.rc_context(LOOK | {"axes.grid": False}):
         figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
         level = 20.0 * np.log10(np.maximum(size, size.max() * 1.0e-5 or 1.0e-300))

@@ -29,7 +29,7 @@ CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
 
 
 class Journal:
-    """What was run: a line of JSON a run, read again by a sweep that goes on.
+    """The finished runs of a sweep, one line of JSON each; a sweep that was interrupted reads them and continues.
 
     Attributes:
         path: the file
@@ -76,7 +76,7 @@ def _entry(line: str, results: int) -> dict | None:
 
 
 def keys(study: Study, text: str, biela: Path) -> list[str]:
-    """Return what tells each run from all others: solver, deck, values and measures."""
+    """Return a key for each run: a hash of solver, deck, values and measures. The same key means the same run."""
     solver = hashlib.sha256(biela.read_bytes()).hexdigest()
     targets = [[parameter.name, [asdict(target) for target in parameter.targets]] for parameter in study.parameters]
     common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets])
@@ -90,7 +90,7 @@ def keys(study: Study, text: str, biela: Path) -> list[str]:
 
 
 def batches(study: Study, text: str, wanted: list[int], args: argparse.Namespace, folder: Path) -> Iterator[Batch]:
-    """Yield the runs that are wanted, some at a time."""
+    """Yield batches of the runs that are still to be made."""
     workers = max(args.jobs, 1)
     size = max(1, min(BATCH, len(wanted) // (4 * workers) or 1))
     for first in range(0, len(wanted), size):
@@ -138,7 +138,7 @@ def submit(pool: Executor, batch: Batch, args: argparse.Namespace) -> Future:
 
 
 def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path) -> None:
-    """Run what the journal lacks; Ctrl-C leaves what was finished."""
+    """Make the runs that the journal does not have; after Ctrl-C the finished ones stay in it."""
     found = keys(study, text, args.biela)
     wanted = [k for k, key in enumerate(found) if key not in journal.done]
     begun, done = time.monotonic(), 0
@@ -162,7 +162,7 @@ def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace,
         pool.shutdown()
     except KeyboardInterrupt:
         pool.shutdown(wait=False, cancel_futures=True)
-        raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command goes on") from None
+        raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
 
 
 def _progress(done: int, total: int, seconds: float) -> None:

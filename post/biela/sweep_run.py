@@ -86,7 +86,7 @@ def assign(deck: f90nml.Namelist, target: Target, value: object) -> None:
 
 
 def lean_deck(deck: f90nml.Namelist, scalars: tuple[Scalar, ...]) -> f90nml.Namelist:
-    """Return the deck without what no scalar reads: other sensors, the motion of all nodes."""
+    """Return the deck without sensors and motion files that no scalar uses."""
     if any(scalar.file not in ("history", "energy") for scalar in scalars):
         return deck
     used = {scalar.column.partition(".")[0].lower() for scalar in scalars if scalar.file == "history"}
@@ -123,7 +123,7 @@ def literal(value: object) -> str:
 
 
 def run_batch(batch: Batch) -> list[Row]:
-    """Run a batch; every run gives a row, whatever becomes of it; raises StudyError where the deck has no such variable."""
+    """Run a batch and return a row of each run, also of those that fail; StudyError where the deck has no such variable."""
     place = Path(batch.keep) if batch.keep else Path(tempfile.mkdtemp(prefix="biela-sweep-"))
     place.mkdir(parents=True, exist_ok=True)
     try:

@@ -204,7 +204,7 @@ def _study(path: Path, said: dict) -> Study:
     names = [one.name for one in (*parameters, *scalars)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise StudyError(f"the name {twice[0]!r} stands there twice")
+        raise StudyError(f"the name {twice[0]!r} is given twice")
     points = _points(said, parameters)
     return Study(path.stem, (path.parent / said["deck"]).resolve(), parameters, scalars, points)
 

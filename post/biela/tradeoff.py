@@ -19,13 +19,13 @@ from .tradeoff_picture import draw
 from .tradeoff_report import Result, head, nothing_finished, table, verdict
 from .tradeoff_search import EFFECT, cheapest, greedy
 from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_setting
-from .tradeoff_study import CALL, FULL, Point, Study
+from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
 from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
 
 FINALISTS = 4
-NEAR = 1.5  # settings are timed alone where their price is within this factor of the least
-CLOCK = 0.05  # [s] runs timed alone are ranked by the clock where they take longer
-# shares of --time after which no run goes on: of the deck as written, of the reference, of the search
+NEAR = 1.5  # settings whose cost is within this factor of the least are timed again, one at a time
+CLOCK = 0.05  # [s] longer runs are ranked by measured time, shorter ones by counts
+# shares of --time at which these phases end: the deck as written, the reference, the search
 WRITTEN, REFERENCE, SEARCH = 0.25, 0.5, 0.85
 DRAWING = 0.7  # [s] of the processor that table and picture take
 
@@ -40,7 +40,7 @@ def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
 
 
 def search(study: Study, base: Base, result: Result) -> None:
-    """Find the cheapest adequate point of each model from the full one to the smallest; none where the truth is too uncertain."""
+    """Find the cheapest setting that is accurate enough, for each model from the full one to the smallest."""
     starts = first_guesses(study, base)
     families = [made.family for made in base.curves]
     best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families) if study.room > 0.0 else None
@@ -62,7 +62,7 @@ def explore(study: Study, base: Base, result: Result) -> None:
     """Search as long as there is time; what was measured stays in the study."""
     for made in base.curves:
         longest = made.outcomes[-1]
-        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + CALL))
+        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + EVALUATION_COST))
         study.keep(FULL, base.deck, made.settings, made.outcomes)
     with contextlib.suppress(OutOfTimeError):
         search(study, base, result)
@@ -72,7 +72,7 @@ def explore(study: Study, base: Base, result: Result) -> None:
 
 
 def choose(study: Study, budget: float) -> Point | None:
-    """Return the cheapest adequate point, timed alone among the best few; within the budget, else the most accurate there."""
+    """Return the cheapest point that is accurate enough, else the most accurate one within the budget; the best few are timed."""
     good = sorted((p for p in study.points if p.gap.largest <= study.room), key=study.price)[:FINALISTS]
     alone = []
     for point in (p for p in good if study.price(p) <= NEAR * study.price(good[0])):

@@ -12,8 +12,8 @@ from .tradeoff_study import FULL, Point, Study
 from .tradeoff_truth import Base
 
 PARTS = ("time integration", "the mesh", "the model")
-OFFSET = 2.0  # errors cancel where one alone is so many times their sum
-WORTH = 1.25  # a sensor decides the cost where the others let it fall by more than this factor
+CANCEL = 2.0  # errors count as cancelling where one of them is larger than their sum by this factor
+WORTH = 1.25  # a sensor decides the cost where the cost falls by more than this factor without it
 EARLY = 0.7  # share of the search's time after which no second search is begun
 
 
@@ -47,7 +47,7 @@ def deciding(study: Study, base: Base, best: Point, effects: list[Setting], star
 
 
 def _without(study: Study, sensor: str) -> Study:
-    """Return a study that compares all but one sensor; its runs are the same ones."""
+    """Return a study without one of the sensors; it uses the same runs."""
     keep = [k for k, name in enumerate(study.truth.names) if name.split(".")[0] != sensor]
     names = tuple(study.truth.names[k] for k in keep)
     truth = replace(study.truth, names=names, values=study.truth.values[:, keep], scale=study.truth.scale[keep])
@@ -75,7 +75,7 @@ def offset(what: str, found: dict[str, float], error: float, tolerance: float) -
 
     They do where one alone is much larger than their sum, or misses the tolerance that the sum meets.
     """
-    much = OFFSET * error if error > tolerance else min(OFFSET * error, tolerance)
+    much = CANCEL * error if error > tolerance else min(CANCEL * error, tolerance)
     large = {name: part for name, part in found.items() if much < part < float("inf")}
     if not large:
         return []

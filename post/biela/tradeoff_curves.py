@@ -20,11 +20,11 @@ LEVELS = 14  # of a curve at most
 CERTAIN = 0.05  # the reference is refined until its uncertainty is below this share of the tolerance
 ENOUGH = 0.3  # share of the tolerance to which the other methods are refined, once one has reached the target
 CHEAP, DRAWN = 0.5, 7  # curves have so many points where the next ones cost less [s]: their slopes show the order
-PAIR, PAIR_BY_TOLERANCE = 4.0, 2.5  # cost of the second of the next two runs, by the last one's
-FEW = 2  # levels without which nothing can be said of a curve's error
-HIGH = 5.0  # order of methods by tolerance: how their errors fall with their cost
+PAIR, PAIR_BY_TOLERANCE = 4.0, 2.5  # cost of the two next runs together, in costs of the last run
+FEW = 2  # levels that an estimate of the error needs
+HIGH = 5.0  # order of convergence that is assumed for methods with a tolerance
 TINY = 1.0e-30
-SLOW = 0.1  # the least order that is reckoned with
+SLOW = 0.1  # the lowest order of convergence that is assumed
 EXPLICIT = ("rk4", "dopri5")
 
 

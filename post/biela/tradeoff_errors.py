@@ -11,7 +11,7 @@ from .compare import scales
 from .deck_runs import Outcome, RunsError
 from .histories import History
 
-NOISE = 1.0e-11  # what varies by less than this share of other columns of its unit, or of the scene's size, is rounding
+NOISE = 1.0e-11  # a column that varies less than this share of the others of its unit, or of the scene's size, is rounding
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from .tradeoff_errors import Gap, gap, plain_truth
 from .tradeoff_study import Point, Study
 
 WIDTH = 120
-MANY = 20  # a study takes about as long as so many of its dearest runs
+MANY = 20  # a study takes about as long as this many of its longest runs
 
 
 @dataclass

@@ -12,8 +12,8 @@ from .tradeoff_settings import Setting
 from .tradeoff_study import Point, Step, Study
 
 EFFECT = 0.5  # an effect that the cheapest adequate setting leaves open is measured with an error below this share of the room
-DEAR = 3.0  # a method is given up where a run that is not adequate costs so many times what another method asks
-GAIN = 0.97  # a removal is worth it where the cost falls below this share
+GIVE_UP = 3.0  # a method is given up where a run of it, not accurate enough, costs this many times the best one of another method
+GAIN = 0.97  # a removal pays where it lowers the cost below this share
 
 
 def adequate(study: Study, model: str, deck: DeckText, start: Setting, dearest: float, stage: str) -> Point | None:
@@ -55,7 +55,7 @@ def cheapest(
     """Return the cheapest adequate point of a model over the families; the starts are moved to what was found."""
     found = []
     for family in families or study.families:
-        limit = min([dearest, *(DEAR * study.price(point) for point in found)])
+        limit = min([dearest, *(GIVE_UP * study.price(point) for point in found)])
         point = adequate(study, model, deck, starts.get(family, Setting(family, 0)), limit, stage)
         if point:
             found.append(point)
@@ -64,7 +64,7 @@ def cheapest(
 
 
 def greedy(study: Study, deck: DeckText, best: Point, effects: list[Setting], starts: dict[str, Setting]) -> list[Point]:
-    """Take out of a model, one by one, what the sensors do not notice, the removal that saves most first.
+    """Remove parts of a model that the sensors do not need, one at a time, the one that saves most first.
 
     Args:
         study: what is shared

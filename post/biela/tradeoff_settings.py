@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from .deck_text import DeckError, DeckText
 
-ROWS = 400  # about so many rows are compared
+ROWS = 400  # number of rows to compare, about
 METHODS = ("rk4", "dopri5", "generalized_alpha", "radau")
 # name of a curve: (method, what is varied)
 FAMILIES = {
@@ -92,7 +92,7 @@ class Setting:
         return float(f"{10.0 ** (-2.0 - 0.5 * self.index):.2e}") if self.adaptive else grid.largest / COUNTS[self.index]
 
     def words(self, grid: Grid) -> str:
-        """Return it as a reader says it."""
+        """Return the setting in words."""
         return f"{self.method} {'tolerance' if self.adaptive else 'step'} {self.size(grid):.3g}" + " s" * (not self.adaptive)
 
 

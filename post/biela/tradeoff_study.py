@@ -13,8 +13,8 @@ from .tradeoff_settings import Grid, Setting, for_search
 
 FULL = "full model"
 
-CALL = 40  # an evaluation costs about as much as this many unknowns, whatever is evaluated
-SHORT = 2.0  # [s] shorter runs are ranked by their counts: side by side, on a machine with other work, clocks err
+EVALUATION_COST = 40  # fixed cost of an evaluation, in unknowns: small models are not cheaper than that
+SHORT = 2.0  # [s] shorter runs are ranked by counts of evaluations: their measured times vary too much
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Study:
 
     @property
     def room(self) -> float:
-        """What an error may be so that it meets the tolerance whatever the truth's own error is; negative: nothing can."""
+        """The tolerance less the uncertainty of the truth; where it is negative, no error can be shown to be small enough."""
         left = self.tolerance - self.truth.uncertainty
         return left if left > 0.0 else -1.0
 
@@ -94,7 +94,7 @@ class Study:
         outcome = point.outcome
         if not outcome.ok or outcome.seconds >= SHORT or point.setting.family not in self.rates:
             return point.cost
-        return outcome.evaluations * (outcome.unknowns + CALL) * self.rates[point.setting.family]
+        return outcome.evaluations * (outcome.unknowns + EVALUATION_COST) * self.rates[point.setting.family]
 
     def removals(self, deck: DeckText) -> list[deck_models.Change]:
         """Return every single thing that can be taken out of a model."""

@@ -16,7 +16,7 @@ from .tradeoff_settings import Setting
 from .tradeoff_study import FULL, Point, Study
 
 MESHES = 4  # doublings of the mesh at most
-DEAR = 4.0  # a setting by which effects are measured costs at most so many times the cheapest adequate one
+GIVE_UP = 4.0  # a setting by which effects are measured costs at most so many times the cheapest adequate one
 DEARER = 3.0  # a run of a mesh twice as fine, before any has shown: half the step, and some more work
 SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
 LATE = 0.9  # share of the study's time after which nothing more is done for a truth
@@ -167,7 +167,7 @@ def effect_settings(study: Study, best: Point, share: float) -> list[Setting]:
     """
     found = {}
     for point in sorted((p for p in study.points if p.model == FULL), key=study.price):
-        if point.gap.largest <= share * study.room and study.price(point) <= DEAR * study.price(best):
+        if point.gap.largest <= share * study.room and study.price(point) <= GIVE_UP * study.price(best):
             found.setdefault(point.setting.family, point.setting)
     return list(dict.fromkeys([best.setting, *found.values()]))
 

@@ -124,7 +124,7 @@ def test_printed_lines_run_and_the_bound_of_a_deck_is_told(tmp_path, biela, caps
         ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n", "two or more frequencies expected"),
         ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n2,nan,3\n", "data.csv:4: 'nan' is no finite number"),
         ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n2,3,-3\n", "data.csv:4: loss = -3, a positive value expected"),
-        ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n1,3,3\n", "data.csv:4: the frequency 1 Hz stands there twice"),
+        ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n1,3,3\n", "data.csv:4: the frequency 1 Hz is given twice"),
         ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n2,3,abc\n", "data.csv:4: 'abc' is no finite number"),
         ("f,E_stor,E_loss\nHz,Pa,Pa\n1,2,3\n2,3\n", "data.csv:4: 2 values, 3 expected"),
         ("f,E_stor,E_loss\n1,2,3\n2,3,3\n", "the unit of frequency is not stated"),

@@ -73,7 +73,7 @@ FAULTS = {
     "cut number": (GOOD + "2.0 1.0 3.0e- 1\n", ":5: '3.0e-' is no finite number"),
     "NaN": (GOOD + "2.0 NaN 3.0 1\n", ":5: 'NaN' is no finite number"),
     "infinite": (GOOD + "2.0 1 -Infinity 1\n", ":5: '-Infinity' is no finite number"),
-    "twice": ("# columns: t[s] a[m] a[m]\n0 1 2\n", ": the column 'a' stands there twice"),
+    "twice": ("# columns: t[s] a[m] a[m]\n0 1 2\n", ": the column 'a' is given twice"),
     "odd name": ("# columns: t[s] a[m\n0 1\n", ": 'a[m' is no column name, name[unit] expected"),
     "time stands": (GOOD + "1.0e-3 1 2 3\n", ": t does not increase after row 2 (t = 0.001)"),
     "binary": (b"\xff\xfe\x00", "is no history: a line '# columns:' expected"),
@@ -120,7 +120,7 @@ def test_numbers_as_only_other_programs_write_them(write):
         (None, "no such file (has the run been made?)"),
         ("{", "cannot be read (Expecting property name"),
         (b"\xff", "cannot be read (Expecting value"),
-        ("[]", "cannot be read (no figures of a run)"),
+        ("[]", "cannot be read (no JSON object)"),
     ],
 )
 def test_figures_that_are_missing_or_damaged(write, tmp_path, text, told):

@@ -157,7 +157,7 @@ def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, 
     ("words", "told"),
     [
         (["--columns", "tone", "--peaks", "-1"], "--peaks -1: 0 or more expected"),
-        (["--columns", "chirp", "--waterfall", "--speed", "ring"], "ring does not run one way: a waterfall against it would fold"),
+        (["--columns", "chirp", "--waterfall", "--speed", "ring"], "ring has to rise or to fall throughout"),
         (["--columns", "chirp", "--waterfall", "--speed", "none"], "no column 'none'"),
         (["--columns", "chirp", "--waterfall", "--start", "3.9845"], "16 rows: 17 or more are needed for a waterfall"),
     ],

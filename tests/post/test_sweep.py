@@ -155,7 +155,7 @@ def test_a_latin_hypercube_covers_every_stratum(tmp_path):
         (("measure = 'peak'", "measure = 'height'"), "one of peak"),
         (("deck = 'arm.nml'", "deck = "), "cannot be read as TOML"),
         (("deck = 'arm.nml'", "deck = 'arm.nml'\ndesign = 'zip'"), "as many values"),
-        (("name = 'peak'", "name = 'height'"), "stands there twice"),
+        (("name = 'peak'", "name = 'height'"), "is given twice"),
     ],
 )
 def test_faulty_studies_end_in_one_line(study, capsys, change, told):
