@@ -167,7 +167,7 @@ def test_a_drive_that_turns_its_body_says_both_values(run_deck):
 
 
 def test_a_slider_out_of_reach_tells_how_far_it_is_open_where_the_others_are_closed(run_deck):
-    """Found where it was said to stay open by 0 m: with the others closed the arm's end is 0.3 sin 0.8 + sin(-0.6) above the axis."""
+    """Found where it was said to stay open by 0 m: with the others closed the end is 0.3 sin 0.8 + sin(-0.6) above the axis."""
     deck = """&body name='a' mass=1 inertia=1 position=-0.2,-1.3 angle=0.8 /
 &body name='b' mass=1 inertia=1 position=-0.8,-0.4 angle=-0.6 /
 &joint name='p' type='prismatic' body_a='a' /

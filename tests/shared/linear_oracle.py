@@ -1,7 +1,9 @@
-"""The linearised mechanism from the independent model: dense matrices on the null space of the constraints.
+"""Linearised mechanisms as dense matrices on the null space of the constraints, and all of their poles.
 
-Mass, damping and stiffness come from central differences of the oracle's forces about a state of rest, constraints from its
+`LinearOracle`: mass, damping and stiffness are central differences of the oracle's forces about a state of rest, constraints its
 Jacobian; dissipative coordinates are eliminated at each frequency or kept as unknowns. Nothing of the solver is used.
+`Dense`: matrices of the solver's linearisation, which test_linearisation.py holds against finite differences, with numpy's
+eigenvalues. `TurningArm`: an arm at a constant spin.
 """
 
 import subprocess
@@ -9,6 +11,21 @@ import subprocess
 import numpy as np
 import scipy.linalg
 from linearised import evaluate, layout
+
+
+def first_order(stiffness, damping, terms, scale):
+    """Return the matrix of x'' + C x' + K u = c z, z'' + 2 zeta omega z' + omega^2 z = omega^2 f u for (u, x', z, z'/omega).
+
+    u is x times a scale (n,); the terms are c (n, m), f (m, n), zeta and omega (m,).
+    """
+    coupling, follow, zeta, omega = terms
+    n, m = coupling.shape
+    x, v, z, y = (slice(a, b) for a, b in ((0, n), (n, 2 * n), (2 * n, 2 * n + m), (2 * n + m, 2 * n + 2 * m)))
+    a = np.zeros((2 * n + 2 * m, 2 * n + 2 * m))
+    a[x, v], a[z, y] = np.diag(scale), np.diag(omega)
+    a[v, x], a[v, v], a[v, z] = -stiffness, -damping, coupling
+    a[y, x], a[y, z], a[y, y] = omega[:, None] * follow, -np.diag(omega), -np.diag(2 * zeta * omega)
+    return a
 
 
 class LinearOracle:
@@ -63,18 +80,9 @@ class LinearOracle:
 
     def poles(self):
         """Return all eigenvalues of the first-order system [1/s]."""
-        n, m = self.mass.shape[0], len(self.zeta)
-        a = np.zeros((2 * n + 2 * m, 2 * n + 2 * m))
-        a[:n, n : 2 * n] = np.eye(n)
-        inverse = np.linalg.inv(self.mass)
-        a[n : 2 * n, :n] = -inverse @ self.stiffness
-        a[n : 2 * n, n : 2 * n] = -inverse @ self.damping
-        a[n : 2 * n, 2 * n : 2 * n + m] = inverse @ self.coupling
-        a[2 * n : 2 * n + m, 2 * n + m :] = np.eye(m)
-        a[2 * n + m :, :n] = self.omega[:, None] ** 2 * self.follow
-        a[2 * n + m :, 2 * n : 2 * n + m] = -np.diag(self.omega**2)
-        a[2 * n + m :, 2 * n + m :] = -np.diag(2 * self.zeta * self.omega)
-        return np.linalg.eigvals(a)
+        k, c, coupling = (np.linalg.solve(self.mass, a) for a in (self.stiffness, self.damping, self.coupling))
+        terms = coupling, self.follow, self.zeta, self.omega
+        return np.linalg.eigvals(first_order(k, c, terms, np.ones(len(k))))
 
     def response(self, s, force):
         """Return complex amplitudes of q (nq,) and of the dissipative coordinates (nz,) under a force amplitude (nq,)."""
@@ -181,28 +189,15 @@ class Dense:
         p = len(self.stiffness)
         whole = np.abs(np.diag(self.stiffness)) + sum(t[0].sum() * np.diag(k) for t, k in self.parts)
         scale = np.sqrt(np.maximum(whole, 1e-9 * whole.max() + 1e-30))
-        blocks, order = [], 2 * p
+        stiffness, blocks = self.stiffness / scale, [(np.zeros((p, 0)), np.zeros((0, p)), [], [])]
         for terms, k in self.parts if share else []:
             w, v = np.linalg.eigh((k + k.T) / 2 / np.outer(scale, scale))
             f = (v * np.sqrt(np.maximum(w, 0.0)))[:, w > 1e-9]
-            blocks += [(*term, f) for term in terms.T]
-        order += 2 * sum(b[3].shape[1] for b in blocks)
-        a = np.zeros((order, order))
-        a[:p, p : 2 * p] = np.diag(scale)
-        a[p : 2 * p, :p] = -self.stiffness / scale
-        a[p : 2 * p, p : 2 * p] = -self.gyro - share * self.damping
-        i = 2 * p
-        for alpha, zeta, omega, f in blocks:
-            m = f.shape[1]
-            z, y = slice(i, i + m), slice(i + m, i + 2 * m)
-            a[p : 2 * p, :p] -= share * alpha * scale[:, None] * (f @ f.T)
-            a[p : 2 * p, z] = share * alpha * scale[:, None] * f
-            a[z, y] = omega * np.eye(m)
-            a[y, :p] = omega * f.T
-            a[y, z] = -omega * np.eye(m)
-            a[y, y] = -2 * zeta * omega * np.eye(m)
-            i += 2 * m
-        return a
+            for alpha, zeta, omega in terms.T:
+                stiffness += share * alpha * scale[:, None] * (f @ f.T)
+                blocks.append((share * alpha * scale[:, None] * f, f.T, np.full(f.shape[1], zeta), np.full(f.shape[1], omega)))
+        terms = [np.concatenate(parts, axis=axis) for parts, axis in zip(zip(*blocks), (1, 0, 0, 0))]
+        return first_order(stiffness, self.gyro + share * self.damping, terms, scale)
 
     def poles(self, share=1.0):
         """Return all poles with Im >= 0 in which the mechanism moves."""
