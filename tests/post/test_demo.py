@@ -46,7 +46,7 @@ def test_the_demonstration(biela, place, capfd):
         assert float(modulus) == pytest.approx(expected.real, rel=5e-3)
     assert 60 <= int(percent.group(1)) <= 80
     drawn = re.search(r"Pictures in results/demo/: (.*)", told).group(1).split(", ")
-    assert len(drawn) == 2 * len(demo.PAIRS) + 2
+    assert len(drawn) == len(demo.PAIRS) + 2
     for name in drawn:
         path = place / "results" / "demo" / name
         assert path.stat().st_size > 5000
