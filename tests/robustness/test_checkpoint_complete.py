@@ -47,13 +47,12 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("h", "gain", "start", "real_gain", "lag", "free"),
     },
     ("results", "result_set", "results", "self"): {"count", "incomplete", "values"},
-    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain"},
+    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "factor"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "path", "used"},
     ("validity", "validity_watch", "validity", "self"): {"weight"},
     ("step_monitor", "stability_monitor", "step_monitor", "self"): {
-        *("active", "every", "steps", "method", "pole_step", "mode_step", "start_lambda", "fastest", "fast"),
-        *("covered", "least"),
+        *("active", "every", "steps", "method", "pole_step", "step", "ratio", "fastest", "fast", "motions", "mode"),
     },
 }
 

@@ -113,7 +113,7 @@ contains
       call self%balance%read(m, ev, self%y, .false.)
     end associate
     if (self%balance%lost()) self%lost_at = to
-    call self%balance%count()
+    call self%balance%count(self%method%steps)
     self%done = self%done + 1
   end subroutine advance
 

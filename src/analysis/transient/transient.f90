@@ -201,7 +201,7 @@ contains
       if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
       call judge(run, march, t, fail)
       if (fail%happened()) return
-      call march%balance%count()
+      call march%balance%count(march%method%steps)
       if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
