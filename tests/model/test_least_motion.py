@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -74,3 +75,68 @@ def test_one_row_corrects_the_velocity_that_contradicts_it(held, expected, run_d
     )
     assert [run.history[name][0] for name in ("v.x", "v.y", "w")] == pytest.approx(expected, abs=1e-12)
     assert 'velocity of body "r" contradicts the joints and was corrected' in run.stderr
+
+
+def least(mass, rows, gap):
+    """Return the change with the least x M x that changes the rows by the gap, as far as they can follow."""
+    if not len(mass):
+        return np.zeros(0)
+    half = np.linalg.inv(np.linalg.cholesky(mass)).T
+    return half @ (np.linalg.pinv(rows @ half, rcond=1e-10) @ gap)
+
+
+def closed_velocities(mass, rows, start, stated):
+    """Return what velocity closing promises: stated ones kept, or changed least; then the others change least."""
+    free = ~stated
+    v = start.copy()
+    v[free] += least(mass[np.ix_(free, free)], rows[:, free], -rows @ v)
+    if np.abs(rows @ v).max() > 1e-9:
+        u, s, _ = np.linalg.svd(rows[:, free])
+        beyond = u[:, np.count_nonzero(s > 1e-10) :].T  # what the others cannot do
+        v = start.copy()
+        v[stated] += least(mass[np.ix_(stated, stated)], beyond @ rows[:, stated], -beyond @ rows @ v)
+        v[free] += least(mass[np.ix_(free, free)], rows[:, free], -rows @ v)
+    return v
+
+
+@pytest.mark.parametrize("stated_of", ["0w", "1v", "1w2w", "2v", "0vw1v", "0v1vw2v", "0w1vw2vw", "0vw2vw"])
+def test_velocities_of_a_chain_change_least_by_its_masses(run_deck, stated_of):
+    """Mass centres stand off the origins; the first four sets of velocities fit the joints, the others contradict them."""
+    rng = np.random.default_rng(len(stated_of))
+    mass, rows, start, stated = np.zeros((9, 9)), np.zeros((6, 9)), np.zeros(9), np.zeros(9, bool)
+    text, last = "", None
+    for b in range(3):
+        m, inertia, angle = 10 ** rng.uniform(-0.5, 0.5), 10 ** rng.uniform(-1, 0), rng.uniform(-3, 3)
+        com, at, point = rng.uniform(-0.7, 0.7, (3, 2))
+        i, arm = 3 * b, turned(com, angle)
+        mass[i : i + 3, i : i + 3] = [[m, 0, -m * arm[1]], [0, m, m * arm[0]], [-m * arm[1], m * arm[0], inertia + m * arm @ arm]]
+        text += f"&body name='b{b}' mass={m} inertia={inertia} com={com[0]},{com[1]} position={at[0]},{at[1]} angle={angle} "
+        words = re.search(f"{b}(v?)(w?)", stated_of)
+        if words and words[1]:
+            start[i : i + 2], stated[i : i + 2] = rng.uniform(-2, 2, 2), True
+            text += f"velocity={start[i]},{start[i + 1]} "
+        if words and words[2]:
+            start[i + 2], stated[i + 2] = rng.uniform(-3, 3), True
+            text += f"angular_velocity={start[i + 2]} "
+        arm = turned(point, angle)
+        rows[2 * b : 2 * b + 2, i : i + 3] = [[1, 0, -arm[1]], [0, 1, arm[0]]]
+        place, on = at + arm, ""
+        if last:
+            other = place - last[0]
+            rows[2 * b : 2 * b + 2, i - 3 : i] = [[-1, 0, other[1]], [0, -1, -other[0]]]
+            place, on = turned(other, -last[1]), f"body_b='b{b - 1}'"
+        text += f"/\n&joint name='j{b}' type='revolute' body_a='b{b}' point_a={point[0]},{point[1]} {on} "
+        text += f"point_b={place[0]},{place[1]} /\n&sensor name='v{b}' quantity='velocity' body='b{b}' /\n"
+        text += f"&sensor name='w{b}' quantity='angular_velocity' body='b{b}' /\n"
+        last = at, angle
+    run = run_deck(text + "&transient t_end=1e-6 step=1e-6 /\n")
+    found = np.array([run.history[name][0] for b in range(3) for name in (f"v{b}.x", f"v{b}.y", f"w{b}")])
+    expected = closed_velocities(mass, rows, start, stated)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    told = re.findall(r'body "b(\d)" contradicts the joints and was corrected by(?: (\S+) m/s)?(?: and)?(?: (\S+) rad/s)?', run.stderr)
+    change = np.where(stated, expected - start, 0.0).reshape(3, 3)
+    assert len(told) == np.count_nonzero(np.abs(change).max(1) > 1e-6)
+    assert bool(told) == (len(stated_of) > 4)
+    for b, along, around in told:
+        assert float(along or 0) == pytest.approx(np.hypot(*change[int(b), :2]), rel=0.06)
+        assert float(around or 0) == pytest.approx(abs(change[int(b), 2]), rel=0.06)

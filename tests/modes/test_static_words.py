@@ -105,25 +105,99 @@ def test_a_large_deflection_is_told(run_deck):
         assert ('in the static analysis body "column" deflects by' in run.summary) == told
 
 
-PRESTRESS = """&body name='a' kind='rigid' mass=1.0 inertia=0.1 /
-&joint name='g' type='prismatic' body_a='a' /
-&body name='t' kind='rigid' mass=1.0 inertia=0.1 position=0.0,2.0 /
-&joint name='p' type='revolute' body_a='t' point_b=0.0,2.0 /
-&spring name='s1' type='linear' body_a='a' point_b=1.0,0.0 stiffness=100.0 free_length=0.6 /
-&spring name='s2' type='linear' body_a='a' point_b=-1.0,0.0 stiffness=300.0 /
-&spring name='s3' type='torsional' body_a='t' stiffness=10.0 free_angle=0.8 /
-&spring name='s4' type='torsional' body_a='t' stiffness=30.0 /
-&sensor name='a' quantity='position' body='a' /
-&sensor name='turn' quantity='angle' body='t' /
-&static load_steps=4 /
+TERMS = ("ghm_alpha=0.5,0.8 ghm_zeta=1.1,0.7 ghm_omega=60.0,300.0 prony_alpha=0.9 prony_tau=0.02", "prony_alpha=2.0,0.3 prony_tau=0.1,0.01")
+# body and point of each end, stiffness, free length or angle (None: as assembled)
+SPRINGS = {
+    "s1": ("a", (0.1, 0.0), "", (1.0, 0.3), 90.0, 0.5),
+    "s2": ("a", (-0.2, 0.1), "", (-0.7, 0.9), 120.0, None),
+    "s3": ("c", (0.1, 0.1), "a", (-0.1, 0.2), 60.0, 0.0),
+    "s4": ("c", (0.0, 0.0), "", (0.2, -0.8), 70.0, 1.1),
+    "t1": ("c", None, "a", None, 5.0, 0.5),
+    "t2": ("a", None, "", None, 4.0, None),
+}
+MASSES = {"a": (0.7, (0.05, -0.03)), "c": (0.4, (-0.1, 0.04))}
+PAIR = """&scene title='pair' gravity=0.4,-9.81 /
+&body name='a' mass=0.7 inertia=0.02 com=0.05,-0.03 position=0.1,0.2 angle=0.4 /
+&body name='c' mass=0.4 inertia=0.01 com=-0.1,0.04 position=0.3,0.5 angle=-0.3 /
+&joint name='p' type='revolute' body_a='c' point_a=-0.1,0.0 body_b='a' point_b=0.22455348276472328,0.26285639846290454 /
+&force name='f' type='force' body='c' point=0.2,0.1 fx=1.0 fy=2.0 /
+&force name='g' type='torque' body='a' moment=0.3 /
+&force name='h' type='force' body='a' fx=3.0 stage='static' /
+&force name='i' type='force' body='a' fx=3.0 stage='transient' /
+&sensor name='p' quantity='reaction' joint='p' /
+&static load_steps=3 tolerance=1e-12 /
+&transient t_end=0.02 method='rk4' step=1e-4 output_step=0.01 /
 """
 
 
-def test_prestress_grows_by_load_steps(run_deck):
-    """Where all is linear the displacement is in proportion to the load, free lengths and free angles included."""
-    table = read(run_deck(PRESTRESS).folder, "static")
-    np.testing.assert_allclose(table["a.x"], 0.4 * 100.0 / 400.0 * table["load"], rtol=1e-9)
-    np.testing.assert_allclose(table["turn"], 0.8 * 10.0 / 40.0 * table["load"], rtol=1e-9)
+def at(row, body, point):
+    """Return a point of a body, or of the ground, in a row of static.txt."""
+    if not body:
+        return np.array(point)
+    c, s = np.cos(row[f"angle_{body}"]), np.sin(row[f"angle_{body}"])
+    return np.array([row[f"{body}.x"], row[f"{body}.y"]]) + np.array([[c, -s], [s, c]]) @ point
+
+
+def test_each_load_step_is_an_equilibrium_of_that_part_of_loads_and_prestress(run_deck):
+    """Free lengths and angles have gone that part of their way from the assembled ones; the run that follows rests."""
+    deck = PAIR
+    for k, (name, (a, point_a, b, point_b, stiffness, free)) in enumerate(SPRINGS.items()):
+        deck += f"&spring name='{name}' body_a='{a}' stiffness={stiffness} damping={k} {TERMS[k % 2]} "
+        deck += f"body_b='{b}' " if b else ""
+        deck += f"type='linear' point_a={point_a[0]},{point_a[1]} point_b={point_b[0]},{point_b[1]} " if point_a else "type='torsional' "
+        deck += "" if free is None else f"free_{'length' if point_a else 'angle'}={free} "
+        deck += f"/\n&sensor name='{name}' quantity='spring' spring='{name}' /\n"
+    for body in "ac":
+        deck += f"&sensor name='{body}' quantity='position' body='{body}' /\n"
+        deck += f"&sensor name='angle_{body}' quantity='angle' body='{body}' /\n"
+    run = run_deck(deck)
+    table = read(run.folder, "static")
+    start = {"a.x": 0.1, "a.y": 0.2, "angle_a": 0.4, "c.x": 0.3, "c.y": 0.5, "angle_c": -0.3}
+    np.testing.assert_allclose(table["load"], [1 / 3, 2 / 3, 1])
+    for i, load in enumerate(table["load"]):
+        row = {name: table[name][i] for name in table.names}
+        force, moment = {"a": np.zeros(2), "c": np.zeros(2)}, {"a": 0.3 * load, "c": row["p.m"]}
+
+        def push(body, point, f):
+            if body:
+                arm = point - np.array([row[f"{body}.x"], row[f"{body}.y"]])
+                force[body] += f
+                moment[body] += arm[0] * f[1] - arm[1] * f[0]
+
+        def length(where, name):
+            a, point_a, b, point_b, _, _ = SPRINGS[name]
+            if point_a:
+                return np.hypot(*(at(where, a, point_a) - at(where, b, point_b)))
+            return where[f"angle_{a}"] - (where[f"angle_{b}"] if b else 0.0)
+
+        for body, (mass, com) in MASSES.items():
+            push(body, at(row, body, com), load * mass * np.array([0.4, -9.81]))
+        push("c", at(row, "c", (0.2, 0.1)), load * np.array([1.0, 2.0]))
+        push("a", at(row, "a", (0.0, 0.0)), load * np.array([3.0, 0.0]))
+        pin, reaction = at(row, "c", (-0.1, 0.0)), np.array([row["p.fx"], row["p.fy"]])
+        push("c", pin, reaction)
+        push("a", pin, -reaction)
+        for name, (a, point_a, b, point_b, stiffness, free) in SPRINGS.items():
+            assembled = length(start, name)
+            stretch = length(row, name) - assembled - load * ((assembled if free is None else free) - assembled)
+            assert row[f"{name}.d"] == pytest.approx(stretch, abs=1e-9)
+            assert row[f"{name}.f"] == pytest.approx(stiffness * stretch, abs=1e-7)
+            if point_a:
+                line = at(row, b, point_b) - at(row, a, point_a)
+                line *= row[f"{name}.f"] / np.hypot(*line)
+                push(a, at(row, a, point_a), line)
+                push(b, at(row, b, point_b), -line)
+            else:
+                moment[a] -= row[f"{name}.f"]
+                if b:
+                    moment[b] += row[f"{name}.f"]
+        np.testing.assert_allclose([*force["a"], *force["c"], *moment.values()], 0.0, atol=1e-8)
+    for name in run.history.names[1:]:
+        np.testing.assert_allclose(run.history[name], table[name][-1], rtol=0, atol=1e-8, err_msg=name)
+    stored = sum(0.5 * spring[4] * row[f"{name}.d"] ** 2 for name, spring in SPRINGS.items())
+    for body, (mass, com) in MASSES.items():
+        stored -= mass * at(row, body, com) @ [0.4, -9.81]
+    np.testing.assert_allclose(run.energy["potential"], stored, rtol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(16))
