@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from biela.histories import read
 from conftest import ROOT
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 ALPHA, TAU = np.array([0.6, 1.7, 0.2]), np.array([0.3, 0.021, 0.0016])
@@ -63,6 +64,55 @@ def test_relaxation_of_a_held_deformation(run_deck, scene, method):
     column = next(name for name in found.names if name.startswith("s.") and name[2:] in FORCES)
     scale = np.abs(force).max()
     assert np.abs(np.abs(found[column]) - np.abs(force)).max() < 1e-9 * scale
+
+
+# stiffness, deformation at the start, terms (alpha, tau) and (alpha, zeta, omega): no two owners have as many of each
+OWNERS = {
+    "rod": (40.0, 0.0, [(0.7, 0.04)], [(0.4, 0.8, 120.0)]),
+    "t1": (40.0, 0.1, [(0.6, 0.3), (1.7, 0.021)], []),
+    "t2": (25.0, -0.3, [(0.9, 0.015)], [(0.5, 0.8, 90.0), (0.8, 1.5, 40.0)]),
+    "l1": (60.0, 0.1, [(0.2, 0.007), (0.4, 0.05), (0.3, 0.4)], [(1.3, 0.7, 60.0)]),
+    "l2": (30.0, -0.2, [], [(0.3, 1.0, 150.0), (0.2, 0.6, 200.0), (0.6, 2.0, 90.0)]),
+}
+
+
+def words(maxwell, ghm):
+    """Return the deck's words for terms."""
+    lists = {"prony_alpha": [m[0] for m in maxwell], "prony_tau": [m[1] for m in maxwell]}
+    lists |= {f"ghm_{key}": [g[k] for g in ghm] for k, key in enumerate(("alpha", "zeta", "omega"))}
+    return " ".join(f"{key}={','.join(map(str, values))}" for key, values in lists.items() if values)
+
+
+@pytest.mark.parametrize("method", ["'rk4' step=1e-4", "'radau' step=1e-3"])
+def test_preloaded_owners_start_relaxed_and_each_follows_by_its_own_terms(run_deck, method):
+    deck = CYCLOID + HELD_SPRING[: HELD_SPRING.index("&spring")] + HELD_ROD.replace("name='b'", "name='r'").replace("'b'", "'r'")
+    deck = deck.replace("2.0e4 {terms}", f"2.0e4 {words(*OWNERS['rod'][2:])}").replace("name='s' quantity", "name='rod' quantity")
+    deck = deck.replace("{more}", "").replace("name='j'", "name='pivot'").replace("name='d' type='position'", "name='dx' type='position'")
+    for name, (k, d, *terms) in list(OWNERS.items())[1:]:
+        deck += f"&spring name='{name}' stiffness={k} {words(*terms)} "
+        deck += f"type='torsional' body_a='b' free_angle={-d} " if name[0] == "t" else f"type='linear' body_a='c' free_length={0.5 - d} "
+        deck += f"/\n&sensor name='{name}' quantity='spring' spring='{name}' /\n"
+    run = run_deck(deck + f"&transient t_end=0.1 output_step=0.01 method={method} /\n")
+    t, potential = run.history.time, 0.0
+    for name, (k, d, maxwell, ghm) in OWNERS.items():
+        n = 2 * len(ghm)
+
+        def rates(time, z):
+            delta = moved(time)
+            first = [(delta - x) / tau for (_, tau), x in zip(maxwell, z[n:])]
+            second = [w * w * (delta - x) - 2 * zeta * w * v for (_, zeta, w), x, v in zip(ghm, z[:n:2], z[1:n:2])]
+            return [*np.ravel(list(zip(z[1:n:2], second))), *first]
+
+        z = solve_ivp(rates, (0.0, t[-1]), np.zeros(n + len(maxwell)), t_eval=t, rtol=1e-10, atol=1e-12, max_step=MOVE / 10).y
+        behind = [(alpha, moved(t) - x) for (alpha, *_), x in zip([*ghm, *maxwell], [*z[:n:2], *z[n:]])]
+        force = k * (d + moved(t) + sum(alpha * x for alpha, x in behind))
+        found = run.history[f"{name}.n" if name == "rod" else f"{name}.f"]
+        assert found[0] == pytest.approx(k * d, abs=1e-12), "relaxed"
+        assert np.abs(found - force).max() < 2e-6 * np.abs(force).max(), name
+        potential += k / 2 * ((d + moved(t)) ** 2 + sum(alpha * x**2 for alpha, x in behind))
+        potential += k / 2 * sum(alpha * (v / w) ** 2 for (alpha, _, w), v in zip(ghm, z[1:n:2]))
+    stored = run.energy["potential"]
+    assert stored == pytest.approx(potential, rel=1e-5)
 
 
 @pytest.mark.parametrize("tau", [(0.02,), (0.3, 0.02)])
