@@ -147,13 +147,14 @@ def test_velocities_of_a_chain_change_least_by_its_masses(run_deck, stated_of):
 @pytest.mark.parametrize("words", ["", "angular_velocity=0.7", "velocity=0.5,0.4"])
 def test_a_beam_that_has_to_stretch_takes_the_least_rates_of_its_mass(run_deck, words):
     """Pinned at node 1, its end driven along its axis: frames alone cannot; rates of nodes by the textbook's consistent mass."""
-    mu, l, angle, end, com = 1.2, 0.4, 0.3, (0.6, 0.02), np.array([0.1, -0.2])
+    mu, length, angle, end, com = 1.2, 0.4, 0.3, (0.6, 0.02), np.array([0.1, -0.2])
     c, s = math.cos(angle), math.sin(angle)
     turn = np.kron(np.eye(2), [[c, s, 0], [-s, c, 0], [0, 0, 1]])
     element = np.zeros((6, 6))
-    element[np.ix_([0, 3], [0, 3])] = mu * l / 6 * np.array([[2, 1], [1, 2]])
-    bend = [[156, 22 * l, 54, -13 * l], [0, 4 * l * l, 13 * l, -3 * l * l], [0, 0, 156, -22 * l], [0, 0, 0, 4 * l * l]]
-    element[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = mu * l / 420 * (np.triu(bend) + np.triu(bend, 1).T)
+    element[np.ix_([0, 3], [0, 3])] = mu * length / 6 * np.array([[2, 1], [1, 2]])
+    bend = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
+    arms = np.diag([1.0, length, 1.0, length])
+    element[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = mu * length / 420 * arms @ bend @ arms
     mass, start = np.zeros((12, 12)), np.zeros(12)
     for n in (0, 3):
         mass[n : n + 6, n : n + 6] += turn.T @ element @ turn
@@ -162,18 +163,19 @@ def test_a_beam_that_has_to_stretch_takes_the_least_rates_of_its_mass(run_deck, 
     rows = [*np.eye(12)[[0, 1, 9]], [*[0] * 9, -s, c, 0], *(np.eye(12)[6:9] - np.eye(12)[9:])]
     gap = [0.0, 0.0, 1.3, *[0.0] * 4]
     if "angular" in words:  # all of the body turns with its frame at first
-        start[:9] = 0.7 * np.array([0, 0, 1, -s * l, c * l, 1, -s * 2 * l, c * 2 * l, 1])
+        start[:9] = 0.7 * np.array([0, 0, 1, -s * length, c * length, 1, -s * 2 * length, c * 2 * length, 1])
         rows, gap = [*rows, np.eye(12)[2]], [*gap, 0.7]
     expected = start + least(mass, np.array(rows), gap - np.array(rows) @ start)
     run = run_deck(
-        f"""&material name='m' density={mu * 1e3} young=1e6 /
+        f"""&body name='apart' mass=1.0 inertia=1.0 position=5.0,5.0 /
+&material name='m' density={mu * 1e3} young=1e6 /
 &section name='s' area=1e-3 inertia=1e-7 /
-&body name='b' kind='beam' length={2 * l} elements=2 material='m' section='s' reference='clamped' angle={angle} {words} /
-&body name='c' mass={end[0]} inertia={end[1]} com={com[0]},{com[1]} position={2 * l * c!r},{2 * l * s!r} angle=-0.5 /
+&body name='b' kind='beam' length={2 * length} elements=2 material='m' section='s' reference='clamped' angle={angle} {words} /
+&body name='c' mass={end[0]} inertia={end[1]} com={com[0]},{com[1]} position={2 * length * c!r},{2 * length * s!r} angle=-0.5 /
 &joint name='p' type='revolute' body_a='b' node_a=1 /
 &joint name='w' type='weld' body_a='c' body_b='b' node_b=3 /
 &joint name='s' type='slider' body_a='c' direction={angle} /
-&history name='h' kind='polynomial' coefficients={2 * l * c!r},1.3 /
+&history name='h' kind='polynomial' coefficients={2 * length * c!r},1.3 /
 &drive name='d' type='position' body_a='c' history='h' /
 """
         + "".join(f"&sensor name='v{n}' quantity='velocity' body='b' node={n} /\n" for n in (1, 2, 3))
@@ -182,3 +184,20 @@ def test_a_beam_that_has_to_stretch_takes_the_least_rates_of_its_mass(run_deck, 
     )
     found = [run.history[name][0] for n in (1, 2, 3) for name in (f"v{n}.x", f"v{n}.y", f"w{n}")]
     np.testing.assert_allclose(found, expected[:9], rtol=0, atol=1e-8)
+
+
+def test_a_beam_that_its_frame_can_move_keeps_its_shape(run_deck):
+    """Pinned at node 1, started otherwise: the pin takes m v, and what turns about the pin keeps its moment of momentum."""
+    length, angle, v, w = 0.8, 0.3, (0.5, 0.4), 0.7
+    run = run_deck(
+        f"""&material name='m' density=1200 young=1e6 /
+&section name='s' area=1e-3 inertia=1e-7 /
+&body name='b' kind='beam' length={length} elements=3 material='m' section='s' reference='clamped' angle={angle}
+  velocity={v[0]},{v[1]} angular_velocity={w} /
+&joint name='p' type='revolute' body_a='b' node_a=1 /
+&transient t_end=1e-7 step=1e-7 /
+"""
+        + "".join(f"&sensor name='w{n}' quantity='angular_velocity' body='b' node={n} /\n" for n in (1, 2, 3, 4))
+    )
+    turning = w + 1.5 / length * (v[1] * math.cos(angle) - v[0] * math.sin(angle))
+    assert [run.history[f"w{n}"][0] for n in (1, 2, 3, 4)] == pytest.approx([turning] * 4, rel=1e-9)

@@ -83,34 +83,42 @@ def words(maxwell, ghm):
     return " ".join(f"{key}={','.join(map(str, values))}" for key, values in lists.items() if values)
 
 
+def follow(maxwell, ghm, t):
+    """Return internal variables that follow the cycloid, those of GHM terms first, and the rates of these."""
+    n = len(ghm)
+
+    def rates(time, z):
+        delta = moved(time)
+        second = [w * w * (delta - x) - 2 * zeta * w * v for (_, zeta, w), x, v in zip(ghm, z, z[n:])]
+        return [*z[n : 2 * n], *second, *((delta - x) / tau for (_, tau), x in zip(maxwell, z[2 * n :]))]
+
+    start = np.zeros(2 * n + len(maxwell))
+    z = solve_ivp(rates, (0.0, t[-1]), start, t_eval=t, rtol=1e-10, atol=1e-12, max_step=MOVE / 10).y
+    return [*z[:n], *z[2 * n :]], z[n : 2 * n]
+
+
 @pytest.mark.parametrize("method", ["'rk4' step=1e-4", "'radau' step=1e-3"])
 def test_preloaded_owners_start_relaxed_and_each_follows_by_its_own_terms(run_deck, method):
     deck = CYCLOID + HELD_SPRING[: HELD_SPRING.index("&spring")] + HELD_ROD.replace("name='b'", "name='r'").replace("'b'", "'r'")
     deck = deck.replace("2.0e4 {terms}", f"2.0e4 {words(*OWNERS['rod'][2:])}").replace("name='s' quantity", "name='rod' quantity")
-    deck = deck.replace("{more}", "").replace("name='j'", "name='pivot'").replace("name='d' type='position'", "name='dx' type='position'")
+    deck = deck.replace("{more}", "").replace("name='j'", "name='pivot'")
+    deck = deck.replace("name='d' type='position'", "name='dx' type='position'")
     for name, (k, d, *terms) in list(OWNERS.items())[1:]:
         deck += f"&spring name='{name}' stiffness={k} {words(*terms)} "
-        deck += f"type='torsional' body_a='b' free_angle={-d} " if name[0] == "t" else f"type='linear' body_a='c' free_length={0.5 - d} "
+        torsional, linear = f"type='torsional' body_a='b' free_angle={-d} ", f"type='linear' body_a='c' free_length={0.5 - d} "
+        deck += torsional if name[0] == "t" else linear
         deck += f"/\n&sensor name='{name}' quantity='spring' spring='{name}' /\n"
     run = run_deck(deck + f"&transient t_end=0.1 output_step=0.01 method={method} /\n")
     t, potential = run.history.time, 0.0
     for name, (k, d, maxwell, ghm) in OWNERS.items():
-        n = 2 * len(ghm)
-
-        def rates(time, z):
-            delta = moved(time)
-            first = [(delta - x) / tau for (_, tau), x in zip(maxwell, z[n:])]
-            second = [w * w * (delta - x) - 2 * zeta * w * v for (_, zeta, w), x, v in zip(ghm, z[:n:2], z[1:n:2])]
-            return [*np.ravel(list(zip(z[1:n:2], second))), *first]
-
-        z = solve_ivp(rates, (0.0, t[-1]), np.zeros(n + len(maxwell)), t_eval=t, rtol=1e-10, atol=1e-12, max_step=MOVE / 10).y
-        behind = [(alpha, moved(t) - x) for (alpha, *_), x in zip([*ghm, *maxwell], [*z[:n:2], *z[n:]])]
+        z, zd = follow(maxwell, ghm, t)
+        behind = [(alpha, moved(t) - x) for (alpha, *_), x in zip([*ghm, *maxwell], z)]
         force = k * (d + moved(t) + sum(alpha * x for alpha, x in behind))
         found = run.history[f"{name}.n" if name == "rod" else f"{name}.f"]
         assert found[0] == pytest.approx(k * d, abs=1e-12), "relaxed"
         assert np.abs(found - force).max() < 2e-6 * np.abs(force).max(), name
         potential += k / 2 * ((d + moved(t)) ** 2 + sum(alpha * x**2 for alpha, x in behind))
-        potential += k / 2 * sum(alpha * (v / w) ** 2 for (alpha, _, w), v in zip(ghm, z[1:n:2]))
+        potential += k / 2 * sum(alpha * (v / w) ** 2 for (alpha, _, w), v in zip(ghm, zd))
     stored = run.energy["potential"]
     assert stored == pytest.approx(potential, rel=1e-5)
 

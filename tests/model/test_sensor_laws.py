@@ -208,6 +208,7 @@ def test_internal_forces_in_motion_are_those_on_the_tip_mass(run_deck, more):
     density = "1.0e-1" if "axial" in more else "1.0e-5"
     share = 2e-3 if "axial" in more else 1e-6
     text = HEAD.replace("gravity=0.6,-9.81", "").replace("density=1200.0", f"density={density}")
+    text += "&body name='apart' mass=1.0 inertia=1.0 position=5.0,0.0 /\n"
     text += f"&body name='b' kind='beam' length=0.4 elements=1 material='m' section='s' reference='clamped' {more} /\n"
     text += "&lump body='b' node=-1 mass=0.2 inertia=1.0e-3 /\n&joint name='w' type='weld' body_a='b' node_a=1 /\n"
     text += "&force name='f' type='force' body='b' node=2 fx=2.0 fy=1.0 /\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 
@@ -105,7 +106,10 @@ def test_a_large_deflection_is_told(run_deck):
         assert ('in the static analysis body "column" deflects by' in run.summary) == told
 
 
-TERMS = ("ghm_alpha=0.5,0.8 ghm_zeta=1.1,0.7 ghm_omega=60.0,300.0 prony_alpha=0.9 prony_tau=0.02", "prony_alpha=2.0,0.3 prony_tau=0.1,0.01")
+TERMS = (
+    "ghm_alpha=0.5,0.8 ghm_zeta=1.1,0.7 ghm_omega=60.0,300.0 prony_alpha=0.9 prony_tau=0.02",
+    "prony_alpha=2.0,0.3 prony_tau=0.1,0.01",
+)
 # body and point of each end, stiffness, free length or angle (None: as assembled)
 SPRINGS = {
     "s1": ("a", (0.1, 0.0), "", (1.0, 0.3), 90.0, 0.5),
@@ -138,13 +142,22 @@ def at(row, body, point):
     return np.array([row[f"{body}.x"], row[f"{body}.y"]]) + np.array([[c, -s], [s, c]]) @ point
 
 
+def length(row, name):
+    """Return the length of a linear spring, or the angle of a torsional one."""
+    a, point_a, b, point_b, _, _ = SPRINGS[name]
+    if point_a:
+        return np.hypot(*(at(row, a, point_a) - at(row, b, point_b)))
+    return row[f"angle_{a}"] - (row[f"angle_{b}"] if b else 0.0)
+
+
 def test_each_load_step_is_an_equilibrium_of_that_part_of_loads_and_prestress(run_deck):
     """Free lengths and angles have gone that part of their way from the assembled ones; the run that follows rests."""
     deck = PAIR
     for k, (name, (a, point_a, b, point_b, stiffness, free)) in enumerate(SPRINGS.items()):
         deck += f"&spring name='{name}' body_a='{a}' stiffness={stiffness} damping={k} {TERMS[k % 2]} "
         deck += f"body_b='{b}' " if b else ""
-        deck += f"type='linear' point_a={point_a[0]},{point_a[1]} point_b={point_b[0]},{point_b[1]} " if point_a else "type='torsional' "
+        deck += f"type='{'linear' if point_a else 'torsional'}' "
+        deck += f"point_a={point_a[0]},{point_a[1]} point_b={point_b[0]},{point_b[1]} " if point_a else ""
         deck += "" if free is None else f"free_{'length' if point_a else 'angle'}={free} "
         deck += f"/\n&sensor name='{name}' quantity='spring' spring='{name}' /\n"
     for body in "ac":
@@ -154,29 +167,15 @@ def test_each_load_step_is_an_equilibrium_of_that_part_of_loads_and_prestress(ru
     table = read(run.folder, "static")
     start = {"a.x": 0.1, "a.y": 0.2, "angle_a": 0.4, "c.x": 0.3, "c.y": 0.5, "angle_c": -0.3}
     np.testing.assert_allclose(table["load"], [1 / 3, 2 / 3, 1])
+    static = json.loads((run.folder / "summary.json").read_text())["static"]
+    assert (static["load_steps"], static["newton_steps"]) == (3, table["newton_steps"].sum())
     for i, load in enumerate(table["load"]):
         row = {name: table[name][i] for name in table.names}
-        force, moment = {"a": np.zeros(2), "c": np.zeros(2)}, {"a": 0.3 * load, "c": row["p.m"]}
-
-        def push(body, point, f):
-            if body:
-                arm = point - np.array([row[f"{body}.x"], row[f"{body}.y"]])
-                force[body] += f
-                moment[body] += arm[0] * f[1] - arm[1] * f[0]
-
-        def length(where, name):
-            a, point_a, b, point_b, _, _ = SPRINGS[name]
-            if point_a:
-                return np.hypot(*(at(where, a, point_a) - at(where, b, point_b)))
-            return where[f"angle_{a}"] - (where[f"angle_{b}"] if b else 0.0)
-
-        for body, (mass, com) in MASSES.items():
-            push(body, at(row, body, com), load * mass * np.array([0.4, -9.81]))
-        push("c", at(row, "c", (0.2, 0.1)), load * np.array([1.0, 2.0]))
-        push("a", at(row, "a", (0.0, 0.0)), load * np.array([3.0, 0.0]))
         pin, reaction = at(row, "c", (-0.1, 0.0)), np.array([row["p.fx"], row["p.fy"]])
-        push("c", pin, reaction)
-        push("a", pin, -reaction)
+        pushes = [(body, at(row, body, com), load * mass * np.array([0.4, -9.81])) for body, (mass, com) in MASSES.items()]
+        pushes += [("c", at(row, "c", (0.2, 0.1)), load * np.array([1.0, 2.0])), ("a", at(row, "a", (0, 0)), [3.0 * load, 0.0])]
+        pushes += [("c", pin, reaction), ("a", pin, -reaction)]
+        moment = {"a": 0.3 * load, "c": row["p.m"], "": 0.0}
         for name, (a, point_a, b, point_b, stiffness, free) in SPRINGS.items():
             assembled = length(start, name)
             stretch = length(row, name) - assembled - load * ((assembled if free is None else free) - assembled)
@@ -185,13 +184,14 @@ def test_each_load_step_is_an_equilibrium_of_that_part_of_loads_and_prestress(ru
             if point_a:
                 line = at(row, b, point_b) - at(row, a, point_a)
                 line *= row[f"{name}.f"] / np.hypot(*line)
-                push(a, at(row, a, point_a), line)
-                push(b, at(row, b, point_b), -line)
+                pushes += [(a, at(row, a, point_a), line), (b, at(row, b, point_b), -line)]
             else:
                 moment[a] -= row[f"{name}.f"]
-                if b:
-                    moment[b] += row[f"{name}.f"]
-        np.testing.assert_allclose([*force["a"], *force["c"], *moment.values()], 0.0, atol=1e-8)
+                moment[b] += row[f"{name}.f"]
+        for body in "ac":
+            arms = [(point - at(row, body, (0, 0)), f) for on, point, f in pushes if on == body]
+            np.testing.assert_allclose(sum(np.array(f) for _, f in arms), 0.0, atol=1e-8)
+            assert moment[body] + sum(arm[0] * f[1] - arm[1] * f[0] for arm, f in arms) == pytest.approx(0.0, abs=1e-8)
     for name in run.history.names[1:]:
         np.testing.assert_allclose(run.history[name], table[name][-1], rtol=0, atol=1e-8, err_msg=name)
     stored = sum(0.5 * spring[4] * row[f"{name}.d"] ** 2 for name, spring in SPRINGS.items())
