@@ -145,7 +145,7 @@ contains
     end do
     d = residual(q, v, a)
     associate (eq => t%eq(b))
-      call t%t%b(b)%block%factor_whole(eq, run%sys%m%s%bodies(b), c2, v(3), a(3), bad)
+      call t%t%b(b)%block%factor_full(eq, run%sys%m%s%bodies(b), c2, v(3), a(3), bad)
       if (bad) error stop 3, quiet=.true.
       call t%t%b(b)%block%solve(.true., y)
     end associate

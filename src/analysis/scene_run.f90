@@ -20,7 +20,7 @@ module scene_run
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, assemble_segment, relax, warn, no_output
+  public :: run_state, prepare_run, assemble_run, relax, warn, no_output
 
   !> What analyses share.
   type :: run_state
@@ -56,11 +56,11 @@ contains
     type(failure), intent(inout) :: fail
     type(scene) :: s
     call build(run%d, s, faults)
-    if (faults%count == 0) call assemble_segment(run, s, fail)
+    if (faults%count == 0) call assemble_run(run, s, fail)
   end subroutine prepare_run
 
   !> Assembles a scene that is built.
-  subroutine assemble_segment(run, s, fail)
+  subroutine assemble_run(run, s, fail)
     type(run_state), intent(inout) :: run     !! run%d is set
     type(scene), intent(in) :: s
     type(failure), intent(inout) :: fail
@@ -78,7 +78,7 @@ contains
     run%sys%options = usual_options(s)
     call relax(run%sys, run%sys%options%prestress, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
-  end subroutine assemble_segment
+  end subroutine assemble_run
 
   !> A warning, in the summary and on standard error.
   subroutine warn(run, words, text)

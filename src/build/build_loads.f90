@@ -85,7 +85,7 @@ contains
       end select
     end select
     l%name = r%name
-    if (r%history > 0) call make_history(d, r%history, l%factor)
+    if (r%history > 0) call make_history(d, r%history, l%history)
     l%stage = stage_all
     if (r%stage == 'static') l%stage = stage_static
     if (r%stage == 'transient') l%stage = stage_transient

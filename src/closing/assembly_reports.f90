@@ -1,4 +1,4 @@
-!> What assembly found, and its words.
+!> What assembly found, and the sentences that say so.
 module assembly_reports
   use kinds, only: wp
   use evaluation_results, only: evaluation

@@ -26,7 +26,7 @@ module elastic_closing
 
 contains
 
-  !> Moves q until all rows hold or no step helps; the caller looks which.
+  !> Moves q until all rows hold or no step helps; the caller checks which of the two.
   subroutine close_elastically(self, ev, gap, q)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev

@@ -1,8 +1,8 @@
 !> Corrections of positions by the frames alone, elastic coordinates held: Phi_r Mc^-1 Phi_r^T mu = Phi with the condensed
-!> masses Mc of the last evaluation. A mass-orthogonal correction also moves elastic coordinates, and stiff ones turn what
-!> they move by into omega^2 times as much acceleration: the rounding of positions, 1e-16 m, becomes 1e-6 m/s2 at
-!> 1e5 rad/s, at every step anew. Frames have no stiffness. Where they cannot close the joints well (a beam held at both
-!> ends, positions near a singular one), the mass-orthogonal correction serves.
+!> masses Mc of the last evaluation. A mass-orthogonal correction would also move elastic coordinates. A stiff one
+!> answers with omega^2 times as much acceleration: rounding of positions, 1e-16 m, becomes 1e-6 m/s2 at 1e5 rad/s in every step.
+!> Frames have no stiffness. Where they cannot close the joints well (a beam held at both ends, positions near a singular one), the
+!> mass-orthogonal correction is used.
 module frame_closing
   use kinds, only: wp
   use joint_response, only: solve_frames, turn_frames
@@ -19,7 +19,7 @@ module frame_closing
 contains
 
   !> Factors the frames' system at the present markers; usable is false where frames cannot close the joints well, or where
-  !> there is nothing elastic to spare.
+  !> no body is flexible.
   subroutine prepare_frames(self, ev, usable)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -62,8 +62,8 @@ contains
     call ev%closing%solve(phi)
     call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
                       ev%side%rigid_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, phi, 0.0_wp, ev%frame%rhs, &
-                      ev%frame%push)
-    call turn_frames(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(ev%a), ev%a)
+                      ev%frame%response)
+    call turn_frames(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%response, size(ev%a), ev%a)
     do b = 1, size(ev%frame%cos)
       associate (i => self%s%qo(b))
         q(i + 1:i + 3) = q(i + 1:i + 3) + ev%a(i + 1:i + 3)

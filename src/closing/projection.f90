@@ -5,7 +5,7 @@
 module projection
   use kinds, only: wp
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
-  use evaluation_settings, only: evaluation_options, regular
+  use evaluation_settings, only: evaluation_options, with_weak_pivots
   use frame_closing, only: prepare_frames, close_frames
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -41,7 +41,7 @@ contains
     end if
     call project_velocities(self, ev, q, v)
     if (ev%schur%singular .and. determined(self)) then
-      call evaluate(self, ev, regular(options), t, q, v, z, zd)
+      call evaluate(self, ev, with_weak_pivots(options), t, q, v, z, zd)
       if (.not. ev%schur%singular) call project_velocities(self, ev, q, v)
     end if
   end subroutine project
@@ -78,7 +78,7 @@ contains
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
         call evaluate(self, ev, options, t, q, v, z, zd)
         if (pass > 2 .and. ev%schur%singular .and. determined(self) .and. worst <= nearly*self%s%size) then
-          call evaluate(self, ev, regular(options), t, q, v, z, zd)
+          call evaluate(self, ev, with_weak_pivots(options), t, q, v, z, zd)
         end if
         by_frames = .false.
         if (worst <= enough) call prepare_frames(self, ev, by_frames)

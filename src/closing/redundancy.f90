@@ -64,7 +64,7 @@ contains
     real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad], [m/s, rad/s]
     real(wp), allocatable :: motion(:), none(:)
     logical, allocatable :: weak(:)
-    real(wp) :: reach
+    real(wp) :: speed
     integer :: k
     allocate (none(self%s%nz), source=0.0_wp)
     allocate (weak(self%s%rows))
@@ -78,10 +78,10 @@ contains
       motion = motion + ev%a
     end if
     call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, motion, none, none)
-    reach = maxval(abs(ev%p%v))
+    speed = maxval(abs(ev%p%v))
     yes = .true.
-    if (.not. reach > 1.0e-9_wp*self%s%size) return
-    motion = q + 2.0e-3_wp*self%s%size/reach*motion
+    if (.not. speed > 1.0e-9_wp*self%s%size) return
+    motion = q + 2.0e-3_wp*self%s%size/speed*motion
     call evaluate(self, ev, usual_options(self%s), 0.0_wp, motion, v, none, none)
     call condense_geometry(self, ev)
     call ev%schur%weak_rows(redundant, weak)

@@ -5,7 +5,7 @@
 module singular
   use kinds, only: wp
   use dynamics, only: evaluate
-  use evaluation_settings, only: evaluation_options, regular
+  use evaluation_settings, only: evaluation_options, with_weak_pivots
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use projection, only: project
@@ -40,10 +40,12 @@ contains
     if (ev%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, ev, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 
-  !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion, where
-  !> that has a velocity to follow. Without one, or where the neighbours are singular too, nothing changes; but where drives
-  !> leave no freedom and come to rest there (in a dead centre) the joints' equations are solved as they stand, as long as
-  !> they are not exactly singular.
+  !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion. Cases:
+  !> - drives at rest leave no freedom: no acceleration;
+  !> - the mechanism moves and its neighbouring states are not singular: their mean;
+  !> - else, where drives leave no freedom and come to rest here (a dead centre): the joints' equations solved as they are, as
+  !>   long as they are not exactly singular;
+  !> - else nothing changes.
   subroutine smooth_accelerations(m, ev, options, t, q, v, z, zd)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -72,7 +74,7 @@ contains
       if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch)
     end do
     if (.not. ok .and. m%s%rows == m%s%nq) then
-      call evaluate(m, ev, regular(options), t, q, v, z, zd)
+      call evaluate(m, ev, with_weak_pivots(options), t, q, v, z, zd)
       return
     end if
     call evaluate(m, ev, options, t, q, v, z, zd)
@@ -105,7 +107,7 @@ contains
     if (.not. yes .or. m%s%rows < m%s%nq) return
     yes = maxval(abs(ev%rows%acceleration_bias)) < most*maxval(abs(ev%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
-    call evaluate(m, ev, regular(options), t, q, v, z, zd)
+    call evaluate(m, ev, with_weak_pivots(options), t, q, v, z, zd)
     yes = ev%schur%singular .or. steadily(m, ev, rate, most)
   end function passes
 

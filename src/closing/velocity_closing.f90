@@ -18,13 +18,17 @@ module velocity_closing
   public :: close_velocities
 
   real(wp), parameter :: stiff_weight = 1.0e3_wp    !! weight of stated velocities when they must be corrected [-]
-  integer, parameter :: rounds = 8                  !! each brings the correction of stated ones nearer to the least, by that weight
+  integer, parameter :: rounds = 8                  !! each brings the corrections of stated ones nearer to the least ones
 
 contains
 
-  !> Velocities: stated ones kept, others follow; then stated ones corrected; elastic rates only where frames do not suffice.
-  !> Correcting, the others start anew from where they had to go, which leaves stated ones what only they can give; then the
-  !> others follow the corrected ones.
+  !> Four attempts, until the rows hold:
+  !> 1. stated velocities kept, the frames of the others follow;
+  !> 2. stated velocities corrected as well, by the frames alone;
+  !> 3. as 1, with the elastic rates;
+  !> 4. as 2, with the elastic rates.
+  !> A correction takes several rounds. In each the others start from where the last round left them, so that at the end stated
+  !> velocities change only by what the others cannot do. Then the others follow the corrected ones.
   subroutine close_velocities(self, ev, q, v, report, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -55,7 +59,7 @@ contains
         if (worst <= goal) v = merge(v, start, self%s%stated)
       end if
       call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.true.)
-      if (worst <= goal .or. beyond_digits) exit      ! where digits end, nothing tells rounding from a contradiction
+      if (worst <= goal .or. beyond_digits) exit      ! rounding and a contradiction look alike there
     end do
     call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (worst > goal .and. uneven) then
@@ -135,7 +139,7 @@ contains
           weight = merge(sqrt(stiff_weight), 1.0_wp, self%s%stated(i + k))
           m(k, :) = m(k, :)*weight
           m(:, k) = m(:, k)*weight
-          where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! the others cost nothing in the end
+          where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! others count nothing in the end
         end do
         call factor_masked(m, [.false., .false., .false.], ev%frame%l(:, b), ev%frame%dinv(:, b))
       else

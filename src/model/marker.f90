@@ -15,9 +15,9 @@ module marker
     real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) displacements in each mode [1/kg^.5, 1/(kg^.5 m)]
   contains
     procedure :: elastic
-    procedure :: shift
-    procedure :: push
-    procedure :: push_elastic
+    procedure :: displacement
+    procedure :: add_wrench
+    procedure :: add_elastic_forces
     procedure :: moves
   end type marker_model
 
@@ -60,7 +60,7 @@ contains
     end if
   end function elastic
 
-  !> The same of a modal body, in a loop that an evaluation takes: u <- u + Psi x.
+  !> The same of a modal body, a loop of every evaluation: u <- u + Psi x.
   pure subroutine add_modes(n, psi, x, u)
     integer, intent(in) :: n
     real(wp), intent(in) :: psi(3, n), x(n)  !! displacements in each mode [1/kg^.5, 1/(kg^.5 m)], amplitudes [m kg^.5]
@@ -73,18 +73,19 @@ contains
     end do
   end subroutine add_modes
 
-  !> What the marker sees of small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md, section 6).
-  pure function shift(self, rho, frame, x) result(u)
+  !> Displacement of the marker by small motions of its body's frame and elastic coordinates: [I, H rho, E_k] (theory.md,
+  !> section 6).
+  pure function displacement(self, rho, frame, x) result(u)
     class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle [m, m, rad]
     real(wp), intent(in) :: x(:)             !! (nf) [m, rad]
     real(wp) :: u(3)                         !! body axes: u, v, rotation
     u = [frame(1:2) + frame(3)*turn(rho), frame(3)] + self%elastic(x)
-  end function shift
+  end function displacement
 
-  !> The transpose of `shift`: adds the generalised forces of a wrench on the marker.
-  pure subroutine push(self, rho, w, frame, f)
+  !> The transpose of `displacement`: adds the generalised forces of a wrench on the marker.
+  pure subroutine add_wrench(self, rho, w, frame, f)
     class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
@@ -92,11 +93,11 @@ contains
     real(wp), intent(inout) :: f(:)          !! (nf) on the elastic coordinates [N, N m]
     frame(1:2) = frame(1:2) + w(1:2)
     frame(3) = frame(3) + w(3) + rho(1)*w(2) - rho(2)*w(1)
-    call self%push_elastic(w, f)
-  end subroutine push
+    call self%add_elastic_forces(w, f)
+  end subroutine add_wrench
 
   !> Its elastic part: adds E^T w.
-  pure subroutine push_elastic(self, w, f)
+  pure subroutine add_elastic_forces(self, w, f)
     class(marker_model), intent(in) :: self
     real(wp), intent(in) :: w(3)             !! force in body axes [N] and moment [N m]
     real(wp), intent(inout) :: f(:)          !! (nf) [N, N m]
@@ -110,7 +111,7 @@ contains
         if (self%dof(c) > 0) f(self%dof(c)) = f(self%dof(c)) + w(c)
       end do
     end if
-  end subroutine push_elastic
+  end subroutine add_elastic_forces
 
   !> Whether a component (u, v, rotation) moves with the elastic coordinates.
   pure logical function moves(self, c)

@@ -16,9 +16,9 @@ module bound_causes
   type, public :: bound_cause
     character(:), allocatable :: what              !! in words
     integer :: body = 0                      !! body that carries the mode or has the material, 0: none
-    integer :: segment = 0                   !! GHM run whose pole it is, 0: a mode
+    integer :: segment = 0                   !! segment whose internal variable it is, 0: a mode
     logical :: rayleigh = .false.            !! Rayleigh damping of the body sets it
-    integer :: material = 0                  !! material of that run, 0: none, or a spring's run
+    integer :: material = 0                  !! material of that segment, 0: none, or a spring's terms
   end type bound_cause
 
 contains

@@ -55,7 +55,8 @@ contains
         marker = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
         b = m%s%markers(marker)%body
         if (b == 0) cycle
-        stiffness(b) = stiffness(b) + abs(ev%action(k)%force)*norm2(ev%p%rho(:, marker) - ev%frame%pin(:, b)/m%s%bodies(b)%mass)
+        stiffness(b) = stiffness(b) + abs(ev%action(k)%force)* &
+                       norm2(ev%p%rho(:, marker) - ev%frame%first_moment(:, b)/m%s%bodies(b)%mass)
       end do
     end do
   end function turning_stiffness
@@ -101,9 +102,9 @@ contains
         f = 0.0_wp
         w = 0.0_wp
         w(j) = 1.0_wp
-        call p%push(ev%p%rho(:, k), w, f(1:3), f(4:))
+        call p%add_wrench(ev%p%rho(:, k), w, f(1:3), f(4:))
         call solve_body(m, ev, b, f, u)
-        w = p%shift(ev%p%rho(:, k), u(1:3), u(4:))
+        w = p%displacement(ev%p%rho(:, k), u(1:3), u(4:))
         c(:, j) = w(1:2)
       end do
     end associate

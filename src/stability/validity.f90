@@ -208,7 +208,7 @@ contains
     logical :: bad
     omega = huge(1.0_wp)
     allocate (x(b%nf), mx(b%nf))
-    call factor_entries(b%op%even, b%op%k, factor, bad)
+    call factor_entries(b%op%symmetric, b%op%k, factor, bad)
     if (bad) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
     do pass = 1, 30

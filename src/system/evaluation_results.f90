@@ -20,8 +20,8 @@ module evaluation_results
     real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it [1/kg], [1/kg], [1/(kg m2)]
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes [N, N, N m]
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes [m/s2, rad/s2]
-    real(wp), allocatable :: push(:, :)         !! (3, nb) accelerations with multipliers, or corrections, body axes [m/s2, rad/s2]
-    real(wp), allocatable :: pin(:, :)          !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
+    real(wp), allocatable :: response(:, :)     !! (3, nb) to multipliers: accelerations, corrections, body axes [m/s2, rad/s2]
+    real(wp), allocatable :: first_moment(:, :) !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
   end type frame_results
 
   !> Wrenches of unit multipliers on the sides of constraint rows (`row_incidence`).
@@ -81,8 +81,8 @@ contains
     ev%schur = schur
     if (any(m%flexible)) ev%closing = schur
     associate (f => ev%frame)
-      allocate (f%cos(nb), f%sin(nb), f%l(3, nb), f%dinv(3, nb), f%rhs(3, nb), f%free(3, nb), f%push(3, nb), f%pin(2, nb), &
-                source=0.0_wp)
+      allocate (f%cos(nb), f%sin(nb), f%l(3, nb), f%dinv(3, nb), f%rhs(3, nb), f%free(3, nb), f%response(3, nb), &
+                f%first_moment(2, nb), source=0.0_wp)
     end associate
     allocate (ev%side%w(3, n), ev%side%frame_wrench(3, n), ev%side%g(3, n), ev%side%rigid_wrench(3, n), source=0.0_wp)
     associate (r => ev%rows)

@@ -5,7 +5,7 @@ module evaluation_settings
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: evaluation_options, usual_options, at_side, regular
+  public :: evaluation_options, usual_options, at_side, with_weak_pivots
 
   !> What acts, and from which side of a jump.
   type :: evaluation_options
@@ -16,7 +16,7 @@ module evaluation_settings
     logical :: left_limit = .false.             !! jumps of histories at the time of evaluation are not yet felt
     real(wp) :: t_end = huge(1.0_wp)            !! end of the run, after which drives lead nowhere [s]
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
-    logical :: accept_weak_pivots = .false.     !! the joints' equations as they are, however nearly singular
+    logical :: accept_weak_pivots = .false.     !! solves the joints' equations as they are, however nearly singular
   end type evaluation_options
 
 contains
@@ -36,9 +36,9 @@ contains
   end function at_side
 
   !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
-  pure type(evaluation_options) function regular(options) result(same)
+  pure type(evaluation_options) function with_weak_pivots(options) result(same)
     type(evaluation_options), intent(in) :: options
     same = options
     same%accept_weak_pivots = .true.
-  end function regular
+  end function with_weak_pivots
 end module evaluation_settings

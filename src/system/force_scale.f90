@@ -1,4 +1,4 @@
-!> The largest force that acts anywhere in an evaluated mechanism: what a residual is small against.
+!> The largest force that acts anywhere in an evaluated mechanism: the measure of residuals.
 module force_scale
   use kinds, only: wp
   use evaluation_results, only: evaluation

@@ -74,7 +74,7 @@ contains
     integer :: j, k
     do j = self%s%loaded_first(b), self%s%loaded_first(b + 1) - 1
       k = self%s%loaded(j)
-      call self%s%markers(k)%push_elastic(ev%wrench(:, k), ev%elastic(b)%force(1:))
+      call self%s%markers(k)%add_elastic_forces(ev%wrench(:, k), ev%elastic(b)%force(1:))
     end do
   end subroutine load_elastic
 end module marker_forces

@@ -1,5 +1,5 @@
 !> The mechanism: a scene and what is computed of it once (the joint graph, markers as plain arrays, attachment columns m_ff^-1 E^T
-!> and compliances). Constant once `mechanism_setup` has filled it and `assembly` has told joints and springs where they start.
+!> and compliances). Constant once `mechanism_setup` has filled it and `assembly` has given joints and springs their start.
 module mechanism
   use kinds, only: wp
   use scene_model, only: scene
@@ -71,7 +71,7 @@ contains
     frame_dinv(3) = reciprocal(f - frame_l(2)*d - frame_l(3)**2*d2)
   end subroutine factor_frame
 
-  !> 1/x of a pivot; 0 where the pivot is none, since the mass that makes it is lost in rounding.
+  !> 1/x of a pivot; 0 where x is not positive: the mass that makes it is lost in rounding.
   elemental real(wp) function reciprocal(x)
     real(wp), intent(in) :: x                  !! [kg] or [kg m2]
     reciprocal = 0.0_wp

@@ -7,7 +7,7 @@ module mechanism_setup
   use incidence, only: collect_incidence
   use mechanism, only: mechanism_model, factor_frame
   use multipliers, only: multiplier_system
-  use prototypes, only: find_like_bodies
+  use prototypes, only: find_prototypes
   use scene_model, only: scene
   implicit none (type, external)
   private
@@ -27,7 +27,7 @@ contains
     call collect_incidence(self, schur)
     allocate (self%attached(size(s%bodies)))
     call attach_markers(self)
-    call find_like_bodies(self)
+    call find_prototypes(self)
     call set_up_evaluation(self, schur, ev)
   end subroutine set_up_mechanism
 

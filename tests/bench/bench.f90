@@ -252,11 +252,11 @@ contains
     real(wp), allocatable, intent(out) :: ab(:, :)
     integer, intent(out) :: kd
     integer :: k
-    associate (even => body%op%even)
-      kd = maxval(abs(even%row - even%col))
+    associate (pattern => body%op%symmetric)
+      kd = maxval(abs(pattern%row - pattern%col))
       allocate (ab(0:kd, body%nf), source=0.0_wp)
-      do k = 1, size(even%row)
-        if (even%row(k) >= even%col(k)) ab(even%row(k) - even%col(k), even%col(k)) = body%op%m(k) + body%op%j(k)
+      do k = 1, size(pattern%row)
+        if (pattern%row(k) >= pattern%col(k)) ab(pattern%row(k) - pattern%col(k), pattern%col(k)) = body%op%m(k) + body%op%j(k)
       end do
     end associate
   end subroutine mass_band
@@ -321,8 +321,8 @@ contains
     allocate (mass(body%nf, body%nf), stiff(body%nf, body%nf), source=0.0_wp)
     associate (op => body%op)
       do k = 1, size(op%m)
-        mass(op%even%row(k), op%even%col(k)) = op%m(k) + op%j(k)
-        stiff(op%even%row(k), op%even%col(k)) = op%k(k)
+        mass(op%symmetric%row(k), op%symmetric%col(k)) = op%m(k) + op%j(k)
+        stiff(op%symmetric%row(k), op%symmetric%col(k)) = op%k(k)
       end do
     end associate
   end subroutine dense_matrices

@@ -81,7 +81,7 @@ program toy_bumper
   use modal_analysis, only: run_modal
   use posix, only: make_folder
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_segment
+  use scene_run, only: run_state, assemble_run
   use static_analysis, only: run_static
   use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
@@ -111,7 +111,7 @@ program toy_bumper
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_segment(run, s, fail)
+  call assemble_run(run, s, fail)
   if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%options%stage = stage_transient

@@ -64,7 +64,7 @@ program toy_guide
   use parabola, only: parabola_model
   use posix, only: make_folder
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_segment
+  use scene_run, only: run_state, assemble_run
   use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
   implicit none (type, external)
@@ -97,7 +97,7 @@ program toy_guide
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_segment(run, s, fail)
+  call assemble_run(run, s, fail)
   if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
   run%sys%options%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)

@@ -41,7 +41,7 @@ program toy_law
   use power_law, only: power_model
   use response_analysis, only: run_response
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_segment
+  use scene_run, only: run_state, assemble_run
   use summary_text, only: summary_record
   use transient, only: run_transient, transient_march
   implicit none (type, external)
@@ -67,7 +67,7 @@ program toy_law
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_segment(run, s, fail)
+  call assemble_run(run, s, fail)
   if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
   run%sys%options%stage = stage_transient
   if (run%d%transient%present .and. .not. fail%happened()) call run_transient(run, march, fail)

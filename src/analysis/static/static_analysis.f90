@@ -51,7 +51,7 @@ contains
       allocate (a(m%s%nq), lambda(m%s%rows), source=0.0_wp)   ! stiffness of materials and springs alone
       action = ev%action
       do j = 1, size(action)
-        if (.not. m%s%forces(j)%item%every_way()) action(j) = element_action()
+        if (.not. m%s%forces(j)%item%in_all_directions()) action(j) = element_action()
       end do
       call linear_system_with(m, ev, y, a, lambda, action, ds, lin)
     end associate

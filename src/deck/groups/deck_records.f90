@@ -197,7 +197,7 @@ module deck_records
     type(origin) :: at
     logical :: present = .false.
     real(wp) :: t_end = 0.0_wp               !! [s]
-    character(20) :: method = ''             !! 'rk4', 'dopri5', 'generalized_alpha'
+    character(20) :: method = ''             !! 'rk4', 'dopri5', 'radau', 'generalized_alpha'
     logical :: adaptive = .false.            !! tolerance given rather than step
     real(wp) :: step = 0.0_wp                !! fixed step as written [s]
     real(wp) :: tolerance = 0.0_wp           !! adaptive [-]

@@ -10,7 +10,7 @@ module ode_system
   !> The system.
   type, abstract, public :: ode
     integer :: n = 0                          !! unknowns
-    logical :: has_manifold = .true.          !! accept may move a state (projection)
+    logical :: has_manifold = .true.          !! `project` may move a state
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project

@@ -10,8 +10,8 @@ module elastic_operators
 
   !> The operators. An entry of row i stands among first(i) to first(i+1) - 1, its column in `row` (the patterns are symmetric).
   type, public :: elastic_operator
-    type(symmetric_pattern) :: even          !! of the symmetric matrices
-    type(symmetric_pattern) :: odd           !! of Z
+    type(symmetric_pattern) :: symmetric     !! of the symmetric matrices
+    type(symmetric_pattern) :: skew          !! of Z
     real(wp), allocatable :: m(:)            !! translational part of m_ff [kg, kg m, kg m2]
     real(wp), allocatable :: j(:)            !! rotary inertia of lumps, the rest of m_ff [kg m2]
     real(wp), allocatable :: c(:)            !! Rayleigh damping [N s/m, N s, N m s]
@@ -19,7 +19,7 @@ module elastic_operators
     real(wp), allocatable :: z(:)            !! Z on its own pattern [kg, kg m, kg m2]
     logical :: rotary = .false.              !! j is not zero
     ! stiffness that GHM terms multiply, as a list: an element's entries, or those of a material's modal stiffness
-    integer, allocatable :: entry(:)         !! marker in the even pattern
+    integer, allocatable :: entry(:)         !! place of each entry in the symmetric pattern
     integer, allocatable :: segment(:)       !! GHM segment of the body
     real(wp), allocatable :: part(:)         !! [N/m, N, N m]
   end type elastic_operator
@@ -41,13 +41,13 @@ contains
     qmv = 0.0_wp
     do i = 1, n
       s = 0.0_wp
-      do k = op%even%first(i), op%even%first(i + 1) - 1
-        s = s + op%m(k)*q(op%even%row(k))
+      do k = op%symmetric%first(i), op%symmetric%first(i + 1) - 1
+        s = s + op%m(k)*q(op%symmetric%row(k))
       end do
       z = 0.0_wp
-      do k = op%odd%first(i), op%odd%first(i + 1) - 1
-        z(1) = z(1) + op%z(k)*q(op%odd%row(k))
-        z(2) = z(2) + op%z(k)*v(op%odd%row(k))
+      do k = op%skew%first(i), op%skew%first(i + 1) - 1
+        z(1) = z(1) + op%z(k)*q(op%skew%row(k))
+        z(2) = z(2) + op%z(k)*v(op%skew%row(k))
       end do
       qmq = qmq + q(i)*s
       qmv = qmv + v(i)*s
@@ -67,8 +67,8 @@ contains
     integer :: i, k
     do i = 1, n
       s = 0.0_wp
-      do k = op%even%first(i), op%even%first(i + 1) - 1
-        s = s + op%c(k)*v(op%even%row(k))
+      do k = op%symmetric%first(i), op%symmetric%first(i + 1) - 1
+        s = s + op%c(k)*v(op%symmetric%row(k))
       end do
       force(i) = force(i) - s
       power = power + v(i)*s
@@ -81,8 +81,8 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: x(2, n), y(2, n)       !! coordinates, rates, accelerations [m, rad, ...]
     real(wp), intent(out) :: mx(2, n), zy(2, n)    !! [kg] times these
-    call two_products(n, size(op%m), op%even%first, op%even%row, op%m, x, mx)
-    call two_products(n, size(op%z), op%odd%first, op%odd%row, op%z, y, zy)
+    call two_products(n, size(op%m), op%symmetric%first, op%symmetric%row, op%m, x, mx)
+    call two_products(n, size(op%z), op%skew%first, op%skew%row, op%z, y, zy)
   end subroutine inertia_products
 
   !> A x of two vectors.
@@ -108,8 +108,8 @@ contains
     real(wp), intent(in) :: x(:)                   !! (n) [m, rad, ...]
     real(wp), intent(out) :: y(:)                  !! (n) [kg] times these
     y = 0.0_wp
-    call add_product(op%even, op%m, x, y)
-    if (op%rotary) call add_product(op%even, op%j, x, y)
+    call add_product(op%symmetric, op%m, x, y)
+    if (op%rotary) call add_product(op%symmetric, op%j, x, y)
   end subroutine mass_product
 
   !> x^T A y, A given by its entries on a pattern.

@@ -182,7 +182,7 @@ module body
       real(wp) :: u(3)                                !! [m, m, rad] or their rates
     end function to_displacement
 
-    !> Tells a marker on a node what moves it.
+    !> Gives a marker on a node the coordinates or modes that move it.
     pure subroutine to_marker(self, b, p)
       import :: elastic_basis, body_model, marker_model
       class(elastic_basis), intent(in) :: self
@@ -190,7 +190,7 @@ module body
       type(marker_model), intent(inout) :: p
     end subroutine to_marker
 
-    !> Whether another body of the same integrals moves by the same numbers.
+    !> Whether another body with the same integrals has the same constants in its basis.
     pure logical function to_same(self, other)
       import :: elastic_basis
       class(elastic_basis), intent(in) :: self, other

@@ -25,10 +25,10 @@ contains
     energy = 0.0_wp
     if (b%flexible) then
       p = p + b%shape%moment(qf)
-      mtt = mtt + 2*dot_product(b%shape%i1f, qf) + bilinear(b%op%even, b%op%m, qf, qf)
-      cross = dot_product(b%shape%c0, vf) + bilinear(b%op%odd, b%op%z, qf, vf)
-      energy = dot_product(w, b%shape%moment(vf)) + 0.5_wp*bilinear(b%op%even, b%op%m, vf, vf)
-      if (b%op%rotary) energy = energy + 0.5_wp*bilinear(b%op%even, b%op%j, vf, vf)
+      mtt = mtt + 2*dot_product(b%shape%i1f, qf) + bilinear(b%op%symmetric, b%op%m, qf, qf)
+      cross = dot_product(b%shape%c0, vf) + bilinear(b%op%skew, b%op%z, qf, vf)
+      energy = dot_product(w, b%shape%moment(vf)) + 0.5_wp*bilinear(b%op%symmetric, b%op%m, vf, vf)
+      if (b%op%rotary) energy = energy + 0.5_wp*bilinear(b%op%symmetric, b%op%j, vf, vf)
     end if
     energy = energy + 0.5_wp*b%mass*dot_product(w, w) + v(3)*(w(2)*p(1) - w(1)*p(2)) + 0.5_wp*mtt*v(3)**2 + v(3)*cross
   end function kinetic_energy

@@ -163,7 +163,7 @@ contains
     else if (size(self%rigid, 2) == 0) then
       self%shift = 0.0_wp
     end if
-    call factor_entries(b%op%even, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, bad)
+    call factor_entries(b%op%symmetric, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, bad)
   end subroutine set_up
 
   !> Mass-orthonormal rigid motions that the reference conditions leave free (reference 'free' only).
@@ -276,8 +276,8 @@ contains
     real(wp) :: mx(b%nf), length                         ! [kg m, kg m2], [kg^.5 m]
     integer :: nr, j, n, info
     n = b%nf
-    k = dense(n, b%op%even, b%op%k)
-    m = dense(n, b%op%even, b%op%m + b%op%j)
+    k = dense(n, b%op%symmetric, b%op%k)
+    m = dense(n, b%op%symmetric, b%op%m + b%op%j)
     allocate (lambda(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
     call dsygvd(1, 'V', 'L', n, k, n, m, n, lambda, work, size(work), iwork, size(iwork), info)
     bad = info /= 0

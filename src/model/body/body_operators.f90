@@ -15,13 +15,13 @@ contains
   subroutine nodal_operators(body, op)
     type(body_model), intent(in) :: body
     type(elastic_operator), intent(out) :: op
-    integer, allocatable :: even(:, :), odd(:, :)      ! (2, entries) row and column
+    integer, allocatable :: symmetric(:, :), skew(:, :)      ! (2, entries) row and column
     integer, allocatable :: segment(:), p(:)           ! of entries: GHM segment or 0, number in the pattern
     real(wp), allocatable :: a(:, :), az(:)            ! (3, entries) of m, k, c; of Z [kg, kg m, ...]
     real(wp) :: m(6, 6), k(6, 6), z(6, 6)
     integer :: e, r, n, nz, i, j, at(2), of_element
-    allocate (even(2, 36*body%ne), segment(36*body%ne), a(3, 36*body%ne))
-    allocate (odd(2, 36*body%ne + 2*size(body%lumps)), az(36*body%ne + 2*size(body%lumps)))
+    allocate (symmetric(2, 36*body%ne), segment(36*body%ne), a(3, 36*body%ne))
+    allocate (skew(2, 36*body%ne + 2*size(body%lumps)), az(36*body%ne + 2*size(body%lumps)))
     n = 0
     nz = 0
     do e = 1, body%ne
@@ -39,7 +39,7 @@ contains
           if (abs(z(i, j)) > 0.0_wp) call note(at, z(i, j))
           if (.not. (abs(m(i, j)) > 0.0_wp .or. abs(k(i, j)) > 0.0_wp)) cycle
           n = n + 1
-          even(:, n) = at
+          symmetric(:, n) = at
           segment(n) = of_element
           a(:, n) = [m(i, j), k(i, j), body%elements(e)%ray_m*m(i, j) + body%elements(e)%ray_k*k(i, j)]
         end do
@@ -51,21 +51,21 @@ contains
       call note(at, body%lumps(r)%mass)
       call note(at([2, 1]), -body%lumps(r)%mass)
     end do
-    call op%even%make(body%nf, even(1, 1:n), even(2, 1:n))
-    call op%odd%make(body%nf, odd(1, 1:nz), odd(2, 1:nz))
+    call op%symmetric%make(body%nf, symmetric(1, 1:n), symmetric(2, 1:n))
+    call op%skew%make(body%nf, skew(1, 1:nz), skew(2, 1:nz))
     allocate (p(n))
-    allocate (op%m(size(op%even%row)), op%z(size(op%odd%row)), source=0.0_wp)
+    allocate (op%m(size(op%symmetric%row)), op%z(size(op%skew%row)), source=0.0_wp)
     op%j = op%m
     op%c = op%m
     op%k = op%m
     do e = 1, n
-      p(e) = op%even%entry(even(2, e), even(1, e))
+      p(e) = op%symmetric%entry(symmetric(2, e), symmetric(1, e))
       op%m(p(e)) = op%m(p(e)) + a(1, e)
       op%k(p(e)) = op%k(p(e)) + a(2, e)
       op%c(p(e)) = op%c(p(e)) + a(3, e)
     end do
     do e = 1, nz
-      i = op%odd%entry(odd(2, e), odd(1, e))
+      i = op%skew%entry(skew(2, e), skew(1, e))
       op%z(i) = op%z(i) + az(e)
     end do
     op%entry = pack(p, segment(1:n) > 0)
@@ -79,7 +79,7 @@ contains
       integer, intent(in) :: at(2)
       real(wp), intent(in) :: x                        !! [kg, kg m]
       nz = nz + 1
-      odd(:, nz) = at
+      skew(:, nz) = at
       az(nz) = x
     end subroutine note
   end subroutine nodal_operators
@@ -93,7 +93,7 @@ contains
       associate (d => body%dof(:, body%lumps(l)%node))
         do i = 1, 3
           if (d(i) == 0) cycle
-          p = op%even%entry(d(i), d(i))
+          p = op%symmetric%entry(d(i), d(i))
           if (i < 3) op%m(p) = op%m(p) + body%lumps(l)%mass
           if (i == 3) op%j(p) = op%j(p) + body%lumps(l)%inertia
         end do
@@ -111,20 +111,20 @@ contains
     type(elastic_operator), intent(out) :: op
     integer :: i, k, r, n
     n = size(omega2)
-    call op%odd%make(n, [((i, i=1, n), k=1, n)], [((k, i=1, n), k=1, n)])
+    call op%skew%make(n, [((i, i=1, n), k=1, n)], [((k, i=1, n), k=1, n)])
     if (size(segments) == 0 .and. .not. any(abs(j) + abs(c) > 0.0_wp)) then
-      call op%even%make(n, [integer ::], [integer ::])
+      call op%symmetric%make(n, [integer ::], [integer ::])
     else
-      op%even = op%odd
+      op%symmetric = op%skew
     end if
-    op%j = [(j(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
-    op%c = [(c(op%even%row(k), op%even%col(k)), k=1, size(op%even%row))]
+    op%j = [(j(op%symmetric%row(k), op%symmetric%col(k)), k=1, size(op%symmetric%row))]
+    op%c = [(c(op%symmetric%row(k), op%symmetric%col(k)), k=1, size(op%symmetric%row))]
     op%m = -op%j
     op%k = 0*op%j
     op%z = reshape(transpose(z), [n**2])
     do i = 1, n
-      op%m(op%even%entry(i, i)) = op%m(op%even%entry(i, i)) + 1
-      op%k(op%even%entry(i, i)) = omega2(i)
+      op%m(op%symmetric%entry(i, i)) = op%m(op%symmetric%entry(i, i)) + 1
+      op%k(op%symmetric%entry(i, i)) = omega2(i)
     end do
     op%entry = [((i, i=1, n**2), r=1, size(segments))]
     op%segment = [((r, i=1, n**2), r=1, size(segments))]

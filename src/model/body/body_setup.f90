@@ -110,7 +110,7 @@ contains
     logical, intent(out) :: bad           !! m_ff is not positive definite
     type(nodal_model) :: nodal
     integer :: k
-    call factor_entries(b%op%even, b%op%m + b%op%j, nodal%mff, bad)
+    call factor_entries(b%op%symmetric, b%op%m + b%op%j, nodal%mff, bad)
     nodal%factors = 1
     nodal%columns = b%ne
     nodal%angle = [(k > 3, k=6 - b%nd, 5)]

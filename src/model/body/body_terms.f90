@@ -20,7 +20,7 @@ module body_terms
   type, public :: body_equations
     integer :: n = 0                         !! elastic coordinates
     real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
-    real(wp), allocatable :: past(:, :)      !! sum of alpha times the terms' offsets, as the deformations [m, rad]
+    real(wp), allocatable :: history_strain(:, :) !! sum of alpha z0 over the terms: what they keep at zero deformation [m, rad]
     type(elastic_work) :: w                  !! coordinates and deformations of the last residual
     real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
@@ -41,7 +41,7 @@ contains
     t%n = body%nf
     allocate (t%factor(size(body%segments)), source=1.0_wp)
     call t%w%allocate(body)
-    t%past = t%w%d
+    t%history_strain = t%w%d
     allocate (t%elastic(0:body%nf), t%column(0:body%nf), t%row(0:body%nf), t%x(2, body%nf), t%y(2, body%nf), t%mx(2, body%nf), &
               t%zy(2, body%nf), source=0.0_wp)
   end subroutine set_up_terms
@@ -79,8 +79,8 @@ contains
           t%elastic(k) = sbar(k, 1)*b(1) + sbar(k, 2)*b(2) + c0(k)*wd - w**2*i1f(k) + t%mx(1, k) - t%zy(1, k)
         end do
       end associate
-      if (body%op%rotary) call add_product(body%op%even, body%op%j, a(4:), t%elastic(1:))
-      if (body%rayleigh) call add_product(body%op%even, body%op%c, v(4:), t%elastic(1:))
+      if (body%op%rotary) call add_product(body%op%symmetric, body%op%j, a(4:), t%elastic(1:))
+      if (body%rayleigh) call add_product(body%op%symmetric, body%op%c, v(4:), t%elastic(1:))
       call add_elastic(t, body, q(4:))
     end if
     t%frame(1) = body%mass*b(1) - wd*p(2) - w**2*p(1) - 2*w*sv(2) + sa(1)
@@ -99,7 +99,7 @@ contains
     t%w%ds = t%w%d
     do r = 1, size(body%segments)
       do e = body%segments(r)%first, body%segments(r)%last
-        t%w%ds(:, e) = t%factor(r)*t%w%d(:, e) - t%past(:, e)
+        t%w%ds(:, e) = t%factor(r)*t%w%d(:, e) - t%history_strain(:, e)
       end do
     end do
     call body%basis%add_stress(body, t%w%d, t%w%ds, t%w%q, 1.0_wp, t%elastic)

@@ -9,7 +9,7 @@ module modal_basis
   implicit none (type, external)
   private
 
-  !> The kind.
+  !> A basis of modes.
   type, extends(elastic_basis), public :: modal_model
     real(wp), allocatable :: psi(:, :)        !! (3 nn, nf) nodal displacements of each mode [m or rad, mass-normalised]
     real(wp), allocatable :: omega2(:)        !! (nf) squared frequencies at E_R [rad2/s2]
@@ -28,7 +28,7 @@ module modal_basis
 
 contains
 
-  !> The amplitudes.
+  !> The deformations are the amplitudes.
   pure subroutine deform(self, b, q, d)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -40,7 +40,7 @@ contains
     end do
   end subroutine deform
 
-  !> Omega2 q, and of every material K (ds - d).
+  !> Elastic forces: Omega2 q, and of every material K (ds - d).
   pure subroutine add_stress(self, b, d, ds, q, factor, f)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -57,7 +57,7 @@ contains
     end do
   end subroutine add_stress
 
-  !> m_ff = 1.
+  !> Nothing to solve: m_ff = 1.
   pure subroutine solve_mass(self, n, work, x, y)
     class(modal_model), intent(in) :: self
     integer, intent(in) :: n
@@ -66,7 +66,7 @@ contains
     real(wp), intent(inout), optional :: y(n)       !! [kg^.5 m/s2]
   end subroutine solve_mass
 
-  !> All of it in bending.
+  !> All strain energy counts as bending.
   pure function strain_parts(self, b, q, d) result(parts)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -76,7 +76,7 @@ contains
     parts = [0.0_wp, sum(self%omega2*q**2)]
   end function strain_parts
 
-  !> Modal forces times the root of the mass.
+  !> The largest elastic force: modal forces times the square root of the mass.
   pure function largest_force(self, b, d, q) result(force)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -86,7 +86,7 @@ contains
     force = maxval(abs(self%omega2*q))*sqrt(b%mass)
   end function largest_force
 
-  !> From the amplitudes that the element's material sees.
+  !> The deformations of an element, from the amplitudes that its material sees.
   pure function element_strain(self, b, e, w) result(d)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -102,7 +102,7 @@ contains
     d = matmul(deformation_matrix(b%elements(e)), [self%displacement(b, b%en(1, e), x), self%displacement(b, b%en(2, e), x)])
   end function element_strain
 
-  !> Omega2, and the materials' stiffness.
+  !> The tangent stiffness: Omega2, and the stiffness of each material.
   pure subroutine add_stiffness(self, b, first, q, w, stiffness, segments)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -121,7 +121,7 @@ contains
     end do
   end subroutine add_stiffness
 
-  !> Sums over the modes.
+  !> The displacement of a node: a sum over the modes.
   pure function displacement(self, b, node, q) result(u)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -135,7 +135,7 @@ contains
     end do
   end function displacement
 
-  !> By all modes.
+  !> A marker moves by all modes.
   pure subroutine attach(self, b, p)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -143,7 +143,7 @@ contains
     p%psi = self%psi(3*p%node - 2:3*p%node, :)
   end subroutine attach
 
-  !> Each is its own.
+  !> No modal body shares its numbers with another.
   pure logical function same(self, other)
     class(modal_model), intent(in) :: self
     class(elastic_basis), intent(in) :: other

@@ -87,7 +87,7 @@ contains
     b%shape%c0 = matmul(b%shape%c0, x)
     allocate (damping(size(x, 2), size(x, 2)))
     call join_segments(b, x, damping)
-    call modal_operators(b%segments, w, projected(b%op%odd, b%op%z, x), projected(b%op%even, b%op%j, x), damping, op)
+    call modal_operators(b%segments, w, projected(b%op%skew, b%op%z, x), projected(b%op%symmetric, b%op%j, x), damping, op)
     b%op = op
   end subroutine project_integrals
 

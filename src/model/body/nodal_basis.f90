@@ -12,7 +12,7 @@ module nodal_basis
   implicit none (type, external)
   private
 
-  !> The kind.
+  !> A basis of nodal coordinates.
   type, extends(elastic_basis), public :: nodal_model
     type(band_factor) :: mff                        !! factor of m_ff
     logical :: straight = .true.                    !! all elements along body x
@@ -144,7 +144,7 @@ contains
     end do
   end subroutine add_stress
 
-  !> Of a chain in one loop over its elements, else by the operators.
+  !> Inertia forces of the elastic coordinates: of a chain in one loop over its elements, of other bodies by the operators.
   pure subroutine add_forces(self, b, thetad, w, qmq, qmv)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -159,7 +159,7 @@ contains
     end if
   end subroutine add_forces
 
-  !> Lumps on a chain: theta'^2 mu u, 2 theta' mu H^T-terms; their rotary inertia belongs to m_ff alone.
+  !> Inertia forces of lumps on a chain: theta'^2 mu u and the terms with 2 theta' mu H^T. Their rotary inertia is in m_ff alone.
   pure subroutine lump_forces(b, thetad, w, qmq, qmv)
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: thetad                  !! [rad/s]
@@ -178,7 +178,7 @@ contains
     end do
   end subroutine lump_forces
 
-  !> By the band factor.
+  !> m_ff^-1 x and m_ff^-1 y by the band factor of m_ff.
   pure subroutine solve_mass(self, n, work, x, y)
     class(nodal_model), intent(in) :: self
     integer, intent(in) :: n
@@ -192,7 +192,7 @@ contains
     end if
   end subroutine solve_mass
 
-  !> Axial, and in bending.
+  !> Twice the axial strain energy and twice that of bending.
   pure function strain_parts(self, b, q, d) result(parts)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -237,7 +237,7 @@ contains
     end do
   end function largest_force
 
-  !> As they are.
+  !> The deformations of an element, as the last evaluation left them.
   pure function element_strain(self, b, e, w) result(d)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -248,7 +248,7 @@ contains
     d(4 - b%nd:) = w%ds(:, e)
   end function element_strain
 
-  !> Element by element: B^T D B at the deformation, which viscoelastic terms multiply, and the geometric part of stiffening.
+  !> Adds element by element B^T D B at the present deformation, which viscoelastic terms multiply, and the geometric stiffness.
   pure subroutine add_stiffness(self, b, first, q, w, stiffness, segments)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -276,7 +276,7 @@ contains
     end do
   end subroutine add_stiffness
 
-  !> The node's own coordinates.
+  !> The displacement of a node: its own coordinates.
   pure function displacement(self, b, node, q) result(u)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -290,7 +290,7 @@ contains
     end do
   end function displacement
 
-  !> By its node's coordinates.
+  !> A marker moves by the coordinates of its node.
   pure subroutine attach(self, b, p)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
@@ -298,7 +298,7 @@ contains
     p%dof = b%dof(:, p%node)
   end subroutine attach
 
-  !> The elements' constants and the factor.
+  !> Compares the constants of the elements and the factor of m_ff.
   pure logical function same(self, other)
     class(nodal_model), intent(in) :: self
     class(elastic_basis), intent(in) :: other

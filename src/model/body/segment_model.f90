@@ -54,7 +54,7 @@ contains
     parts = [stretch, 2*bend]
   end function strain_product
 
-  !> Of modal amplitudes.
+  !> x^T D y of modal amplitudes.
   pure function of_modes(n, stiffness, x, y) result(total)
     integer, intent(in) :: n
     real(wp), intent(in) :: stiffness(n, n)   !! [rad2/s2]

@@ -15,7 +15,7 @@ module body_force
 
 contains
 
-  !> Turned with the frame.
+  !> The wrench: the force turned with the frame.
   pure function unit_wrench(self, p, with) result(w)
     class(body_force_model), intent(in) :: self
     type(marker_states), intent(in) :: p

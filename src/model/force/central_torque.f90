@@ -19,7 +19,7 @@ module central_torque
 
 contains
 
-  !> The force across.
+  !> The wrench: a force across the line to the centre.
   pure function unit_wrench(self, p, with) result(w)
     class(central_torque_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -42,14 +42,14 @@ contains
     k(1:2, 2) = -self%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*(d(2)/n2)/n2)
   end function unit_tangent
 
-  !> It sees the position.
+  !> Its tangent depends on the position.
   pure function components(self) result(list)
     class(central_torque_model), intent(in) :: self
     integer, allocatable :: list(:)
     list = [1, 2]
   end function components
 
-  !> It needs an arm.
+  !> A fault: the marker stands at the centre, so that there is no arm.
   pure function fault(self, p, gap) result(text)
     class(central_torque_model), intent(in) :: self
     type(marker_states), intent(in) :: p

@@ -16,7 +16,7 @@ module force_element
     real(wp) :: t = 0.0_wp                !! time [s]
     logical :: left_limit = .false.       !! a jump of a history at t is not yet felt
     integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
-    real(wp) :: factor = 1.0_wp           !! fraction of the loads that acts [-]
+    real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
   end type conditions
@@ -49,10 +49,10 @@ module force_element
     procedure :: deformation => no_deformation
     procedure :: energy => no_energy
     procedure :: relax => keep_coordinates        !! internal variables of an element at rest
-    procedure :: every_way => never               !! it pulls its markers together whatever direction they part in
+    procedure :: in_all_directions => never               !! it pulls its markers together in every direction
     procedure :: along_line => never              !! it acts along the line between its markers, which turns
-    procedure :: init_from_assembly => no_settling !! told the markers as assembled
-    procedure :: unprestressed => no_prestress    !! what the deformation has too much while prestress acts in part
+    procedure :: init_from_assembly => no_settling !! takes free lengths and angles from the assembled markers
+    procedure :: unprestressed => no_prestress    !! what prestress that acts in part takes off the deformation
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
   end type force_model

@@ -1,5 +1,5 @@
 !> Linear springs: the distance between two markers minus the free length. Without a free length they are bushes, which pull their
-!> markers together whatever direction they part in.
+!> markers together in whatever direction these move apart.
 module linear_spring
   use kinds, only: wp
   use constraint, only: marker_stiffness
@@ -17,7 +17,7 @@ module linear_spring
     procedure :: tangent => line_tangent
     procedure :: components => positions
     procedure :: rate_components => damped_positions
-    procedure :: every_way => is_bush
+    procedure :: in_all_directions => is_bush
     procedure :: along_line => always
     procedure :: fault => no_direction
   end type linear_model
@@ -53,7 +53,7 @@ contains
     g = [e, -e]
     across = [-e(2), e(1), 0.0_wp, e(2), -e(1), 0.0_wp]
     c = part(2)*self%damping
-    if (self%every_way() .and. d <= 64*epsilon(1.0_wp)*maxval(abs(p%r(:, self%ia)))) then
+    if (self%in_all_directions() .and. d <= 64*epsilon(1.0_wp)*maxval(abs(p%r(:, self%ia)))) then
       g = [1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp]
       across = cshift(g, -1)
       k%k = part(1)*self%stiffness*(outer(g, g) + outer(across, across))
@@ -66,21 +66,21 @@ contains
     k%c = c*outer(g, g)                    ! e turns: the rate along it changes, the last term of k%k
   end subroutine line_tangent
 
-  !> It acts between the positions.
+  !> It acts between the positions of both markers.
   pure function positions(self) result(list)
     class(linear_model), intent(in) :: self
     integer, allocatable :: list(:)
     list = [1, 2, 4, 5]
   end function positions
 
-  !> Dampers see the rates of both.
+  !> A damper acts on the rates of both positions.
   pure function damped_positions(self) result(list)
     class(linear_model), intent(in) :: self
     integer, allocatable :: list(:)
     list = pack([1, 2, 4, 5], self%damping > 0.0_wp)
   end function damped_positions
 
-  !> Without a free length.
+  !> A spring without a free length is a bush.
   pure logical function is_bush(self)
     class(linear_model), intent(in) :: self
     is_bush = .not. self%free > 0.0_wp

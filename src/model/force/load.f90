@@ -12,7 +12,7 @@ module load
   !> A load.
   type, abstract, extends(force_model), public :: load_model
     integer :: stage = stage_all                  !! the analyses in which it acts
-    class(history_model), allocatable :: factor   !! not allocated: the factor is 1
+    class(history_model), allocatable :: history  !! of its size; not allocated: 1
   contains
     procedure :: act => load_act
     procedure :: tangent => load_tangent
@@ -30,13 +30,13 @@ contains
     real(wp) :: h(-1:2)
     s = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
-    s = with%factor
-    if (.not. allocated(self%factor)) return
-    call self%factor%evaluate(with%t, with%left_limit, h)
-    s = h(0)*with%factor
+    s = with%load_factor
+    if (.not. allocated(self%history)) return
+    call self%history%evaluate(with%t, with%left_limit, h)
+    s = h(0)*with%load_factor
   end function present_factor
 
-  !> The wrench and what it puts in.
+  !> The wrench and the power that it puts in.
   pure subroutine load_act(self, p, with, z, zd, zdd, x)
     class(load_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -70,12 +70,12 @@ contains
     k = 0.0_wp
   end function no_unit_tangent
 
-  !> Those of its history, where it acts in a run.
+  !> The breakpoints of its history, if it acts in a transient analysis.
   pure function load_breakpoints(self, until) result(list)
     class(load_model), intent(in) :: self
     real(wp), intent(in) :: until          !! end of the run [s]
     type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-    if (allocated(self%factor) .and. any(self%stage == [stage_all, stage_transient])) list = self%factor%breakpoints(until)
+    if (allocated(self%history) .and. any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
   end function load_breakpoints
 end module load

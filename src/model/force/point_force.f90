@@ -16,7 +16,7 @@ module point_force
 
 contains
 
-  !> The force as it is given.
+  !> The wrench: the force as the deck gives it.
   pure function unit_wrench(self, p, with) result(w)
     class(point_force_model), intent(in) :: self
     type(marker_states), intent(in) :: p

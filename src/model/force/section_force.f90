@@ -17,7 +17,7 @@ module section_force
 
 contains
 
-  !> Turned with the section.
+  !> The wrench: the force turned with the section.
   pure function unit_wrench(self, p, with) result(w)
     class(section_force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -39,7 +39,7 @@ contains
     k(1:2, 3) = -turn(w(1:2))
   end function unit_tangent
 
-  !> Force and angle.
+  !> Its tangent joins the force and the angle of the section.
   pure function components(self) result(list)
     class(section_force_model), intent(in) :: self
     integer, allocatable :: list(:)

@@ -16,7 +16,7 @@ module torque
 
 contains
 
-  !> The moment alone.
+  !> The wrench: the moment alone.
   pure function unit_wrench(self, p, with) result(w)
     class(torque_model), intent(in) :: self
     type(marker_states), intent(in) :: p

@@ -27,7 +27,7 @@ contains
     e = [0.0_wp, 0.0_wp, 1.0_wp]
   end subroutine turn_of_sections
 
-  !> It acts between the angles.
+  !> It acts between the angles of both sections.
   pure function angles(self) result(list)
     class(torsional_model), intent(in) :: self
     integer, allocatable :: list(:)

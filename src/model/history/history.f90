@@ -93,8 +93,8 @@ contains
     yes = merge(t - at >= rounding_of(max(abs(t), abs(at))), at - t <= rounding_of(max(abs(t), abs(at))), left_limit)
   end function reached
 
-  !> A history in a time of its own, which is the difference of two times and rounded like them: it is asked a little before or
-  !> after, so that it sees a breakpoint from the right side, and led back along its slopes.
+  !> A history in a time of its own. This time is the difference of two times and has their rounding errors: it may lie on the wrong
+  !> side of a breakpoint. So the history is evaluated a little before (left limit) or after, and taken back to t by its slopes.
   pure recursive subroutine evaluate_shifted(part, t, slack, left_limit, h)
     class(history_model), intent(in) :: part
     real(wp), intent(in) :: t           !! in the part's own time [s]

@@ -67,7 +67,7 @@ contains
     end select
   end subroutine end_row
 
-  !> Slopes of the periodic spline: the tridiagonal system with two breakpoints, by the formula of Sherman and Morrison.
+  !> Slopes of the periodic spline: the tridiagonal system with an entry in two corners, by the formula of Sherman and Morrison.
   subroutine periodic_spline(w, chord, d)
     real(wp), intent(in) :: w(:)             !! (n - 1) lengths of the pieces [s]
     real(wp), intent(in) :: chord(:)         !! (n - 1) slopes of their chords [unit/s]
@@ -87,7 +87,7 @@ contains
     if (m == 2) then
       d(1:2) = b(:, 1)/(3*(w(1) + w(2)))     ! both slopes are equal
     else
-      last = -w(1)/diag(1)                   ! the last weight of the row that makes up for the breakpoints, the first is 1
+      last = -w(1)/diag(1)                   ! the last weight of the row that stands for the corner entries, the first is 1
       b(:, 2) = 0.0_wp
       b(1, 2) = -diag(1)
       b(m, 2) = w(m - 1)

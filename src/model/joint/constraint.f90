@@ -46,8 +46,8 @@ module constraint
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
     procedure :: acts_on => both_positions    !! whether rows can act on x, y, section angle of marker a, then of b
-    procedure :: init_from_deck => keep_as_is !! told the markers as the deck states them
-    procedure :: init_from_assembly => settle !! told the markers as assembled
+    procedure :: init_from_deck => keep_as_is !! takes what it needs from the markers of the deck
+    procedure :: init_from_assembly => settle !! takes what it needs from the assembled markers
     procedure :: measure => no_quantity       !! the quantity that a drive prescribes
     procedure :: start_value                  !! what a drive makes of it at t = 0
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
@@ -151,7 +151,7 @@ contains
     x = h(0)
   end function start_value
 
-  !> Those of a drive's history: accelerations jump two orders below the quantity, one below its rate. Joints have none.
+  !> The breakpoints of a drive's history: accelerations jump two orders below the quantity, one below its rate. Joints have none.
   pure function drive_breakpoints(self, until) result(list)
     class(constraint_model), intent(in) :: self
     real(wp), intent(in) :: until                 !! end of the run [s]

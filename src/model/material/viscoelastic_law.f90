@@ -118,7 +118,7 @@ contains
                          all(abs(self%inertia - other%inertia) <= 0.0_wp)
   end function equals
 
-  !> A term by name: its kind and its number in the deck's list.
+  !> The kind of a term, in words.
   pure function words(self, k) result(text)
     class(viscoelastic_terms), intent(in) :: self
     integer, intent(in) :: k                   !! term

@@ -43,14 +43,14 @@ contains
     associate (segments => lin%segments(lin%before(b) + 1:lin%before(b) + size(body%segments)), op => body%op)
       call body%basis%add_stiffness(body, t, qf, w, lin%stiffness, segments%stiffness)
       do k = 1, size(op%m)                   ! a pattern's column is the row's number in the operators
-        associate (i => t + op%even%col(k), j => t + op%even%row(k))
+        associate (i => t + op%symmetric%col(k), j => t + op%symmetric%row(k))
           call lin%mass%add(i, j, op%m(k) + op%j(k))
           call lin%damping%add(i, j, op%c(k))
           call lin%stiffness%add(i, j, -thetad**2*op%m(k))
         end associate
       end do
       do k = 1, size(op%z)
-        associate (i => t + op%odd%col(k), j => t + op%odd%row(k))
+        associate (i => t + op%skew%col(k), j => t + op%skew%row(k))
           call lin%damping%add(i, j, -2*thetad*op%z(k))
           call lin%stiffness%add(i, j, -thetadd*op%z(k))
         end associate

@@ -42,7 +42,7 @@ contains
       call tangent(0.0_wp, 0.0_wp, 1.0_wp, lin%stiffness)
       allocate (origin(n, 2))
       origin(1:2, :) = body%mass*one
-      origin(3, :) = [-ev%frame%pin(2, b), ev%frame%pin(1, b)]
+      origin(3, :) = [-ev%frame%first_moment(2, b), ev%frame%first_moment(1, b)]
       if (body%flexible) origin(4:, :) = body%shape%sbar
       call lin%damping%add_block(x, x(1:2), 2*v(i + 3)*matmul(origin, h))
       call lin%stiffness%add_block(x, x(1:2), matmul(origin, a(i + 3)*h - v(i + 3)**2*one))

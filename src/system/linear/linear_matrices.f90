@@ -29,7 +29,7 @@ module linear_matrices
 
 contains
 
-  !> Runs of bodies, then of force elements.
+  !> Makes the list of segments: those of bodies, then one for each force element with viscoelastic terms.
   subroutine count_segments(m, lin)
     type(mechanism_model), intent(in) :: m
     type(linear_mechanism), intent(inout) :: lin

@@ -53,7 +53,7 @@ contains
     end subroutine append
   end subroutine union_of_patterns
 
-  !> Sums a matrix's entries on the pattern, and where asked what rounding takes away.
+  !> Sums a matrix's entries on the pattern; where present, rounded_off gets the rounding errors of the sums.
   subroutine gather(self, a, values, rounded_off)
     class(symmetric_pattern), intent(in) :: self
     type(triplet_matrix), intent(in) :: a
@@ -69,7 +69,7 @@ contains
     end do
   end subroutine gather
 
-  !> s + rest = s + rest + x, what rounding takes from the sum kept in rest (Knuth's error-free sum).
+  !> s + rest = s + rest + x, the rounding error of the sum kept in rest (Knuth's error-free sum).
   pure subroutine add(x, s, rest)
     real(wp), intent(in) :: x               !! [any]
     real(wp), intent(inout) :: s, rest      !! [as x]

@@ -143,8 +143,8 @@ contains
         call c%geometric(ev%p, lambda, t)
         call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
         do i = c%first, c%first + c%rows - 1
-          call push(m, ev, c%ia, ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i), wrench)
-          call push(m, ev, c%ib, ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i), wrench)
+          call add_wrench(m, ev, c%ia, ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i), wrench)
+          call add_wrench(m, ev, c%ib, ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i), wrench)
         end do
       end associate
     end do
@@ -152,7 +152,7 @@ contains
   end subroutine marker_terms
 
   !> Adds a force (global) and a moment to a marker's residual wrench.
-  pure subroutine push(m, ev, marker, force, moment, wrench)
+  pure subroutine add_wrench(m, ev, marker, force, moment, wrench)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: marker
@@ -160,10 +160,10 @@ contains
     real(wp), intent(inout) :: wrench(:, :) !! (3, markers) [N, N m]
     wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, ev, marker, force)
     wrench(3, marker) = wrench(3, marker) + moment
-  end subroutine push
+  end subroutine add_wrench
 
-  !> Force elements: their tangents, with the runs of their GHM terms, and their wrenches. Forces that keep their direction in the
-  !> axes of a body turn with it.
+  !> Force elements: their tangents, with the segments of their viscoelastic terms, and their wrenches. Forces that keep their
+  !> direction in the axes of a body turn with it.
   subroutine element_terms(m, ev, v, action, lin, wrench)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -184,8 +184,8 @@ contains
         t%ib = f%ib
         call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], x%force, t)
         call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
-        call push(m, ev, f%ia, -x%a(1:2), -x%a(3), wrench)
-        if (f%ib /= f%ia) call push(m, ev, f%ib, -x%b(1:2), -x%b(3), wrench)
+        call add_wrench(m, ev, f%ia, -x%a(1:2), -x%a(3), wrench)
+        if (f%ib /= f%ia) call add_wrench(m, ev, f%ib, -x%b(1:2), -x%b(3), wrench)
         if (f%in_frame) then
           call marker_jacobian(m, ev, f%ia, cols, jac)
           do j = 1, size(cols)

@@ -46,8 +46,8 @@ contains
       a = stretch(m, ev, k, a - b)
       b = a
     end if
-    if (any(abs(a) > 0.0_wp)) call marker_push(m, ev, m%s%forces(k)%item%ia, stiffness*a, y)
-    if (any(abs(b) > 0.0_wp)) call marker_push(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
+    if (any(abs(a) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ia, stiffness*a, y)
+    if (any(abs(b) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
   !> Displacements and turns of a spring's ends, global axes.
@@ -57,8 +57,8 @@ contains
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
     real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
-    a = marker_shift(m, ev, m%s%forces(k)%item%ia, x)
-    b = marker_shift(m, ev, m%s%forces(k)%item%ib, x)
+    a = marker_displacement(m, ev, m%s%forces(k)%item%ia, x)
+    b = marker_displacement(m, ev, m%s%forces(k)%item%ib, x)
   end subroutine shifts
 
   !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
@@ -69,7 +69,7 @@ contains
     real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
     real(wp) :: s(3), e(3), now, rate
     associate (f => m%s%forces(k)%item)
-      if (f%every_way()) then
+      if (f%in_all_directions()) then
         s = [d(1:2), 0.0_wp]
       else
         call f%deformation(ev%p, now, rate, e)
@@ -79,7 +79,7 @@ contains
   end function stretch
 
   !> Displacement of a marker, global, and turn of its section, from the unknowns.
-  pure function marker_shift(m, ev, k, x) result(d)
+  pure function marker_displacement(m, ev, k, x) result(d)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! marker
@@ -90,12 +90,12 @@ contains
     b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    u = m%s%markers(k)%shift(ev%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
+    u = m%s%markers(k)%displacement(ev%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
     d = [ev%frame%cos(b)*u(1) - ev%frame%sin(b)*u(2), ev%frame%sin(b)*u(1) + ev%frame%cos(b)*u(2), u(3)]
-  end function marker_shift
+  end function marker_displacement
 
   !> Adds a wrench (global force, moment) on a marker as generalised forces.
-  pure subroutine marker_push(m, ev, k, f, y)
+  pure subroutine add_force(m, ev, k, f, y)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! marker
@@ -107,6 +107,6 @@ contains
     if (b == 0) return
     i = m%s%qo(b)
     w = [ev%frame%cos(b)*f(1) + ev%frame%sin(b)*f(2), ev%frame%cos(b)*f(2) - ev%frame%sin(b)*f(1), f(3)]
-    call m%s%markers(k)%push(ev%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
-  end subroutine marker_push
+    call m%s%markers(k)%add_wrench(ev%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
+  end subroutine add_force
 end module spring_products

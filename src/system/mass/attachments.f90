@@ -92,7 +92,7 @@ contains
       do c = 1, 3
         if (at%column(c, i) == 0) cycle
         associate (x => at%columns(:, at%column(c, i)))
-          call markers(i)%push_elastic(merge(1.0_wp, 0.0_wp, [1, 2, 3] == c), x)
+          call markers(i)%add_elastic_forces(merge(1.0_wp, 0.0_wp, [1, 2, 3] == c), x)
           call body%basis%solve_mass(body%nf, work, x)
         end associate
       end do

@@ -12,7 +12,7 @@ module body_condensation
 
 contains
 
-  !> Condensed mass, forces and products of every body: rhs, l, dinv, pin of the frames.
+  !> Condensed mass, forces and products of every body: rhs, l, dinv, first_moment of the frames.
   subroutine condense_bodies(self, ev, gravity, q, v, z, zd)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -24,8 +24,8 @@ contains
       if (self%flexible(b)) then
         call flexible_body(self, ev, b, gravity, q, v, z, zd)
       else
-        call rigid_body(self%rigid(:, b), ev%frame%cos(b), ev%frame%sin(b), gravity, v(self%s%qo(b) + 3), ev%frame%pin(:, b), &
-                        ev%frame%rhs(:, b), ev%frame%l(:, b), ev%frame%dinv(:, b))
+        call rigid_body(self%rigid(:, b), ev%frame%cos(b), ev%frame%sin(b), gravity, v(self%s%qo(b) + 3), &
+                        ev%frame%first_moment(:, b), ev%frame%rhs(:, b), ev%frame%l(:, b), ev%frame%dinv(:, b))
       end if
     end do
   end subroutine condense_bodies
@@ -74,7 +74,7 @@ contains
       p = p + body%i1
       call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, power)
       ev%dissipated_power = ev%dissipated_power + power
-      ev%frame%pin(:, b) = p
+      ev%frame%first_moment(:, b) = p
       ev%frame%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
       ev%frame%rhs(2, b) = body%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
       ev%frame%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)

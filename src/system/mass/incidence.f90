@@ -37,7 +37,7 @@ contains
     end do
   end subroutine count_sides
 
-  !> Row, marker, body and side of every end; the sides of every row.
+  !> Row, marker and body of every side; the sides of every row.
   pure subroutine list_sides(self)
     type(mechanism_model), intent(inout) :: self
     integer, allocatable :: fill(:)             !! next side of each body

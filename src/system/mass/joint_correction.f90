@@ -94,9 +94,8 @@ contains
     real(wp) :: x(3), frame(3)
     integer :: i
     i = self%s%qo(b)
-    frame = [ev%frame%cos(b)*ev%a(i + 1) + ev%frame%sin(b)*ev%a(i + 2), ev%frame%cos(b)*ev%a(i &
-        + 2) - ev%frame%sin(b)*ev%a(i + 1), &
-             ev%a(i + 3)]
-    x = self%s%markers(k)%shift(ev%p%rho(:, k), frame, ev%a(i + 4:i + 3 + self%s%bodies(b)%nf))
+    frame = [ev%frame%cos(b)*ev%a(i + 1) + ev%frame%sin(b)*ev%a(i + 2), &
+             ev%frame%cos(b)*ev%a(i + 2) - ev%frame%sin(b)*ev%a(i + 1), ev%a(i + 3)]
+    x = self%s%markers(k)%displacement(ev%p%rho(:, k), frame, ev%a(i + 4:i + 3 + self%s%bodies(b)%nf))
   end function marker_acceleration
 end module joint_correction

@@ -1,8 +1,8 @@
 !> The joints' geometry apart from the masses: G = Phi_q W^-1 Phi_q^T with a metric W that knows lengths only. Frames weigh
-!> one in translation and the square of the body's reach in rotation, about the middle of its joints; elastic coordinates of
-!> nodes likewise, without coupling; modes keep their compliances per unit of the body's mass. G is singular where rows
-!> depend on others, whatever the masses are, so it tells redundant joints and singular positions from heavy bodies on light
-!> links (multipliers). It is summed only where the multipliers' matrix has a weak pivot.
+!> one in translation. In rotation they weigh the square of a radius: the distance of the body's farthest joint from the middle of
+!> its joints. Elastic coordinates of nodes weigh the same, without coupling; modes keep their compliances per unit of the body's
+!> mass. G is singular where rows depend on others, whatever the masses are. So it separates redundant joints and singular positions
+!> from heavy bodies on light links (multipliers). It is summed only where the multipliers' matrix has a weak pivot.
 module joint_geometry
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -17,7 +17,7 @@ contains
   subroutine factor_joints(self, ev, accept_weak_pivots)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: accept_weak_pivots     !! the matrix as it is, as long as its pivots can be told from 0
+    logical, intent(in) :: accept_weak_pivots     !! factors the matrix as it is, as long as its pivots are not 0 by rounding
     logical :: good
     call ev%schur%factor_strong(good)
     if (good) return
@@ -29,74 +29,74 @@ contains
   subroutine condense_geometry(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp) :: middle(2), reach
+    real(wp) :: middle(2), radius
     integer :: b
     ev%schur%g = 0.0_wp
     do b = 1, size(ev%frame%cos)
       if (self%incidence%first(b + 1) == self%incidence%first(b)) cycle
-      call extent(self, ev, b, middle, reach)
-      call add_frame(self, ev, b, middle, reach)
-      if (self%flexible(b) .and. .not. ev%elastic_held) call add_elastic(self, ev, b, self%attached(b), reach)
+      call extent(self, ev, b, middle, radius)
+      call add_frame(self, ev, b, middle, radius)
+      if (self%flexible(b) .and. .not. ev%elastic_held) call add_elastic(self, ev, b, self%attached(b), radius)
     end do
   end subroutine condense_geometry
 
   !> The middle of a body's joints and how far they lie from it.
-  pure subroutine extent(self, ev, b, middle, reach)
+  pure subroutine extent(self, ev, b, middle, radius)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
     real(wp), intent(out) :: middle(2)            !! body axes [m]
-    real(wp), intent(out) :: reach                !! [m]
+    real(wp), intent(out) :: radius                !! [m]
     integer :: e
     middle = 0.0_wp
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
       middle = middle + ev%p%rho(:, self%incidence%marker(e))
     end do
     middle = middle/(self%incidence%first(b + 1) - self%incidence%first(b))
-    reach = 0.0_wp
+    radius = 0.0_wp
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-      reach = max(reach, norm2(ev%p%rho(:, self%incidence%marker(e)) - middle))
+      radius = max(radius, norm2(ev%p%rho(:, self%incidence%marker(e)) - middle))
     end do
-    if (.not. reach > 1.0e-9_wp*norm2(middle)) reach = max(norm2(middle), self%s%size)    ! one place alone
+    if (.not. radius > 1.0e-9_wp*norm2(middle)) radius = max(norm2(middle), self%s%size)    ! one place alone
   end subroutine extent
 
   !> What the frame's motion adds: wrenches about the middle of the joints.
-  pure subroutine add_frame(self, ev, b, middle, reach)
+  pure subroutine add_frame(self, ev, b, middle, radius)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
-    real(wp), intent(in) :: middle(2), reach      !! [m]
+    real(wp), intent(in) :: middle(2), radius      !! [m]
     real(wp) :: we(3), wf(3)
     integer :: e, f
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-      we = about(ev%side%w(:, e), ev%p%rho(:, self%incidence%marker(e)) - middle, reach)
+      we = about(ev%side%w(:, e), ev%p%rho(:, self%incidence%marker(e)) - middle, radius)
       do f = self%incidence%first(b), e
-        wf = about(ev%side%w(:, f), ev%p%rho(:, self%incidence%marker(f)) - middle, reach)
+        wf = about(ev%side%w(:, f), ev%p%rho(:, self%incidence%marker(f)) - middle, radius)
         call add_pair(self, ev, e, f, dot_product(we, wf))
       end do
     end do
   end subroutine add_frame
 
-  !> A wrench on a marker as force, and moment about the middle over the reach.
-  pure function about(w, arm, reach) result(x)
+  !> A wrench on a marker as force, and moment about the middle over the radius.
+  pure function about(w, arm, radius) result(x)
     real(wp), intent(in) :: w(3)                  !! wrench, body axes [-, m]
-    real(wp), intent(in) :: arm(2), reach         !! [m]
+    real(wp), intent(in) :: arm(2), radius         !! [m]
     real(wp) :: x(3)
     x(1:2) = w(1:2)
-    x(3) = (w(3) + arm(1)*w(2) - arm(2)*w(1))/reach
+    x(3) = (w(3) + arm(1)*w(2) - arm(2)*w(1))/radius
   end function about
 
   !> What the elastic coordinates of the markers add.
-  pure subroutine add_elastic(self, ev, b, at, reach)
+  pure subroutine add_elastic(self, ev, b, at, radius)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     type(flexible_attachments), intent(in) :: at
-    real(wp), intent(in) :: reach                 !! [m]
+    real(wp), intent(in) :: radius                 !! [m]
     real(wp) :: unit(3), x
     integer :: e, f, i, j, c
     logical :: same
-    unit = [1.0_wp, 1.0_wp, 1.0_wp/reach**2]
+    unit = [1.0_wp, 1.0_wp, 1.0_wp/radius**2]
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
       i = self%incidence%attachment(e)
       do f = self%incidence%first(b), e

@@ -21,8 +21,8 @@ contains
     integer :: b, i, n
     share = merge(1.0_wp, 0.0_wp, with_forces)
     call solve_frames(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, &
-                      ev%side%frame_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, lambda, share, ev%frame%rhs, ev%frame%push)
-    call turn_frames(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%push, size(a), a)
+                      ev%side%frame_wrench, ev%frame%l, ev%frame%dinv, self%s%rows, lambda, share, ev%frame%rhs, ev%frame%response)
+    call turn_frames(size(ev%frame%cos), self%s%qo, ev%frame%cos, ev%frame%sin, ev%frame%response, size(a), a)
     do b = 1, size(ev%frame%cos)
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
@@ -32,9 +32,9 @@ contains
         cycle
       end if
       associate (body => self%s%bodies(self%prototype(b)), w => ev%elastic(b))
-        call follow_frame(n, share, w%force(1:n), body%shape%pmat, w%coupling(1:n), ev%frame%push(:, b), a(i + 4:i + 3 + n))
+        call follow_frame(n, share, w%force(1:n), body%shape%pmat, w%coupling(1:n), ev%frame%response(:, b), a(i + 4:i + 3 + n))
       end associate
-      call push_elastic(self, ev, b, lambda, a(i + 4:i + 3 + n))
+      call add_elastic_response(self, ev, b, lambda, a(i + 4:i + 3 + n))
     end do
   end subroutine accelerations
 
@@ -103,7 +103,7 @@ contains
   end subroutine free_accelerations
 
   !> Subtracts m_ff^-1 E^T w lambda from elastic accelerations (or corrections).
-  subroutine push_elastic(self, ev, b, lambda, a)
+  subroutine add_elastic_response(self, ev, b, lambda, a)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
@@ -117,7 +117,7 @@ contains
                         ev%side%w(:, first:last), self%s%rows, lambda, size(at%marker), at%column, size(load), load)
       call subtract_columns(size(a), size(load), load, at%columns, a)
     end associate
-  end subroutine push_elastic
+  end subroutine add_elastic_response
 
   !> Multiplier forces on the columns of one body's attachments.
   pure subroutine column_loads(n, row, local, w, rows, lambda, na, column, nc, load)

@@ -231,8 +231,8 @@ contains
     integer :: e, b
     do e = 1, n
       b = body(e)
-      lambda(row(e)) = lambda(row(e)) + (frame_wrench(1, e)*free(1, b) + frame_wrench(2, e)*free(2, b) + frame_wrench(3, &
-          e)*free(3, b))
+      lambda(row(e)) = lambda(row(e)) + (frame_wrench(1, e)*free(1, b) + frame_wrench(2, e)*free(2, b) &
+                                         + frame_wrench(3, e)*free(3, b))
     end do
   end subroutine add_frame_terms
 

@@ -26,7 +26,7 @@ contains
       mu = 0.0_wp
       do b = 1, size(m%s%bodies)
         do e = m%incidence%first(b), m%incidence%first(b + 1) - 1
-          mu(m%incidence%row(e)) = mu(m%incidence%row(e)) + row_shift(m, ev, b, e, u)
+          mu(m%incidence%row(e)) = mu(m%incidence%row(e)) + row_displacement(m, ev, b, e, u)
         end do
       end do
       call ev%schur%solve(mu)
@@ -79,7 +79,7 @@ contains
   end subroutine solve_body
 
   !> w . (marker displacement in body axes) of one side.
-  pure function row_shift(m, ev, b, e, u) result(s)
+  pure function row_displacement(m, ev, b, e, u) result(s)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: b, e                !! body, side of a row on it
@@ -88,6 +88,6 @@ contains
     integer :: i, k
     i = m%s%qo(b)
     k = m%incidence%marker(e)
-    s = dot_product(ev%side%w(:, e), m%s%markers(k)%shift(ev%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
-  end function row_shift
+    s = dot_product(ev%side%w(:, e), m%s%markers(k)%displacement(ev%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
+  end function row_displacement
 end module mass_solve

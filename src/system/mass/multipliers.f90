@@ -21,7 +21,7 @@ module multipliers
   type :: multiplier_system
     integer :: n = 0
     integer :: kd = 0                          !! half band width
-    integer, allocatable :: position(:)        !! (n) reordered marker of each row
+    integer, allocatable :: position(:)        !! (n) place of each row in the ordering
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j) [1/kg]
     real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed [-]
@@ -96,7 +96,7 @@ contains
     if (.not. good) call factor_shifted(self)
   end subroutine factor
 
-  !> Factors an S with weak pivots, knowing G: as it is, as long as its pivots can be told from 0, where no row depends on
+  !> Factors an S with weak pivots, knowing G: as it is, if no pivot is 0 by rounding, where no row depends on
   !> others by geometry; S + eps 1 otherwise.
   subroutine factor_uneven(self)
     class(multiplier_system), intent(inout) :: self
@@ -110,7 +110,7 @@ contains
     if (.not. good) call factor_shifted(self)
   end subroutine factor_uneven
 
-  !> Whether the last factor has pivots that cannot be told from 0.
+  !> Whether the last factor has pivots that may be 0 by rounding.
   pure logical function beyond_digits(self) result(yes)
     class(multiplier_system), intent(in) :: self
     yes = self%ill_conditioned .or. any(self%f(0, 1:self%n)*self%s(0, :)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
@@ -130,10 +130,10 @@ contains
   end subroutine factor_strong
 
   !> Factors an S with weak pivots, knowing G: as it is where no row depends on others; with a shift of all rows where S is
-  !> singular but otherwise even; with the dependent rows alone shifted, by their own diagonal, where it is both.
+  !> singular while the masses are not very uneven; with the dependent rows alone shifted, by their own diagonal, where it is both.
   subroutine factor_weak(self, accept_weak_pivots)
     class(multiplier_system), intent(inout) :: self
-    logical, intent(in) :: accept_weak_pivots   !! S as it is, however weak its pivots, as long as they can be told from 0
+    logical, intent(in) :: accept_weak_pivots   !! factor S as it is, however weak its pivots, if none is 0 by rounding
     logical :: good
     if (accept_weak_pivots) then
       call take_matrix(size(self%s), size(self%f), self%s, self%f)
@@ -269,7 +269,8 @@ contains
     dependent = self%dependent(self%position)
   end subroutine weak_rows
 
-  !> held: rows of G whose pivot falls below tol of their diagonal entry, each skipped once it is found to depend. Spends G.
+  !> Marks as dependent the rows of G whose pivot falls below tol of their diagonal entry; the elimination goes on without them.
+  !> Overwrites G.
   subroutine mark_dependent(self, tol)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]

@@ -7,30 +7,30 @@ module prototypes
   use mechanism, only: mechanism_model, flexible_attachments
   implicit none (type, external)
   private
-  public :: find_like_bodies
+  public :: find_prototypes
 
   integer, parameter :: most_kinds = 8           !! kinds of body that a body is compared with, the latest ones
 
 contains
 
- !> like and attached_prototype of the mechanism: of every flexible body in nodal coordinates the first with the same constants, and
-  !> the first that is attached in the same way, too; of others themselves.
-  subroutine find_like_bodies(self)
+  !> Sets prototype and attached_prototype of the mechanism. The prototype of a flexible body in nodal coordinates is the first body
+  !> with the same constants; its attached prototype is the first that is also attached in the same way. Other bodies are their own.
+  subroutine find_prototypes(self)
     type(mechanism_model), intent(inout) :: self
-    integer :: kinds(most_kinds), held(most_kinds), b, n
+    integer :: kinds(most_kinds), attached_kinds(most_kinds), b, n
     n = size(self%s%bodies)
     self%prototype = [(b, b=1, n)]
     self%attached_prototype = self%prototype
     kinds = 0
-    held = 0
+    attached_kinds = 0
     do b = 1, n
       associate (body => self%s%bodies(b))
         if (.not. body%flexible) cycle
       end associate
       self%prototype(b) = first_prototype(self, b, kinds, .false.)
-      self%attached_prototype(b) = first_prototype(self, b, held, .true.)
+      self%attached_prototype(b) = first_prototype(self, b, attached_kinds, .true.)
     end do
-  end subroutine find_like_bodies
+  end subroutine find_prototypes
 
   !> The first body of the kind of b; b itself, which joins the list, where there is none.
   integer function first_prototype(self, b, kinds, attached) result(first)

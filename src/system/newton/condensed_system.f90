@@ -18,7 +18,7 @@ module condensed_system
   !> Markers of a flexible body where rows act: columns of the inverse block, and what markers see of them.
   type :: marker_columns
     integer :: na = 0                        !! such markers
-    logical :: whole = .false.               !! the columns belong to the whole block, not to T0
+    logical :: full_block = .false.               !! the columns belong to the full block, not to T0
     integer, allocatable :: marker(:)        !! (na) their numbers
     integer, allocatable :: column(:, :)     !! (3, na) column of each component, 0: none
     integer, allocatable :: marker_of(:), component_of(:)  !! (nc) marker (1 to na) and component of each column
@@ -49,11 +49,11 @@ module condensed_system
     real(number) :: free(3) = 0.0_wp         !! frame's correction without rows [m, m, rad]
   end type condensed_body
 
-  !> The whole.
+  !> The condensed dynamic stiffness of a mechanism.
   type :: condensed_matrix
     real(number) :: c1 = 0.0_wp              !! [1/s2]
     real(number) :: c2 = 0.0_wp              !! [1/s]
-    logical :: whole = .false.               !! the whole elastic blocks stand in the last tangent, not T0
+    logical :: full_block = .false.               !! the full elastic blocks stand in the last tangent, not T0
     logical :: factored = .false.            !! T0 has a factor: with 1e28 1/s beside slow motion rounding may leave none
     logical :: solved = .false.              !! the elastic residuals have been solved
     type(condensed_body), allocatable :: b(:)

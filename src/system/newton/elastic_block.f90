@@ -1,5 +1,5 @@
 !> The elastic coordinates' block of a body's dynamic stiffness, factored: T0 = c1 m_ff + c2 C + K with the GHM terms condensed,
-!> symmetric and constant while the step is, and where that contracts poorly the whole block with what the frame's motion and
+!> symmetric and constant while the step is, and where that contracts poorly the full block with what the frame's motion and
 !> stiffening add, c1 m_ff + c2 (C - 2 theta' Z) + K - theta'2 m - theta'' Z + geometric (theory.md, section 7). Refilling and
 !> factoring allocate nothing.
 module elastic_block
@@ -20,10 +20,10 @@ module elastic_block
     type(band_factor) :: base                !! of T0
     real(number), allocatable :: factor(:)   !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
     integer, allocatable :: row(:), col(:)   !! of T0's lower triangle
-    integer, allocatable :: entry(:)         !! where these entries stand on the even pattern of the operators
-    real(number), allocatable :: value(:)    !! (even pattern) T0 [kg/s2, ...]
+    integer, allocatable :: entry(:)         !! where these entries stand on the symmetric pattern of the operators
+    real(number), allocatable :: value(:)    !! (symmetric pattern) T0 [kg/s2, ...]
     real(number), allocatable :: lower(:)    !! its lower triangle [N/m, N, N m]
-    integer :: kb = 0                        !! half band width of the whole block
+    integer :: kb = 0                        !! half band width of the full block
     integer, allocatable :: position(:)      !! (n) its ordering
     real(number), allocatable :: lu(:, :)    !! its LU in LAPACK's band storage [N/m, N, N m]
     integer, allocatable :: pivots(:)        !! (n)
@@ -32,7 +32,7 @@ module elastic_block
   contains
     procedure :: set_up
     procedure :: factor_base
-    procedure :: factor_whole
+    procedure :: factor_full
     procedure :: solve
     procedure :: solve_two
   end type block_factor
@@ -46,18 +46,18 @@ contains
     integer, intent(in) :: segments          !! of viscoelastic material
     integer, allocatable :: order(:), starts(:)
     integer :: e, i, n
-    associate (even => op%even, odd => op%odd)
-      self%n = size(even%first) - 1
-      self%entry = pack([(e, e=1, size(even%row))], even%row >= even%col)
-      self%row = even%row(self%entry)
-      self%col = even%col(self%entry)
+    associate (symmetric => op%symmetric, skew => op%skew)
+      self%n = size(symmetric%first) - 1
+      self%entry = pack([(e, e=1, size(symmetric%row))], symmetric%row >= symmetric%col)
+      self%row = symmetric%row(self%entry)
+      self%col = symmetric%col(self%entry)
       call order_band(self%n, self%row, self%col, self%base)
-      call reverse_cuthill_mckee(self%n, [even%row, odd%row], [even%col, odd%col], order, starts)
+      call reverse_cuthill_mckee(self%n, [symmetric%row, skew%row], [symmetric%col, skew%col], order, starts)
       allocate (self%position(self%n), self%pivots(self%n))
       self%position(order) = [(i, i=1, self%n)]
-      self%kb = max(maxval(abs(self%position(even%row) - self%position(even%col))), &
-                    maxval(abs(self%position(odd%row) - self%position(odd%col))))
-      n = size(even%row)
+      self%kb = max(maxval(abs(self%position(symmetric%row) - self%position(symmetric%col))), &
+                    maxval(abs(self%position(skew%row) - self%position(skew%col))))
+      n = size(symmetric%row)
     end associate
     allocate (self%value(n), self%lower(size(self%entry)), self%lu(3*self%kb + 1, self%n), self%x(self%n, 1), &
               self%work(2, self%n))
@@ -83,8 +83,8 @@ contains
     call factor_again(self%base, self%row, self%col, self%lower, bad)
   end subroutine factor_base
 
-  !> Fills and factors the whole block at the state of eq's last residual.
-  subroutine factor_whole(self, eq, body, c2, w, wd, bad)
+  !> Fills and factors the full block at the state of eq's last residual.
+  subroutine factor_full(self, eq, body, c2, w, wd, bad)
     class(block_factor), intent(inout) :: self
     type(body_equations), intent(in) :: eq
     type(body_model), intent(in) :: body
@@ -98,10 +98,10 @@ contains
     self%lu = 0.0_wp
     associate (op => body%op)
       do e = 1, size(self%value)             ! a pattern's column is the row's number in the operators
-        call add(self, op%even%col(e), op%even%row(e), self%value(e) - w**2*op%m(e))
+        call add(self, op%symmetric%col(e), op%symmetric%row(e), self%value(e) - w**2*op%m(e))
       end do
       do e = 1, size(op%z)
-        call add(self, op%odd%col(e), op%odd%row(e), -turn*op%z(e))
+        call add(self, op%skew%col(e), op%skew%row(e), -turn*op%z(e))
       end do
     end associate
     if (body%stiffening) then
@@ -111,9 +111,9 @@ contains
     end if
     call gbtrf(self%n, self%n, self%kb, self%kb, self%lu, 3*self%kb + 1, self%pivots, info)
     bad = info /= 0
-  end subroutine factor_whole
+  end subroutine factor_full
 
-  !> Adds an entry of the whole block.
+  !> Adds an entry of the full block.
   pure subroutine add(self, row, col, x)
     class(block_factor), intent(inout) :: self
     integer, intent(in) :: row, col
@@ -148,13 +148,13 @@ contains
     end do
   end subroutine add_stiffening
 
-  !> Solves in place with T0 or the whole block.
-  subroutine solve(self, whole, x)
+  !> Solves in place with T0 or the full block.
+  subroutine solve(self, full_block, x)
     class(block_factor), intent(inout) :: self
-    logical, intent(in) :: whole
+    logical, intent(in) :: full_block
     real(number), intent(inout) :: x(:)      !! (n) forces [N, N m], then displacements [m, rad]
     integer :: i, info
-    if (.not. whole) then
+    if (.not. full_block) then
       call band_solve(self%base, self%n, x, self%work)
       return
     end if
@@ -168,13 +168,13 @@ contains
   end subroutine solve
 
   !> The same for two right-hand sides.
-  subroutine solve_two(self, whole, x, y)
+  subroutine solve_two(self, full_block, x, y)
     class(block_factor), intent(inout) :: self
-    logical, intent(in) :: whole
+    logical, intent(in) :: full_block
     real(number), intent(inout) :: x(:), y(:)   !! (n) [N, N m], then [m, rad]
-    if (whole) then
-      call self%solve(whole, x)
-      call self%solve(whole, y)
+    if (full_block) then
+      call self%solve(full_block, x)
+      call self%solve(full_block, y)
     else
       call band_solve_two(self%base, self%n, x, y, self%work)
     end if

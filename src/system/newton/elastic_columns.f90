@@ -53,16 +53,16 @@ contains
   end subroutine factor_blocks
 
   !> Columns of the inverse elastic block, T0^-1 S-bar^T and T0^-1 E^T, and their products.
-  subroutine fill_columns(t, body, markers, whole)
+  subroutine fill_columns(t, body, markers, full_block)
     type(condensed_body), intent(inout) :: t
     type(body_model), intent(in) :: body
     type(marker_model), intent(in) :: markers(:)
-    logical, intent(in) :: whole             !! by the whole block
+    logical, intent(in) :: full_block        !! by the full block
     integer :: i, j
     associate (at => t%at)
-      at%whole = whole
+      at%full_block = full_block
       at%xs = body%shape%sbar
-      call t%block%solve_two(whole, at%xs(:, 1), at%xs(:, 2))
+      call t%block%solve_two(full_block, at%xs(:, 1), at%xs(:, 2))
       at%xe = 0.0_wp
       at%compliance = 0.0_wp
       do j = 1, size(at%xe, 2)
@@ -70,7 +70,7 @@ contains
           if (allocated(k%psi)) at%xe(:, j) = k%psi(c, :)
           if (.not. allocated(k%psi)) at%xe(k%dof(c), j) = 1.0_wp
         end associate
-        call t%block%solve(whole, at%xe(:, j))
+        call t%block%solve(full_block, at%xe(:, j))
         do i = 1, 2
           at%sxe(i, j) = dot_product(body%shape%sbar(:, i), at%xe(:, j))
         end do

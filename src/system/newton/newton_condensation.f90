@@ -40,32 +40,32 @@ contains
   end subroutine add_tangent
 
   !> Condenses the tangent that was given and factors its rows; the elastic residuals are solved at the same time.
-  subroutine condense(self, m, ev, eq, v, a, lambda, whole, shift, bad)
+  subroutine condense(self, m, ev, eq, v, a, lambda, full_block, shift, bad)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(body_equations), intent(in) :: eq(:)   !! at the state of the last residual
     real(wp), intent(in), contiguous :: v(:), a(:)   !! (nq) [m/s, rad/s] and accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
-    logical, intent(in) :: whole             !! factors the whole elastic blocks
+    logical, intent(in) :: full_block        !! factors the full elastic blocks
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b, i
-    bad = .not. (whole .or. self%factored)
+    bad = .not. (full_block .or. self%factored)
     if (bad) return
-    self%whole = whole
+    self%full_block = full_block
     self%solved = .true.
     call fill_laws(self, m, ev, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%n > 0) then
           i = m%s%qo(b) + 3
-          if (whole) then
-            call x%block%factor_whole(eq(b), m%s%bodies(b), self%c2, v(i), a(i), bad)
+          if (full_block) then
+            call x%block%factor_full(eq(b), m%s%bodies(b), self%c2, v(i), a(i), bad)
             if (bad) return
           end if
-          if (whole .or. x%at%whole) call fill_columns(x, m%s%bodies(b), m%s%markers, whole)
-          call x%block%solve_two(whole, x%elastic, x%column)
+          if (full_block .or. x%at%full_block) call fill_columns(x, m%s%bodies(b), m%s%markers, full_block)
+          call x%block%solve_two(full_block, x%elastic, x%column)
         end if
         call condense_frame(x, m, b, self%c1, bad)
         if (bad) return

@@ -40,7 +40,7 @@ contains
     self%solved = .true.
     do b = 1, size(self%b)
       associate (x => self%b(b))
-        if (x%n > 0) call x%block%solve(self%whole, x%elastic)
+        if (x%n > 0) call x%block%solve(self%full_block, x%elastic)
       end associate
     end do
   end subroutine solve_elastic

@@ -1,6 +1,6 @@
 !> Residual and tangent of the whole mechanism at a trial state (t, q, v, a, lambda), and the corrections that they ask for. The
 !> elastic blocks are factored once a step size (`prepare`); a new tangent renews the frames' columns and rows and the border, and
-!> the whole elastic blocks only where it is asked to.
+!> the full elastic blocks only where it is asked to.
 module newton_equations
   use kinds, only: wp
   use body_terms, only: body_residual, body_tangent
@@ -48,7 +48,7 @@ contains
     end do
   end subroutine let_terms_follow
 
-  !> Gives residuals the dissipative coordinates at zero deformation: those of force elements, and what bodies feel of theirs.
+  !> Gives residuals the dissipative coordinates at zero deformation: those of force elements, and their sum in bodies.
   subroutine give_terms(self, m, z)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -56,13 +56,13 @@ contains
     integer :: k, b, e, i
     self%offset = z
     do b = 1, size(self%eq)
-      if (m%s%bodies(b)%nz > 0) self%eq(b)%past = 0.0_wp
+      if (m%s%bodies(b)%nz > 0) self%eq(b)%history_strain = 0.0_wp
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         if (t%body == 0) cycle
         i = t%first
-        associate (x => self%eq(t%body)%past, segment => m%s%bodies(t%body)%segments(t%segment))
+        associate (x => self%eq(t%body)%history_strain, segment => m%s%bodies(t%body)%segments(t%segment))
           do e = segment%first, segment%first + (t%last - t%first)/size(x, 1)
             x(:, e) = x(:, e) + t%alpha*z(i:i + size(x, 1) - 1)
             i = i + size(x, 1)
@@ -72,7 +72,7 @@ contains
     end do
   end subroutine give_terms
 
-  !> Residuals of all bodies (self%b%eq) and values of the constraints (m%rows%phi).
+  !> Residuals of all bodies (self%eq) and values of the constraints (ev%rows%phi).
   subroutine residual(self, m, ev, options, t, q, v, a, lambda)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -100,7 +100,7 @@ contains
       if (b == 0) cycle
       associate (eq => self%eq(b))
         if (eq%n > 0) then
-          call m%s%markers(k)%push(ev%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
+          call m%s%markers(k)%add_wrench(ev%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
         else
           eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
           eq%frame(3) = eq%frame(3) + self%wrench(3, k) + ev%p%rho(1, k)*self%wrench(2, k) - ev%p%rho(2, k)*self%wrench(1, k)
@@ -167,13 +167,13 @@ contains
 
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored, together with the
   !> elastic residuals that were taken.
-  subroutine renew(self, m, ev, q, v, a, lambda, whole, shift, bad)
+  subroutine renew(self, m, ev, q, v, a, lambda, full_block, shift, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
-    logical, intent(in) :: whole             !! factors the whole elastic blocks
+    logical, intent(in) :: full_block        !! factors the full elastic blocks
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b
@@ -181,7 +181,7 @@ contains
     do b = 1, size(self%eq)
       call add_tangent(self%t%b(b), self%eq(b), 1.0_wp, .true.)
     end do
-    call condense(self%t, m, ev, self%eq, v, a, lambda, whole, shift, bad)
+    call condense(self%t, m, ev, self%eq, v, a, lambda, full_block, shift, bad)
   end subroutine renew
 
   !> The bodies' tangents c1 M + c2 C + c0 K at the state of the last residual, whose arguments are given again.
@@ -214,8 +214,8 @@ contains
       associate (eq => self%eq(b), w => self%wrench(:, k))
         eq%block(3, 3) = eq%block(3, 3) - ev%p%rho(1, k)*w(1) - ev%p%rho(2, k)*w(2)
         if (eq%n == 0) cycle
-        call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
-        call m%s%markers(k)%push_elastic([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
+        call m%s%markers(k)%add_elastic_forces([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
+        call m%s%markers(k)%add_elastic_forces([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
       end associate
     end do
     do k = 1, size(m%s%forces)
@@ -226,7 +226,7 @@ contains
         eq%block(1, 3) = eq%block(1, 3) + f(2)
         eq%block(2, 3) = eq%block(2, 3) - f(1)
         eq%block(3, 3) = eq%block(3, 3) - dot_product(ev%p%rho(:, marker), f)
-        if (eq%n > 0) call m%s%markers(marker)%push_elastic([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
+        if (eq%n > 0) call m%s%markers(marker)%add_elastic_forces([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
       end associate
     end do
   end subroutine turn_wrenches

@@ -1,5 +1,5 @@
-!> What an implicit method asks of the mechanism at the end of a step: internal variables, powers, products with the mass, what the
-!> step resolves, how far rounding reaches.
+!> What an implicit method asks of the mechanism at the end of a step: internal variables, powers, products with the mass, the
+!> part of a motion that the step resolves, the size of rounding errors.
 module newton_results
   use kinds, only: wp
   use body, only: body_model
@@ -132,7 +132,7 @@ contains
       if (n == 0 .or. .not. m%s%bodies(b)%rayleigh) cycle
       associate (eq => self%eq(b), op => m%s%bodies(b)%op)
         eq%elastic = 0.0_wp
-        call add_product(op%even, op%c, v(i + 1:i + n), eq%elastic(1:))
+        call add_product(op%symmetric, op%c, v(i + 1:i + n), eq%elastic(1:))
         ev%dissipated_power = ev%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
       end associate
     end do
@@ -156,8 +156,8 @@ contains
     do b = 1, size(self%eq)
       i = m%s%qo(b)
       n = self%eq(b)%n
-      total = total + body_product(self%eq(b), m%s%bodies(b), ev%frame%cos(b), ev%frame%sin(b), q(i + 4:i + 3 + n), x(i + 1:i &
-          + 3 + n, :))
+      total = total + body_product(self%eq(b), m%s%bodies(b), ev%frame%cos(b), ev%frame%sin(b), &
+                                   q(i + 4:i + 3 + n), x(i + 1:i + 3 + n, :))
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
@@ -210,7 +210,7 @@ contains
     end do
   end function body_product
 
-  !> Leaves of two vectors of coordinates what the step resolves: of elastic ones T0^-1 c1 m_ff x.
+  !> Keeps of two vectors of coordinates the part that the step resolves: of elastic ones T0^-1 c1 m_ff x.
   subroutine resolved_part(self, m, x, y)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -230,7 +230,8 @@ contains
     end do
   end subroutine resolved_part
 
-  !> How far markers are from the origin, in sizes of the scene, or how many radians frames have turned: what rounding grows with.
+  !> The size of rounding errors, in units of eps times the scene's size: 1, or how far markers are from the origin in sizes of the
+  !> scene, or the largest angle of a frame.
   pure real(wp) function scene_reach(m, ev, q) result(reach)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

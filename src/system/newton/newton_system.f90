@@ -11,7 +11,7 @@ module newton_system
   private
   public :: set_up_newton
 
-  !> The whole.
+  !> Equations and dynamic stiffness of a mechanism.
   type, public :: newton_matrix
     type(body_equations), allocatable :: eq(:)   !! (bodies)
     type(condensed_matrix) :: t
