@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -109,6 +110,9 @@ def test_preloaded_owners_start_relaxed_and_each_follows_by_its_own_terms(run_de
         deck += torsional if name[0] == "t" else linear
         deck += f"/\n&sensor name='{name}' quantity='spring' spring='{name}' /\n"
     run = run_deck(deck + f"&transient t_end=0.1 output_step=0.01 method={method} /\n")
+    scene = json.loads((run.folder / "summary.json").read_text())["model"]
+    count = (scene["dissipative_coordinates"], scene["dissipative_coordinates_of_first_order"])
+    assert count == (3 * 2 + 2 + 3 + 4 + 3, 3 + 2 + 1 + 3)
     t, potential = run.history.time, 0.0
     for name, (k, d, maxwell, ghm) in OWNERS.items():
         z, zd = follow(maxwell, ghm, t)
