@@ -48,8 +48,8 @@ contains
     end subroutine add
   end function list_acting
 
-  !> Numbers of the elastic coordinates of a body that are acted on, displacements by forces and rotations by moments: those whose
-  !> static shapes a body reduced to modes may keep.
+  !> Numbers of the elastic coordinates of a body on which something acts: forces on displacements, moments on rotations. A body
+  !> reduced to modes may keep their static shapes.
   function coordinates_under_load(d, k, b) result(list)
     type(deck), intent(in) :: d
     integer, intent(in) :: k               !! number of the body

@@ -21,7 +21,7 @@ module build_markers
 
 contains
 
-  !> A marker of the model from that of the deck.
+  !> The marker of the model for a marker of the deck.
   type(marker_model) function make_marker(s, r) result(p)
     type(scene), intent(in) :: s
     type(marker_record), intent(in) :: r

@@ -17,7 +17,7 @@ module build_scene
 
 contains
 
-  !> Builds the scene of a deck. Where faults are added the scene must not be used.
+  !> Builds the scene of a deck. If it adds faults, the scene must not be used.
   subroutine build(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
@@ -92,7 +92,7 @@ contains
     s%ny = 2*s%nq + s%nz + s%nzd + 2
   end subroutine number_internal
 
-  !> Gives the variables of one owner the next numbers.
+  !> Gives the internal variables of one segment or force element the next numbers.
   pure subroutine number_terms(s, variables)
     type(scene), intent(inout) :: s
     class(internal_state), intent(inout) :: variables

@@ -1,6 +1,6 @@
 !> Refuses decks whose numbers double precision cannot carry: masses, stiffness or squared frequencies so large or small that
 !> products of several overflow, masses of one body so uneven that some are lost in rounding, markers so far from a body that
-!> rounding of its angle moves them. They are reported as faults of the deck, before anything is computed.
+!> rounding of its angle moves them. These are reported as faults of the deck, before anything is computed.
 module number_range
   use kinds, only: wp
   use body, only: body_model
@@ -16,7 +16,7 @@ module number_range
   public :: judge_laws, judge_values, judge_distances
 
   real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
-  real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element, of its body's: beside a lump rounding leaves it two digits [-]
+  real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element over its body's: beside a lump it keeps two digits [-]
   real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
   real(wp), parameter :: least_radius = 1.0e-14_wp  !! of gyration, in sizes of the scene [-]
   real(wp), parameter :: light = 299792458.0_wp     !! its speed [m/s]

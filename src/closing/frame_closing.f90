@@ -13,8 +13,8 @@ module frame_closing
   private
   public :: prepare_frames, close_frames
 
-  real(wp), parameter :: well_held = 1.0e-3_wp   !! relative pivot from which frames close joints well: they move by at most
-                                                 !! some thirty times what is open [-]
+  real(wp), parameter :: well_held = 1.0e-3_wp   !! relative pivot from which frames close joints well: by motions of at most
+                                                 !! some thirty times the gap [-]
 
 contains
 

@@ -1,5 +1,5 @@
 !> Projection of a state onto Phi = 0 and then Phi' = 0, mass-orthogonally (theory.md, section 6), with the factors of the
-!> last evaluation: a correction is of the size of the step's own error, so slightly old factors only cost a pass.
+!> last evaluation. Corrections are as small as the error of the step, so that slightly old factors only cost one more pass.
 !> Positions of mechanisms with flexible bodies are corrected in the frames alone wherever these can close the joints well
 !> (`frame_closing`).
 module projection
@@ -17,7 +17,7 @@ module projection
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
   real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest marker [-]
   real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
-  real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which a nearly singular position may close regularly [-]
+  real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]
   real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
 
 contains
@@ -36,7 +36,7 @@ contains
     call project_positions(self, ev, options, t, q, v, z, zd, ok)
     if (.not. ok) return
     if (determined(self) .and. .not. any(abs(ev%rows%phi_t) > 0.0_wp)) then
-      v = 0.0_wp                             ! joints and drives at rest leave no freedom, in singular positions too
+      v = 0.0_wp                             ! joints and drives at rest leave no freedom, also in singular positions
       return
     end if
     call project_velocities(self, ev, q, v)
@@ -119,7 +119,7 @@ contains
     end do
   end subroutine project_velocities
 
-  !> Largest absolute value; four at a time, so that they need not wait for each other.
+  !> Largest absolute value, by four running maxima, which the processor finds at the same time.
   pure function largest(n, x) result(y)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)   !! [any]

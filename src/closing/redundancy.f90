@@ -15,7 +15,7 @@ module redundancy
   public :: count_freedoms
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others [-]
-  integer, parameter :: mixtures = 2                !! vectors of the null space that are looked at: entries cancel in one by chance
+  integer, parameter :: mixtures = 2                !! vectors of the null space examined: in one, entries may cancel by chance
 
 contains
 
@@ -56,8 +56,8 @@ contains
     end do
   end subroutine count_freedoms
 
-  !> Whether rows depend on others also a little away from the start: along the velocities, or, at rest, along a motion that
-  !> the constraints allow. Otherwise the start is only a singular position.
+  !> Whether rows also depend on others a little away from the start. Otherwise the start is only a singular position. The way leads
+  !> along the velocities or, at rest, along a motion that the constraints allow.
   logical function stays_redundant(self, ev, q, v) result(yes)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
@@ -88,9 +88,8 @@ contains
     yes = any(weak)
   end function stays_redundant
 
-  !> A mixture of the dependent rows' unit vectors, as far as it lies in the null space of S. These parts span the null space, so
-  !> that a row which takes part in any redundant set has an entry in the mixture, whatever the number of sets, unless they
-  !> cancel there by chance.
+  !> The part in the null space of S of a weighted sum of the dependent rows' unit vectors. Such parts span the null space. So each
+  !> row of any redundant set has an entry here, unless entries cancel by chance.
   subroutine null_vector(ev, weak, number, x)
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: weak(:)            !! (rows) dependent

@@ -1,7 +1,7 @@
 !> Accelerations where a mechanism passes through a singular position: constraint rows become dependent for an instant (a
-!> parallelogram in line), the minimum-norm solution then also follows the other branch of motion. The motion that arrives
-!> there has a smooth acceleration; it is recovered from states a little before and after on the same branch, by symmetric
-!> differences of fourth order. Rows that are redundant everywhere are not of this kind and keep their minimum norm.
+!> parallelogram in line). The minimum-norm solution then also follows the other branch of motion. The motion that arrives there
+!> has a smooth acceleration. It is found as a mean of fourth order over states a little before and after, on the same branch. Rows
+!> that are redundant everywhere are not of this kind: they keep the minimum-norm solution.
 module singular
   use kinds, only: wp
   use dynamics, only: evaluate
@@ -13,9 +13,9 @@ module singular
   private
   public :: evaluate_branch
 
-  real(wp), parameter :: reach = 5.0e-3_wp      !! largest turn of a body to the neighbouring states [rad]
+  real(wp), parameter :: largest_turn = 5.0e-3_wp   !! largest turn of a body to the neighbouring states [rad]
   real(wp), parameter :: steady = 0.05_wp       !! largest change of velocities on the way, relative to the velocities [-]
-  integer, parameter :: rounds = 3              !! the accelerations used to get there are improved as often
+  integer, parameter :: rounds = 3              !! times that the accelerations which lead there are improved
   real(wp), parameter :: offsets(4) = [-1.0_wp, 1.0_wp, -2.0_wp, 2.0_wp]               !! of the states, in steps [-]
   real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
 
@@ -58,14 +58,14 @@ contains
     real(wp) :: s, rate
     logical :: ok
     integer :: round
-    if (held(m, ev, v)) then
+    if (at_rest(m, ev, v)) then
       ev%a = 0.0_wp
       return
     end if
     rate = max(maxval(abs(ev%p%rate)), maxval(abs(ev%p%v))/m%s%size)
     ok = rate > 0.0_wp
     if (ok) then
-      s = reach/rate
+      s = largest_turn/rate
       branch%a = ev%a
       zr = [zd, ev%zdd(m%s%nzd + 1:)]
       ok = passes(m, ev, options, t, q, v, z, zd, rate, steady/s)
@@ -84,14 +84,14 @@ contains
     ev%input_power = branch%power
   end subroutine smooth_accelerations
 
-  !> Whether drives at rest leave no freedom: no acceleration either, though a singular position seems to let one through.
-  pure logical function held(m, ev, v) result(yes)
+  !> Whether drives at rest leave no freedom. There is no acceleration then, though a singular position seems to allow one.
+  pure logical function at_rest(m, ev, v) result(yes)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
     yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. &
                                           any(abs(ev%rows%acceleration_bias) > 0.0_wp))
-  end function held
+  end function at_rest
 
   !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
   !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
@@ -126,8 +126,8 @@ contains
     end do
   end function steadily
 
-  !> The mean over neighbouring states, reached with the present accelerations and projected onto the constraints there; whether
-  !> they are regular.
+  !> The mean over neighbouring states. They are reached with the present accelerations and projected onto the constraints. ok is
+  !> false where one of them is singular.
   logical function found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch) result(ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

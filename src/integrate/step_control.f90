@@ -132,7 +132,7 @@ contains
     worst = worst/tolerance
   end function measure
 
-  !> Whether the values of a group have been beyond all sense.
+  !> Whether the values of a group have been so large that they mean nothing.
   pure logical function beyond(self)
     class(error_norm), intent(in) :: self
     beyond = count(self%largest > self%bound) > 0

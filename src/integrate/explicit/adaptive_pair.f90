@@ -70,8 +70,8 @@ contains
     call self%norm%watch_slopes(self%stages%k(:, 1), .false.)
   end subroutine begin
 
-  !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system is left
-  !> evaluated beside the state.
+  !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system's
+  !> last evaluation is then the one at the changed state.
   subroutine measure_noise(self, system)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -201,9 +201,9 @@ contains
     if (ok) call self%stages%weighted(self%method%error, h, self%last, self%error)
   end subroutine estimate_error
 
-  !> Measures the error of a step that is refused again beside what rounding gives of it: the change of the estimate when the
-  !> start changes in its last digits. Near positions where constraints become dependent they amplify it beyond any tolerance,
-  !> and no smaller step would help.
+  !> Where a step is refused again, measures how much of its error is rounding: the change of the estimate when the start changes in
+  !> its last digits. Near positions where constraints become dependent rounding is amplified beyond any tolerance, and no
+  !> smaller step would help.
   subroutine discount_rounding(self, system, h, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system

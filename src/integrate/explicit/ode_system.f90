@@ -38,8 +38,8 @@ module ode_system
 
 contains
 
-  !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are counted, which
-  !> processors do several at a time, where a search for the first that is not would look at one after the other.
+  !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are tested, several
+  !> at a time, which is faster than a search for the first that is not.
   pure function is_bounded(y) result(yes)
     real(wp), intent(in), contiguous :: y(:)  !! [any]
     logical :: yes
