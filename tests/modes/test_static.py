@@ -199,9 +199,16 @@ def test_bodies_left_free_are_refused_by_name(run_deck):
     assert sum("left free to move" in line for line in told) == 1
 
 
-def test_tension_does_not_hold_a_body(run_deck):
-    """A stretched spring along an arm has no stiffness across it; its tension alone, a matter of the load, does not count."""
-    pull = "&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0 point_b=3.0,0.0 stiffness=100.0 free_length=1.0 /\n"
+@pytest.mark.parametrize(
+    "pull",
+    [
+        "&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0 point_b=3.0,0.0 stiffness=100.0 free_length=1.0 /\n",
+        "&force name='k' type='torque_about' body='arm' point=1.0,0.0 centre=0.3,-1.0 moment=50.0 /\n",
+        "&force name='k' type='torque_about' body='arm' point=1.0,0.0 centre=0.3,-1.0 moment=-50.0 /\n",
+    ],
+)
+def test_tension_does_not_hold_a_body(run_deck, pull):
+    """A stretched spring along an arm, or a load that turns with it, is a matter of the load: its stiffness does not count."""
     assert 'left free to move: "arm"; expected' in run_deck(FREE.replace("&static /", pull + "&static /"), expect=2).stderr.lower()
 
 
