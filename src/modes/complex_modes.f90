@@ -111,22 +111,22 @@ contains
     end do
   end subroutine undamped_starts
 
-  !> Whether a search has stayed where it began: if its pole is listed, the reduced system has it more than once, with one
-  !> shape. So has a body that is free to move and seen from its own turning axes.
-  pure logical function copies(lambda, start) result(yes)
+  !> Whether a search has stayed where it began. If its pole is listed already, the reduced system has this pole more than once,
+  !> with one shape: so it is with a free body that is described in its own turning axes.
+  pure logical function stayed_at(lambda, start) result(yes)
     complex(wp), intent(in) :: lambda, start           !! [1/s]
     yes = abs(lambda - start) <= 10*same*abs(lambda)
-  end function copies
+  end function stayed_at
 
-  !> Whether a search has made an estimate accurate, which of a double root is good to a few digits only.
-  pure logical function leads_to(ds, damping, start, pole) result(yes)
+  !> Whether a search has made the estimate of a pole accurate. Of a double root the estimate has a few digits only.
+  pure logical function is_accurate(ds, damping, start, pole) result(yes)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: damping                    !! [-]
     complex(wp), intent(in) :: start                   !! [1/s]
     type(pole_state), intent(in) :: pole
-    yes = copies(pole%lambda, start)
+    yes = stayed_at(pole%lambda, start)
     if (.not. yes .and. abs(pole%lambda - start) <= spread*abs(start)) yes = double_root(ds, damping, pole)
-  end function leads_to
+  end function is_accurate
 
   !> Whether an undamped pole decays.
   pure elemental logical function decays(lambda) result(yes)
@@ -153,11 +153,11 @@ contains
         if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
         if (s%model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
-          if (ok) ok = leads_to(ds, 0.0_wp, s%starts(j), pole)
+          if (ok) ok = is_accurate(ds, 0.0_wp, s%starts(j), pole)
           if (.not. ok) pole = start_of_mode(ds, s, j)
           ok = .true.
         end if
-        if (ok) ok = copies(pole%lambda, s%starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
+        if (ok) ok = stayed_at(pole%lambda, s%starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
         if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, 0.0_wp, pole)
       end if
       if (ok) then
@@ -194,15 +194,15 @@ contains
       if (.not. vibrates) cycle
       k = modes%known(ds, pole%lambda, pole%x, vibration_mode)
       if (k > 0) then                                  ! another mode has this vibration: are they one without damping, too?
-        if (.not. copies(s%starts(j), s%starts(modes%mode(k)))) cycle
+        if (.not. stayed_at(s%starts(j), s%starts(modes%mode(k)))) cycle
       end if
       call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
   end subroutine list_vibrations
 
-  !> Whether a vibrating pole is that of a mode that is not asked for: without damping it is none of those that are, but for
-  !> twins of modes that have their vibrations.
-  logical function of_unlisted_mode(ds, s, modes, pole) result(yes)
+  !> Whether a vibrating pole belongs to a mode that is not asked for. Its damping is taken away step by step: at the end it
+  !> is none of the modes asked for, or one that has its vibration already.
+  logical function belongs_to_other_mode(ds, s, modes, pole) result(yes)
     type(stiffness_system), intent(inout) :: ds
     type(search), intent(in) :: s
     type(mode_set), intent(in) :: modes
@@ -212,9 +212,9 @@ contains
     undamped = pole
     call follow_damping(ds, 1.0_wp, 0.0_wp, short_step, undamped, yes)
     do j = 1, merge(s%listed, 0, yes)
-      if (copies(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
+      if (stayed_at(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
     end do
-  end function of_unlisted_mode
+  end function belongs_to_other_mode
 
   !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
   !> most.
@@ -279,12 +279,12 @@ contains
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
       if (s%unlisted%claims(pole%lambda, s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
       if (pole%lambda%im > 0.0_wp .and. coupled) then
-        if (of_unlisted_mode(ds, s, modes, pole)) then
+        if (belongs_to_other_mode(ds, s, modes, pole)) then
           call s%unlisted%add(vibration_mode, 0, pole%lambda, 0.0_wp, pole%x)
           return
         end if
       end if
-      ok = leads_to(ds, 1.0_wp, lambda, pole)
+      ok = is_accurate(ds, 1.0_wp, lambda, pole)
       if (.not. (ok .or. s%spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
     end if
     if (s%spanned .and. .not. ok) then

@@ -89,8 +89,8 @@ contains
     ok = ok .and. settled_yet
   end subroutine natural_subspace
 
-  !> What rounding takes from the mass of each motion, much where that of a body is in its kept modes nearly all and its frame
-  !> moves against them.
+  !> The share of rounding errors in the mass of each motion. It is large where the kept modes have nearly all mass of a body
+  !> and its frame moves against them.
   pure function cancelled(ds, x) result(share)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)           !! (n, p) mass-normalised [1/sqrt(kg)]

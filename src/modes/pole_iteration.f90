@@ -201,7 +201,7 @@ contains
     type(pole_state), intent(inout) :: pole            !! in: the pole; out: the vibration that it turns into
     logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
     type(pole_state) :: next
-    complex(wp) :: f, slope, rise, foreseen
+    complex(wp) :: f, slope, rise, predicted
     real(wp) :: damping, step, ahead
     logical :: good
     damping = from
@@ -215,13 +215,13 @@ contains
       next = pole
       next%lambda = pole%lambda - rise/slope*(ahead - damping)
       good = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
-      foreseen = next%lambda
+      predicted = next%lambda
       if (good) call functional_root(ds, ahead, next, good)
-      if (good) good = abs(next%lambda - foreseen) <= 0.1_wp*abs(next%lambda)
-      foreseen = next%lambda                           ! the shape as it was: small is what it has changed
+      if (good) good = abs(next%lambda - predicted) <= 0.1_wp*abs(next%lambda)
+      predicted = next%lambda                           ! the shape as it was: small is what it has changed
       if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, abs(to - ahead) <= 0.0_wp), next, good)
       if (good) good = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
-      if (good) good = abs(next%lambda - foreseen) <= 0.01_wp*abs(next%lambda)
+      if (good) good = abs(next%lambda - predicted) <= 0.01_wp*abs(next%lambda)
       if (good) good = alike(ds, pole, next)
       if (good) then
         pole = next

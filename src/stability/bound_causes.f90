@@ -69,12 +69,12 @@ contains
     end if
   end subroutine blame_damping
 
-  !> The material or spring of a run's poles, with the number of its fastest term.
+  !> The material or spring of a segment's poles, with the number of its fastest term.
   function pole_cause(d, m, segments, r) result(cause)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(linear_segment), intent(in) :: segments(:)
-    integer, intent(in) :: r                 !! run
+    integer, intent(in) :: r                 !! segment
     type(bound_cause) :: cause
     character(:), allocatable :: name         ! of the term
     integer :: term

@@ -17,8 +17,8 @@ contains
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
-    real(wp), intent(in) :: small              !! runs below are left out [1/s2]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
+    real(wp), intent(in) :: small              !! segments below are left out [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     integer, allocatable :: kept(:)
     integer :: r
@@ -37,7 +37,7 @@ contains
     integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     logical, intent(out) :: ok
     complex(wp) :: pair(2)                     ! [1/s]
@@ -57,7 +57,7 @@ contains
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp) :: pair(2)                     !! [1/s]
     complex(wp) :: s
     integer :: r
@@ -74,7 +74,7 @@ contains
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp), intent(inout) :: root         !! a guess, then the root [1/s]
     logical, intent(out) :: ok                 !! it converged
     complex(wp) :: f, df, s, step
@@ -102,7 +102,7 @@ contains
     integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every run [1/s2]
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     type(reduced_model) :: model
     type(reduced_poles) :: poles
@@ -139,7 +139,7 @@ contains
     if (count(is_mode) == 1) is_mode(minloc(abs(roots - (half - c/2)), dim=1, mask=.not. is_mode)) = .true.
   end subroutine mark_mode
 
-  !> Poles of a run's terms in a motion that its material or spring alone makes.
+  !> Poles of a segment's terms in a motion that its material or spring alone makes.
   subroutine segment_poles(segment, lambda, poles)
     type(linear_segment), intent(in) :: segment
     real(wp), intent(in) :: lambda             !! static stiffness over mass [1/s2]

@@ -4,7 +4,7 @@
 !>   mu2 + c mu + k = 0,   c = x* C x,  k = x* K x,
 !> for C and K symmetric; and for all x, p c + q k <= largest eigenvalue of p C + q K, whatever p and q. Straight lines in the
 !> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. The lines are
-!> placed more densely where a breakpoint between two limits the step. Of springs that turn p C + q K counts what raises it.
+!> placed more densely where a corner between two limits the step. Of springs that turn p C + q K counts what raises it.
 module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
@@ -20,8 +20,8 @@ module safe_bound
   public :: find_safe_bound
 
   integer, parameter :: most_lines = 18            !! that enclose c and k
-  integer, parameter :: pieces = 8                 !! of the stretch of a line between its breakpoints
-  real(wp), parameter :: narrow = pi/90            !! angle between lines whose breakpoint is not cut any more [rad]
+  integer, parameter :: pieces = 8                 !! of the stretch of a line between its corners
+  real(wp), parameter :: narrow = pi/90            !! angle between lines whose corner is not cut any more [rad]
 
   !> A line c cos(angle)/c0 + k sin(angle)/k0 = reach, and the bound from its stretch between its neighbours.
   type :: enclosing_line
@@ -95,7 +95,7 @@ contains
     call material_poles(d, m, ev, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
-  !> Starts with a box and cuts breakpoints that limit the step, in turn for each method.
+  !> Starts with a box and cuts corners that limit the step, in turn for each method.
   subroutine enclose(d, m, ev, fast, e)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
@@ -116,7 +116,7 @@ contains
     end do
     do round = 1, most_lines - 4
       method = 1 + mod(round, size(method_names))
-      i = breakpoint_that_limits(e, method)
+      i = corner_that_limits(e, method)
       if (i == 0) cycle
       e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
       e%lines = e%lines + 1
@@ -129,8 +129,8 @@ contains
     end do
   end subroutine enclose
 
-  !> The number of the line before the breakpoint that is nearest to what limits a method; 0: cut enough.
-  pure integer function breakpoint_that_limits(e, method) result(i)
+  !> The number of the line before the corner that is nearest to what limits a method; 0: cut enough.
+  pure integer function corner_that_limits(e, method) result(i)
     type(enclosure), intent(in) :: e
     integer, intent(in) :: method
     integer :: k
@@ -140,7 +140,7 @@ contains
     end do
     if (2*e%line(i)%limit(method) <= pieces) i = i - 1
     if (e%line(i + 1)%angle - e%line(i)%angle < narrow) i = 0
-  end function breakpoint_that_limits
+  end function corner_that_limits
 
   !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
   subroutine find_line(m, ev, fast, e, i)
@@ -171,8 +171,8 @@ contains
     real(wp) :: first(2), last(2), now(2), apart(-1:1)   ! [-]
     integer :: j, k
     if (.not. e%line(i)%exists) return
-    first = breakpoint(e%line(i - 1), e%line(i))
-    last = breakpoint(e%line(i), e%line(i + 1))
+    first = corner(e%line(i - 1), e%line(i))
+    last = corner(e%line(i), e%line(i + 1))
     do j = 0, pieces
       now = max((first*(pieces - j) + last*j)/pieces, 0.0_wp)
       apart = [(merge(norm2(now - e%line(k)%at), huge(1.0_wp), e%line(k)%exists), k=i - 1, i + 1)]
@@ -196,9 +196,9 @@ contains
   end subroutine find_steps
 
   !> Where two lines meet: c and k in units of the largest.
-  pure function breakpoint(a, b) result(x)
+  pure function corner(a, b) result(x)
     type(enclosing_line), intent(in) :: a, b
     real(wp) :: x(2)                               !! [-]
     x = [a%reach*sin(b%angle) - b%reach*sin(a%angle), b%reach*cos(a%angle) - a%reach*cos(b%angle)]/sin(b%angle - a%angle)
-  end function breakpoint
+  end function corner
 end module safe_bound

@@ -158,8 +158,8 @@ contains
       call text%words%add(' rad/s, damping ratio '//fixed_text(abs(real(mu, wp))/abs(mu), 4))
       call text%member('damping_ratio', json_number(abs(real(mu, wp))/abs(mu)))
       call text%line('')
-      if (k == 1 .and. .not. abs(aimag(mu)) > 0.0_wp) call text%line('    which decays and does not vibrate: no motion is lost'// &
-        " by steps above it; the implicit methods have no such bound (radau for small errors)")
+      if (k == 1 .and. .not. abs(aimag(mu)) > 0.0_wp) call text%line('    which decays and does not vibrate; '// &
+        'the implicit methods have no such bound and lose no vibration by larger steps (radau for small errors)')
     end associate
   end subroutine method_lines
 

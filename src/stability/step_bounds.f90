@@ -184,7 +184,7 @@ contains
     real(wp), intent(in) :: fastest            !! largest squared frequency, instantaneous stiffness [rad2/s2]
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
-    integer, allocatable :: firsts(:)          ! one run of each material or spring
+    integer, allocatable :: firsts(:)          ! one segment of each material or spring
     real(wp), allocatable :: least(:, :)       ! steps that the poles surely allow [s]
     real(wp) :: lambda
     integer :: i, k
@@ -197,7 +197,7 @@ contains
         least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
       end associate
     end do
-    do i = 1 - size(method_names), size(firsts)          ! first what each method has to fear most: it rules out others
+    do i = 1 - size(method_names), size(firsts)          ! first the segment that limits each method most: others then need no look
       k = i
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
