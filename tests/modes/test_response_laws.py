@@ -195,3 +195,25 @@ def test_each_element_of_a_modal_body_answers_with_its_own_modulus(run_deck):
     for name in (f"e{k}.{part}" for k in (1, 2) for part in ("n", "q", "m1", "m2", "s")):
         a, b = (h[f"{name}.re"] + 1j * h[f"{name}.im"] for h in (modal, nodal))
         same(np.abs(a) if name.endswith("s") else a, np.abs(b) if name.endswith("s") else b, 1e-7)
+
+
+@pytest.mark.parametrize("ends", ["body_a='bob' body_b='post'", "body_a='post' body_b='bob'"])
+def test_reactions_of_a_loaded_link_are_newtons(run_deck, ends):
+    """A bob hangs on a link, which turns with it under its weight: m x'' is the force and the reaction."""
+    run = run_deck(
+        f"""&scene gravity=0.0,-9.81 /
+&body name='post' mass=1.0 inertia=0.1 /
+&joint name='fixed' type='weld' body_a='post' /
+&body name='bob' mass=2.0 inertia=0.1 position=0.0,-1.0 /
+&joint name='link' type='distance' {ends} length=1.0 /
+&spring name='t' type='torsional' body_a='bob' stiffness=3.0 /
+&force name='f' type='force' body='bob' fx=1.0 /
+&sensor name='x' quantity='position' body='bob' /
+&sensor name='r' quantity='reaction' joint='link' /
+&frequency_response from=0.1 to=2.0 points=5 input='f' /
+"""
+    )
+    h = read(run.folder, "frequency_response")
+    x, force = h["x.x.re"] + 1j * h["x.x.im"], h["r.fx.re"] + 1j * h["r.fx.im"]
+    on_bob = force if ends.startswith("body_a='bob'") else -force
+    np.testing.assert_allclose(1 + on_bob, -2.0 * (2 * np.pi * h.time) ** 2 * x, rtol=1e-9)
