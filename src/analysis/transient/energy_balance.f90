@@ -94,7 +94,7 @@ contains
     momentum = 0.0_wp
     mass = 0.0_wp
     do b = 1, size(m%s%bodies)
-      associate (x => along(:, b), p => ev%frame%pin(:, b), c => ev%frame%cos(b), s => ev%frame%sin(b), i => m%s%qo(b))
+      associate (x => along(:, b), p => ev%frame%first_moment(:, b), c => ev%frame%cos(b), s => ev%frame%sin(b), i => m%s%qo(b))
         x(1) = v(i + 1) - v(i + 3)*(s*p(1) + c*p(2))/m%s%bodies(b)%mass      ! velocities first
         x(2) = v(i + 2) + v(i + 3)*(c*p(1) - s*p(2))/m%s%bodies(b)%mass
         momentum = momentum + m%s%bodies(b)%mass*x
