@@ -67,7 +67,7 @@ contains
     if (ok) then
       s = largest_turn/rate
       branch%a = ev%a
-      zr = [zd, ev%zdd(m%s%nzd + 1:)]
+      zr = [zd(1:m%s%nzd), ev%zdd(m%s%nzd + 1:)]   ! an implicit method gives the rates of all
       ok = passes(m, ev, options, t, q, v, z, zd, rate, steady/s)
     end if
     do round = 1, rounds
