@@ -125,6 +125,18 @@ def test_killed_at_random_moments(method, place):
         assert re.search(r"^timing: restarts \d+$", (cut.results / "summary.txt").read_text(), re.MULTILINE)
 
 
+def test_a_checkpoint_at_a_breakpoint(place):
+    """At the start of the pulse the implicit method starts anew: nothing of the step before may count."""
+    runs = [place(name, "method='generalized_alpha' step=2e-5", output=3.13e-3, interval=0.0313) for name in ("whole", "cut")]
+    assert runs[0].run()[0] == 0
+    process = runs[1].start()
+    wait_for(runs[1].results / "checkpoint", process)
+    process.kill()
+    process.communicate(timeout=TIMEOUT)
+    assert runs[1].run("--restart")[0] == 0
+    assert runs[1].files()["history.txt"] == runs[0].files()["history.txt"]
+
+
 @pytest.mark.parametrize(
     ("method", "number"), [(method, (signal.SIGINT, signal.SIGTERM)[k % 2]) for k, method in enumerate(METHODS)]
 )

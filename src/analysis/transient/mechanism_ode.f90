@@ -35,7 +35,6 @@ module mechanism_ode
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
-    real(wp), allocatable, private :: gap(:, :)   !! (rows, 0:2) work: rows and their derivatives [m], [m/s], [m/s2]
   contains
     procedure :: start_implicit
     procedure :: prepare => mechanism_prepare
@@ -124,8 +123,6 @@ contains
     allocate (self%t)
     self%closed = spread(0.0_wp, 1, self%nq)
     self%closed_rates = self%closed
-    if (allocated(self%gap)) deallocate (self%gap)
-    allocate (self%gap(self%rows, 0:2))
     call set_up_newton(self%t, self%m)
     if (stages) then
       allocate (self%stages)
@@ -270,12 +267,6 @@ contains
     logical :: ok
     options = at_side(self%options, end_of_step)
     self%closed_rates = v
-    if (end_of_step .and. self%rows > 0) then   ! the rates' own offset from Phi' = 0 would show in the accelerations
-      self%ev%options = options
-      call self%gaps(t, q, v, v, self%gap)
-      call self%along_rows(q, self%gap(:, 1), self%closed)
-      self%closed_rates = v + self%closed
-    end if
     call evaluate(self%m, self%ev, options, t, q, self%closed_rates, z, zd)
     if (end_of_step .and. nearly_dependent(self%ev)) then   ! accelerations amplify what is left of the offset: project it away
       self%closed = q
@@ -329,12 +320,15 @@ contains
   end subroutine gaps
 
   !> Closes gaps in the directions that the constraints hold.
-  subroutine mechanism_along(self, q, gap, dq)
+  subroutine mechanism_along(self, q, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
+    real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N] and theirs
+    if (.not. allocated(self%stages)) call hold_weak_rows(self%t%t%rows)
     call along_rows(self%t, self%m, self%ev, q, gap, dq)
+    dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_along
 
   !> What the step resolves of two vectors.

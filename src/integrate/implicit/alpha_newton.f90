@@ -6,7 +6,7 @@ module alpha_newton
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: solve_trial, take_trial, prepare_step, give_offsets
+  public :: solve_trial, take_trial, prepare_step, give_offsets, find_jerk
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -46,7 +46,63 @@ contains
       self%dx(z:) = self%gain*(self%dx(z:) - self%x1(z:) - system%viscosity*self%v1(z:) - system%inertia*self%vd1(z:))
       call add_correction(self, z, size(self%x))
     end associate
+    call close_rates(self, system, t1, ok)
   end subroutine solve_trial
+
+  !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
+  !> sequences carry in the directions that constraints hold (theory.md, section 7).
+  subroutine close_rates(self, system, t1, ok)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t1                !! [s]
+    logical, intent(out) :: ok
+    ok = .true.
+    if (system%rows == 0) return
+    associate (nq => self%nq, v1 => self%v1, vd1 => self%vd1)
+      call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%gaps(:, 0:1))
+      call move_along(self, system, self%x1, self%gaps(:, 1), self%now%h, ok)
+      if (.not. ok) return
+      v1(1:nq) = v1(1:nq) + self%dx(1:nq)
+      call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%gaps)
+      call move_along(self, system, self%x1, self%gaps(:, 2), self%now%h**2, ok)
+      if (.not. ok) return
+      vd1(1:nq) = vd1(1:nq) + self%dx(1:nq)
+      self%lambda1 = self%lambda1 + self%dlambda/self%now%c1
+    end associate
+  end subroutine close_rates
+
+  !> v'' in the directions that constraints hold, at the state from which a step of size h begins.
+  subroutine find_jerk(self, system, t, h)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: h                 !! [s]
+    logical :: ok
+    if (system%rows == 0) return
+    associate (nq => self%nq)
+      self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
+      self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
+      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
+      self%gaps = self%gaps/h
+      call move_along(self, system, self%x, self%gaps(:, 2), h**3, ok)
+      self%jerk = merge(self%dx(1:nq), 0.0_wp, ok)
+    end associate
+  end subroutine find_jerk
+
+  !> The motion dx and the multipliers that close the rows' gaps by the matrix that stands, so that stiff motion moves in equilibrium
+  !> with them. ok is false where that moves more than the scene's size: rows that hold nothing.
+  subroutine move_along(self, system, x, gap, unit, ok)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in), contiguous :: x(:)      !! (nq + nz) [m, rad]
+    real(wp), intent(in), contiguous :: gap(:)    !! (rows) [m] or a derivative
+    real(wp), intent(in) :: unit              !! makes positions of dx [1, s, s2, s3]
+    logical, intent(out) :: ok
+    real(wp) :: norm, whole                   ! [-]
+    call system%along_rows(x(1:self%nq), gap, self%dx(1:self%nq), self%dlambda)
+    call measure_correction(self, norm, whole)
+    ok = unit*whole <= system%reach
+  end subroutine move_along
 
   !> Makes what depends on the present step's size alone; so it is made again after a restart.
   subroutine prepare_step(self, system, ok)
@@ -75,14 +131,20 @@ contains
   !> First guess: the accelerations of the step's start.
   pure subroutine predict(self)
     type(alpha_solver), intent(inout) :: self
-    real(wp) :: a1
+    real(wp) :: offset, a, a1                 ! [s2], [m/s2, rad/s2]
     integer :: i
-    associate (s => self%now)
+    associate (s => self%now, x1 => self%x1, v1 => self%v1)
       do i = 1, size(self%x)
         self%vd1(i) = self%vd(i)
-        a1 = (s%ad1 + s%ad)*self%vd(i) + s%aa*self%a(i)
-        self%x1(i) = self%x(i) + s%h*self%v(i) + s%qa*self%a(i) + s%qa1*a1
-        self%v1(i) = self%v(i) + s%va*self%a(i) + s%va1*a1
+        a = self%vd(i) + s%h*self%lag(i)
+        a1 = self%vd(i) + s%aa*s%h*self%lag(i)
+        x1(i) = self%x(i) + s%h*self%v(i) + s%qa*a + s%qa1*a1
+        v1(i) = self%v(i) + s%va*a + s%va1*a1
+      end do
+      offset = self%method%offset*s%h**2
+      do i = 1, self%nq
+        x1(i) = x1(i) - s%h*offset*self%jerk(i)
+        v1(i) = v1(i) - offset*self%jerk(i)
       end do
     end associate
     self%lambda1 = self%lambda
@@ -127,7 +189,7 @@ contains
         if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
         if (k == 1) then
           goal = max(rounding, min(loose, relative_goal*norm))
-          ok = foreseen(self, norm, whole, exact, system%weakest)
+          ok = foreseen(self, norm, whole, exact, system%weakest, reach)
         else
           rate = norm/before
           slowly = slowly .or. (rate > slow .and. whole > blur)
@@ -166,12 +228,13 @@ contains
   !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
   !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of `alpha_error`: what the change of
   !> the accelerations' change moves.
-  logical function foreseen(self, norm, whole, exact, pivot) result(yes)
+  logical function foreseen(self, norm, whole, exact, pivot, reach) result(yes)
     type(alpha_solver), intent(inout) :: self
     real(wp), intent(in) :: norm              !! first correction, of the groups' sizes [-]
     real(wp), intent(in) :: whole             !! the same, of the scene's size [-]
     logical, intent(in) :: exact
     real(wp), intent(in) :: pivot             !! the weakest row's [-]
+    real(wp), intent(in) :: reach             !! what rounding grows with, of the scene's size [-]
     real(wp) :: rate, d, ratio, change, change_whole
     integer :: i
     yes = .false.
@@ -180,7 +243,7 @@ contains
       if (n%steps > trust .or. n%exact .neqv. exact) return
       if (pivot < weak .or. .not. (self%error%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
-      yes = rate*whole <= unseen
+      yes = rate*whole <= unseen*reach
       if (yes .or. rate > 0.1_wp*small) return
       ratio = self%now%h/self%error%h
       change = 0.0_wp
@@ -240,7 +303,7 @@ contains
       self%error%h = s%h
       do i = 1, size(self%x)
         self%error%before_own(i) = self%vd1(i) - self%vd(i)
-        self%a(i) = s%ad1*self%vd1(i) + s%ad*self%vd(i) + s%aa*self%a(i)
+        self%lag(i) = s%aa*self%lag(i) - (1 - s%ad1)/s%h*(self%vd1(i) - self%vd(i))
         self%x(i) = self%x1(i)
         self%v(i) = self%v1(i)
         self%vd(i) = self%vd1(i)
@@ -248,8 +311,8 @@ contains
       self%lambda = self%lambda1
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
-    self%plain%kept = .false.
     call self%measure%widen(self%x)
+    call find_jerk(self, system, t1, self%now%h)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

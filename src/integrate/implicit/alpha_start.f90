@@ -1,8 +1,7 @@
-!> Start of the generalized-alpha method at a consistent state and change of its step. Index 3: positions satisfy phi = 0; the
-!> rates that the method carries are off phi' = 0 by its own O(h2).
+!> Start of the generalized-alpha method at a consistent state and change of its step.
 module alpha_start
   use kinds, only: wp
-  use alpha_newton, only: prepare_step, give_offsets
+  use alpha_newton, only: prepare_step, give_offsets, find_jerk
   use alpha_state, only: alpha_solver
   use generalized_alpha, only: step_coefficients
   use second_order_system, only: second_order_ode
@@ -33,35 +32,18 @@ contains
     self%error%h = 0.0_wp
     self%newton%exact_left = 0
     self%newton%contraction = 1.0_wp
-    self%plain%kept = .false.
     call set_step(self, system, h)
-    self%a = self%vd
-    associate (nq => self%nq)
+    associate (nq => self%nq)                 ! differences of forces are taken: nothing may depend on the step before
+      call give_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
       call system%smooth(t, self%x(1:nq), self%v(1:nq), self%lambda, self%vd(1:nq), ok)
       if (ok) self%vd(nq + 1:) = self%resolved*self%vd(nq + 1:)
     end associate
-    if (ok) self%a = self%vd
-    if (system%rows > 0 .and. ok) call add_offsets(self, system, t, h)
+    self%lag = 0.0_wp
+    self%jerk = 0.0_wp
+    if (ok) call find_jerk(self, system, t, h)
+    self%lag(1:self%nq) = self%method%lag*self%jerk
     call self%measure%widen(self%x)
   end subroutine start_method
-
-  !> In the directions that constraints hold, a = v'(t + lag h) and v = v(t) - offset h2 v'': adds these parts. Directions are
-  !> those of the matrix that stands, so that stiff motion moves in equilibrium with them.
-  subroutine add_offsets(self, system, t, h)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: h                 !! [s]
-    associate (nq => self%nq)
-      self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
-      self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
-      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
-      self%gaps = self%gaps/h
-      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
-      self%a(1:nq) = self%a(1:nq) + self%method%lag*h*self%dx(1:nq)
-      self%v(1:nq) = self%v(1:nq) - self%method%offset*h**2*self%dx(1:nq)
-    end associate
-  end subroutine add_offsets
 
   !> Coefficients and constant factors of a step size.
   subroutine set_step(self, system, h)
@@ -78,67 +60,21 @@ contains
     call prepare_step(self, system, ok)
     if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
-
-  !> Goes on with another step size: what a lags behind v' by is scaled with the step (Bruels & Arnold 2008). Where
-  !> constraints hold, v, v' and a carry the rounding of phi = 0 over h and h2 and the offsets of the old step: these are taken
-  !> off in the old step's directions, and those of the new step are added in its own.
+  !> Goes on with another step size. Steps that fail leave nothing behind: the state does not depend on the step, what a is ahead
+  !> of v' by is scaled with it (Bruels & Arnold 2008).
   subroutine change_step(self, system, t, h)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: h                 !! [s]
     logical :: ok
-    if (self%stale) call prepare_step(self, system, ok)
-    associate (plain => self%plain)
-      if (.not. plain%kept) then
-        if (system%rows > 0) then
-          call matrix_here(self, system, t, ok)
-          if (ok) call remove_offsets(self, system, t)
-        end if
-        plain%v = self%v
-        plain%vd = self%vd
-        plain%lag = (self%a - self%vd)/self%now%h
-        plain%kept = .true.
-      end if
-      self%v = plain%v
-      self%vd = plain%vd
-      self%a = plain%vd + h*plain%lag
-    end associate
     call set_step(self, system, h)
-    if (system%rows > 0) then
-      call matrix_here(self, system, t, ok)
-      if (ok) call add_offsets(self, system, t, h)
-    end if
-  end subroutine change_step
-
-  !> The matrix of the present step at the state from which it starts.
-  subroutine matrix_here(self, system, t, ok)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    logical, intent(out) :: ok
-    associate (nq => self%nq)
+    if (system%rows == 0) return
+    associate (nq => self%nq)                 ! the matrix at the state from which the step starts
       call give_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
       call system%residual(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false., self%gaps(:, 0))
       call system%renew(self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%lambda, .false., .true., ok)
     end associate
-  end subroutine matrix_here
-
-  !> v, v' and a onto the derivatives of phi = 0.
-  subroutine remove_offsets(self, system, t)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    associate (nq => self%nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
-      call system%along_rows(self%x(1:nq), self%gaps(:, 1), self%dx(1:nq))
-      self%v(1:nq) = self%v(1:nq) + self%dx(1:nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
-      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
-      self%vd(1:nq) = self%vd(1:nq) + self%dx(1:nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%a(1:nq), self%gaps)
-      call system%along_rows(self%x(1:nq), self%gaps(:, 2), self%dx(1:nq))
-      self%a(1:nq) = self%a(1:nq) + self%dx(1:nq)
-    end associate
-  end subroutine remove_offsets
+    if (ok) call find_jerk(self, system, t, h)
+  end subroutine change_step
 end module alpha_start

@@ -29,14 +29,6 @@ module alpha_state
     real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations [m/s2, rad/s2]
   end type error_memory
 
-  !> The state of the last accepted step on the derivatives of phi = 0: what every change of step that follows begins with, so
-  !> that steps that fail leave nothing behind.
-  type, public :: plain_state
-    logical :: kept = .false.                !! the step has been changed since the last accepted one
-    real(wp), allocatable :: v(:), vd(:)     !! (nq + nz) [m/s, rad/s] and per second
-    real(wp), allocatable :: lag(:)          !! (nq + nz) a - v' over the step [m/s3, rad/s3]
-  end type plain_state
-
   !> Energies.
   type, public :: energy_sums
     real(wp) :: sums(2) = 0.0_wp             !! dissipated, put in [J]
@@ -50,7 +42,9 @@ module alpha_state
     type(alpha_method) :: method
     type(alpha_step) :: now                  !! coefficients of the step that the factors stand for
     integer :: nq = 0, nz = 0, nzd = 0       !! coordinates, internal variables, those of second order
-    real(wp), allocatable :: x(:), v(:), vd(:), a(:)   !! (nq + nz) v is off the manifold by O(h2) [m, rad] and per second
+    real(wp), allocatable :: x(:), v(:), vd(:)         !! (nq + nz) with phi = phi' = phi'' = 0 [m, rad] and per second
+    real(wp), allocatable :: lag(:)          !! (nq + nz) a is v' + h lag [m/s3, rad/s3]
+    real(wp), allocatable :: jerk(:)         !! (nq) v'' in the directions that constraints hold [m/s3, rad/s3]
     real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! (nq + nz) the trial step [m, rad] and per second
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
@@ -62,7 +56,6 @@ module alpha_state
     type(position_measure) :: measure
     type(newton_memory) :: newton
     type(error_memory) :: error
-    type(plain_state) :: plain
   end type alpha_solver
 
 contains
@@ -78,11 +71,10 @@ contains
     self%nz = system%nz
     self%nzd = system%nzd
     n = self%nq + self%nz
-    allocate (self%x(n), self%v(n), self%vd(n), self%a(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
+    allocate (self%x(n), self%v(n), self%vd(n), self%lag(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
               self%energy%pairs(n, 4), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:2), &
-              self%gain(self%nz), self%resolved(self%nz), source=0.0_wp)
-    allocate (self%plain%v(n), self%plain%vd(n), self%plain%lag(n), source=0.0_wp)
+              self%gain(self%nz), self%resolved(self%nz), self%jerk(self%nq), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha
@@ -115,9 +107,8 @@ contains
     type(value_archive), intent(inout) :: a
     call a%exchange(self%now%h)
     if (.not. a%saving) self%now = step_coefficients(self%method, self%now%h)
-    call a%exchange(self%x, self%v, self%vd, self%a)
-    call a%exchange(self%plain%kept)
-    call a%exchange(self%plain%v, self%plain%vd, self%plain%lag)
+    call a%exchange(self%x, self%v, self%vd, self%lag)
+    call a%exchange(self%jerk)
     call a%exchange(self%lambda, self%energy%sums, self%energy%powers)
     call a%exchange(self%energy%removed)
     call a%exchange(self%error%h)

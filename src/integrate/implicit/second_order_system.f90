@@ -161,9 +161,9 @@ module second_order_system
       real(wp), intent(in), contiguous :: x(:, :)   !! (nq + nz, 4) [any]
       real(wp) :: product                           !! [J] for rates
     end function find_product
-    !> Accelerations that the equations give at a state, multipliers and powers. At the end of a step jumps at t are not felt yet,
-    !> rates are put onto the constraints first, by the matrix that stands; where rows are nearly dependent, positions too, and
-    !> the accelerations are those of the branch of motion.
+    !> Accelerations that the equations give at a state, multipliers and powers. At the end of a step jumps at t are not felt yet;
+    !> where rows are nearly dependent, the state is put onto the constraints first, and the accelerations are those of the branch
+    !> of motion.
     subroutine evaluate_state(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -192,21 +192,22 @@ module second_order_system
       real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
       logical, intent(out) :: ok
     end subroutine smooth_start
-    !> All rows and their first and second derivatives, at positions q, rates v and accelerations a.
+    !> All rows, their first and, where there is room, second derivatives, at positions q, rates v and accelerations a.
     subroutine find_gaps(self, t, q, v, a, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2) [m], [m/s], [m/s2]
+      real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:1 or 0:2) [m], [m/s], [m/s2]
     end subroutine find_gaps
-    !> dq with Phi_q dq = -gap, moved by reactions of the rows alone, by the matrix in use.
-    subroutine close_gaps(self, q, gap, dq)
+    !> dq and dlambda with T dq + Phi_q^T dlambda = 0 and Phi_q dq = -gap, by the matrix in use.
+    subroutine close_gaps(self, q, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: q(:)          !! (nq) positions at which the rows were looked at [m, rad]
       real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
+      real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N] and theirs
     end subroutine close_gaps
     !> Takes out of two vectors what vibrates much faster than the step resolves.
     subroutine filter_pair(self, x, y)
