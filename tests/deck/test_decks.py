@@ -19,8 +19,8 @@ def test_a_shipped_deck_is_in_order_and_explains_itself(run_deck, deck):
     assert deck.read_text(encoding="utf-8").startswith("! ")
 
 
-def test_the_readme_lists_exactly_the_shipped_decks():
-    table = README.split("Decks in `input/`:\n")[1].split("\n\n")[0]
+def test_the_reference_lists_exactly_the_shipped_decks():
+    table = (ROOT / "input" / "README.md").read_text(encoding="utf-8").split("Decks in `input/`:\n\n")[1].split("\n\n")[0]
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", table, re.MULTILINE)
     assert sorted(name for row in rows for name in re.findall(r"`(\w+)`", row)) == [deck.stem for deck in DECKS]
 

@@ -61,6 +61,30 @@ def test_commands_work_as_they_are_written(clone, capsys):
             assert (clone / path.rstrip(",")).stat().st_size > 0, line
 
 
+def typed(page: str) -> list[str]:
+    """Return what a page has typed: its indented lines, a file that `cat` writes as one command."""
+    lines = [line[4:] for line in (ROOT / page).read_text(encoding="utf-8").splitlines() if line.startswith("    ") or not line]
+    found: list[str] = []
+    for line in lines:
+        if found and "<<'END'" in found[-1] and not found[-1].endswith("\nEND"):
+            found[-1] += f"\n{line}"
+        elif line:
+            found.append(line)
+    return found
+
+
+def test_the_tutorial_goes_from_an_empty_file_to_a_report(clone):
+    lines = typed("input/TUTORIAL.md")
+    assert lines[:2] == ["make", "make setup"]  # test_setup.py has these
+    for line in lines[2:]:
+        run(line)
+    page = (clone / "results" / "pump" / "report.html").read_text(encoding="utf-8")
+    assert "pump with a plastic rod" in page
+    assert "rod without damping" in page
+    assert "2.09E-05 s" in (ROOT / "input" / "TUTORIAL.md").read_text(encoding="utf-8")
+    assert "safe bound  2.09" in (clone / "results" / "pump" / "summary.txt").read_text(encoding="utf-8")
+
+
 def test_programs_run_from_any_folder_by_the_projects_own_python(tmp_path):
     tools = [path.stem for path in (ROOT / "post" / "biela" / "commands").glob("[!_]*.py")]
     for tool in tools:
