@@ -96,7 +96,7 @@ contains
       call text%figure('  ', 'frequency', x(4), 8)
       call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)
       call text%figure(', real part ', 'real_part', x(7), 8)
-      call text%figure(' 1/s, residual ', 'residual', x(9), 1, rest='')
+      call text%figure(' 1/s, residual ', 'residual', x(9), 3, rest='')
       call text%close()
     end do
     call text%close()
