@@ -2,7 +2,7 @@
 !> nothing or are there twice. The deck runs as it is written.
 module typical_slips
   use kinds, only: wp, pi
-  use acting_markers, only: acting_marker, list_acting
+  use acting_markers, only: list_markers
   use build_history, only: make_history
   use deck_origin, only: origin
   use deck_records, only: deck, marker_record, history_record
@@ -158,13 +158,13 @@ contains
   !> Bodies beside others that nothing holds, touches or sets in motion.
   subroutine loose_bodies(d)
     type(deck), intent(in) :: d
-    type(acting_marker), allocatable :: acting(:)
+    type(marker_record), allocatable :: named(:, :)
     logical :: held(0:size(d%bodies))
     integer :: k
     if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
     held = .false.
-    acting = list_acting(d)
-    held(acting%marker%body) = .true.
+    named = list_markers(d)
+    held([named%body]) = .true.
     do k = 1, size(d%bodies)
       if (held(k) .or. d%bodies(k)%velocity_stated .or. d%bodies(k)%angular_velocity_stated) cycle
       call warn(d%bodies(k)%at, 'no joint, drive, spring or force names it: it is left to itself')

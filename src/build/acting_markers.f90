@@ -1,71 +1,78 @@
-!> Where the deck's joints, drives, springs and loads act, and whether by a force, by a moment, or by both.
+!> Where the joints, drives, springs and loads of a deck act, and by what: each kind says whether by forces or by a moment.
 module acting_markers
   use body, only: body_model
   use deck_records, only: deck, marker_record
+  use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: list_acting, coordinates_under_load
+  public :: list_markers, list_acting, coordinates_under_load
 
-  !> A marker of the deck and what acts on it.
+  !> A marker of the deck, and what acts on it.
   type, public :: acting_marker
     type(marker_record) :: marker
-    logical :: force = .false., moment = .false.
+    logical :: acts(3) = .false.           !! on x, on y, on the section angle
   end type acting_marker
 
 contains
 
-  !> The markers of all joints, drives, springs and loads.
-  function list_acting(d) result(list)
+  !> (2, n) markers a and b of all joints and drives, then of all springs and loads; a load has one marker, which stands twice.
+  pure function list_markers(d) result(list)
     type(deck), intent(in) :: d
-    type(acting_marker), allocatable :: list(:)
+    type(marker_record), allocatable :: list(:, :)
+    allocate (list(2, size(d%joints) + size(d%drives) + size(d%springs) + size(d%forces)))
+    list(1, :) = [d%joints%a, d%drives%a, d%springs%a, d%forces%marker]
+    list(2, :) = [d%joints%b, d%drives%b, d%springs%b, d%forces%marker]
+  end function list_markers
+
+  !> The same with what acts on them.
+  pure function list_acting(d, s) result(list)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: s           !! its joints, drives, springs and loads are made
+    type(acting_marker), allocatable :: list(:, :)
     integer :: k, n
-    allocate (list(2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces)))
-    n = 0
-    do k = 1, size(d%joints)
-      associate (j => d%joints(k))
-        call add(j%a, .true., any(j%type == [character(9) :: 'weld', 'prismatic']))
-        call add(j%b, .true., any(j%type == [character(9) :: 'weld', 'prismatic', 'slider']))
-      end associate
+    n = size(s%constraints)
+    allocate (list(2, n + size(s%forces)))
+    list%marker = list_markers(d)
+    do k = 1, n
+      call set_acts(list(:, k), s%constraints(k)%item%acts_on())
     end do
-    do k = 1, size(d%drives)
-      call add(d%drives(k)%a, d%drives(k)%type == 'position', d%drives(k)%type == 'rotation')
-      call add(d%drives(k)%b, d%drives(k)%type == 'position', .true.)
+    do k = 1, size(s%forces)
+      call set_acts(list(:, n + k), s%forces(k)%item%acts_on())
     end do
-    do k = 1, size(d%springs)
-      call add(d%springs(k)%a, d%springs(k)%type == 'linear', d%springs(k)%type == 'torsional')
-      call add(d%springs(k)%b, d%springs(k)%type == 'linear', d%springs(k)%type == 'torsional')
-    end do
-    do k = 1, size(d%forces)
-      call add(d%forces(k)%marker, d%forces(k)%type /= 'torque', d%forces(k)%type == 'torque')
-    end do
-  contains
-    !> Adds a marker.
-    subroutine add(marker, force, moment)
-      type(marker_record), intent(in) :: marker
-      logical, intent(in) :: force, moment
-      n = n + 1
-      list(n) = acting_marker(marker, force, moment)
-    end subroutine add
   end function list_acting
+
+  !> Sets what acts on markers a and b.
+  pure subroutine set_acts(pair, acts)
+    type(acting_marker), intent(inout) :: pair(2)
+    logical, intent(in) :: acts(6)
+    pair(1)%acts = acts(1:3)
+    pair(2)%acts = acts(4:6)
+  end subroutine set_acts
 
   !> Numbers of the elastic coordinates of a body on which something acts: forces on displacements, moments on rotations. A body
   !> reduced to modes may keep their static shapes.
-  function coordinates_under_load(d, k, b) result(list)
-    type(deck), intent(in) :: d
+  pure function coordinates_under_load(acting, k, b) result(list)
+    type(acting_marker), intent(in) :: acting(:, :)
     integer, intent(in) :: k               !! number of the body
     type(body_model), intent(in) :: b      !! with its nodal coordinates numbered
     integer, allocatable :: list(:)
-    type(acting_marker), allocatable :: acting(:)
     logical :: acts(3, b%nn)               ! u, v, rotation
-    integer :: i
-    acting = list_acting(d)
+    integer :: i, side
     acts = .false.
-    do i = 1, size(acting)
-      associate (at => acting(i)%marker)
-        if (at%body /= k .or. at%node == 0) cycle
-        acts(:, at%node) = acts(:, at%node) .or. [acting(i)%force, acting(i)%force, acting(i)%moment]
-      end associate
+    do i = 1, size(acting, 2)
+      do side = 1, 2
+        associate (at => acting(side, i)%marker)
+          if (at%body == k .and. at%node > 0) acts(:, at%node) = acts(:, at%node) .or. in_body_axes(acting(side, i)%acts)
+        end associate
+      end do
     end do
     list = pack(b%dof, acts .and. b%dof > 0)
   end function coordinates_under_load
+
+  !> What acts along one global axis acts along both axes of a body.
+  pure function in_body_axes(acts) result(turned)
+    logical, intent(in) :: acts(3)
+    logical :: turned(3)
+    turned = [any(acts(1:2)), any(acts(1:2)), acts(3)]
+  end function in_body_axes
 end module acting_markers

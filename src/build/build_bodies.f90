@@ -11,7 +11,7 @@ module build_bodies
   use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
                         body_length, sort_segments
-  use acting_markers, only: coordinates_under_load
+  use acting_markers, only: acting_marker, coordinates_under_load
   use modal_reduction, only: reduce_to_modes
   use number_range, only: judge_values
   use text, only: to_text
@@ -23,10 +23,11 @@ contains
 
   !> One body of the deck. Faults: reference conditions that leave a motion free, too many modes, a mass matrix that is
   !> not positive definite.
-  subroutine build_body(d, k, lumps, b, faults)
+  subroutine build_body(d, k, lumps, acting, b, faults)
     type(deck), intent(in) :: d
     integer, intent(in) :: k                  !! number of the body
     integer, intent(in) :: lumps(:)           !! numbers of the lumps on it
+    type(acting_marker), intent(in) :: acting(:, :)
     type(body_model), intent(out) :: b
     type(fault_list), intent(inout) :: faults
     integer :: e, before
@@ -132,7 +133,7 @@ contains
                       to_text(available))
           return
         end if
-        call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(d, k, b), bad)
+        call reduce_to_modes(b, r%modes, r%static_shapes, coordinates_under_load(acting, k, b), bad)
         if (bad) call r%at%blame(faults, 'the modes could not be computed: double precision does not carry the stiffness of '// &
                              'this mesh; expected fewer elements or less uneven ones')
       end associate

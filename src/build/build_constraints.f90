@@ -2,9 +2,8 @@
 module build_constraints
   use kinds, only: wp, pi
   use build_history, only: make_history
-  use build_markers, only: marker_table, find_marker
   use constraint, only: constraint_model
-  use deck_records, only: deck, marker_record, joint_record, drive_record
+  use deck_records, only: deck, joint_record, drive_record
   use distance_joint, only: distance_model
   use errors, only: fault_list
   use history, only: history_model, breakpoint
@@ -15,43 +14,28 @@ module build_constraints
   use text, only: es_text
   implicit none (type, external)
   private
-  public :: build_all_constraints
+  public :: make_constraints
 
   integer, parameter :: most_shown = 3    !! jumps of a history that are reported one by one
 
 contains
 
-  !> Joints, then drives, with their rows numbered.
-  subroutine build_all_constraints(d, s, markers, faults)
+  !> Joints, then drives, each of its kind; they have no markers and no numbered rows yet.
+  subroutine make_constraints(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    type(marker_table), intent(inout) :: markers
     type(fault_list), intent(inout) :: faults
-    integer :: k, n
+    integer :: k
     s%joints = size(d%joints)
     allocate (s%constraints(size(d%joints) + size(d%drives)))
     do k = 1, size(s%constraints)
       if (k <= s%joints) then
         call make_joint(d%joints(k), s%constraints(k)%item)
-        call find_ends(d%joints(k)%a, d%joints(k)%b, s%constraints(k)%item)
       else
-        n = k - s%joints
-        call make_drive(d%drives(n), s%constraints(k)%item)
-        call find_ends(d%drives(n)%a, d%drives(n)%b, s%constraints(k)%item)
+        call make_drive(d%drives(k - s%joints), s%constraints(k)%item)
       end if
-      s%constraints(k)%item%first = s%rows + 1
-      s%constraints(k)%item%size = s%size
-      s%rows = s%rows + s%constraints(k)%item%rows
     end do
   contains
-    !> Markers of both ends.
-    subroutine find_ends(a, b, c)
-      type(marker_record), intent(in) :: a, b
-      class(constraint_model), intent(inout) :: c
-      c%ia = find_marker(s, markers, a)
-      c%ib = find_marker(s, markers, b)
-    end subroutine find_ends
-
     !> The factory of joints: the deck's word into the kind.
     subroutine make_joint(r, item)
       type(joint_record), intent(in) :: r
@@ -116,5 +100,5 @@ contains
                         'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
       end do
     end subroutine check_smooth
-  end subroutine build_all_constraints
+  end subroutine make_constraints
 end module build_constraints

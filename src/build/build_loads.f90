@@ -3,7 +3,6 @@ module build_loads
   use body_force, only: body_force_model
   use build_history, only: make_history
   use build_law, only: law_of
-  use build_markers, only: marker_table, find_marker
   use central_torque, only: central_torque_model
   use deck_records, only: deck, force_record, spring_record
   use force_element, only: force_model, stage_all, stage_static, stage_transient
@@ -17,30 +16,25 @@ module build_loads
   use torsional_spring, only: torsional_model
   implicit none (type, external)
   private
-  public :: build_forces
+  public :: make_forces
 
 contains
 
-  !> Springs, then loads.
-  subroutine build_forces(d, s, markers)
+  !> Springs, then loads, each of its kind; they have no markers yet.
+  subroutine make_forces(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    type(marker_table), intent(inout) :: markers
     integer :: k
     s%springs = size(d%springs)
     allocate (s%forces(s%springs + size(d%forces)))
     do k = 1, size(s%forces)
       if (k <= s%springs) then
         call make_spring(d%springs(k), s%forces(k)%item)
-        s%forces(k)%item%ia = find_marker(s, markers, d%springs(k)%a)
-        s%forces(k)%item%ib = find_marker(s, markers, d%springs(k)%b)
       else
         call make_load(d, d%forces(k - s%springs), s%forces(k)%item)
-        s%forces(k)%item%ia = find_marker(s, markers, d%forces(k - s%springs)%marker)
-        s%forces(k)%item%ib = s%forces(k)%item%ia
       end if
     end do
-  end subroutine build_forces
+  end subroutine make_forces
 
   !> The factory of springs: the deck's word into the kind.
   subroutine make_spring(r, item)

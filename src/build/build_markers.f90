@@ -1,10 +1,10 @@
 !> Markers of the model from markers of the deck, each kept once; the size of a scene.
 module build_markers
   use kinds, only: wp
-  use acting_markers, only: acting_marker, list_acting
+  use acting_markers, only: acting_marker
   use body_setup, only: body_length
   use counting_sort, only: sort_by_number
-  use deck_records, only: deck, marker_record
+  use deck_records, only: marker_record
   use marker, only: marker_model
   use scene_model, only: scene
   implicit none (type, external)
@@ -58,15 +58,15 @@ contains
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
   !> markers on the ground. Frames on which drives, torques and torsional springs act are not markers, and
   !> what sensors measure does not count: errors are small against S, and a point far away would spoil the motion.
-  function scene_size(d, s) result(size_s)
-    type(deck), intent(in) :: d
+  function scene_size(s, acting) result(size_s)
     type(scene), intent(in) :: s
+    type(acting_marker), intent(in) :: acting(:, :)
     real(wp) :: size_s                      !! [m]
     real(wp), allocatable :: points(:, :)   !! (2, n) points of one body [m]
     type(marker_record), allocatable :: list(:)
     integer, allocatable :: first(:), sorted(:)
     integer :: b, k, n
-    list = point_markers(d)
+    list = point_markers(acting)
     call sort_by_number(list%body, size(s%bodies), first, sorted)
     size_s = 0.0_wp
     do b = 0, size(s%bodies)
@@ -89,12 +89,10 @@ contains
   end function scene_size
 
   !> All points on which forces act, nodes left out (bodies know their nodes).
-  function point_markers(d) result(list)
-    type(deck), intent(in) :: d
+  pure function point_markers(acting) result(list)
+    type(acting_marker), intent(in) :: acting(:, :)
     type(marker_record), allocatable :: list(:)
-    type(acting_marker), allocatable :: acting(:)
-    acting = list_acting(d)
-    list = pack(acting%marker, acting%force .and. acting%marker%node == 0)
+    list = pack(acting%marker, (acting%acts(1) .or. acting%acts(2)) .and. acting%marker%node == 0)
   end function point_markers
 
   !> Markers on bodies where springs and loads act, sorted by body.

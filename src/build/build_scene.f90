@@ -2,10 +2,11 @@
 module build_scene
   use kinds, only: wp
   use errors, only: fault_list
+  use acting_markers, only: acting_marker, list_acting
   use build_bodies, only: build_body
-  use build_constraints, only: build_all_constraints
-  use build_loads, only: build_forces
-  use build_markers, only: marker_table, scene_size, list_loaded
+  use build_constraints, only: make_constraints
+  use build_loads, only: make_forces
+  use build_markers, only: marker_table, find_marker, scene_size, list_loaded
   use counting_sort, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
@@ -13,7 +14,7 @@ module build_scene
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: build, number_internal
+  public :: build, make_elements, place_elements, number_internal
 
 contains
 
@@ -22,30 +23,62 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
-    type(marker_table) :: markers
-    integer, allocatable :: first(:), lumps(:)   ! lumps by body
-    integer :: most, k
+    call make_elements(d, s, faults)
+    if (faults%count == 0) call place_elements(d, s, faults)
+  end subroutine build
+
+  !> Joints, drives, springs and loads, each of its kind: the kinds say what bodies have to know of them.
+  subroutine make_elements(d, s, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(out) :: s
+    type(fault_list), intent(inout) :: faults
     s%title = d%scene%title
     s%gravity = d%scene%gravity
     call judge_laws(d, faults)
     if (faults%count > 0) return
+    call make_constraints(d, s, faults)
+    call make_forces(d, s)
+  end subroutine make_elements
+
+  !> Bodies, and the elements on their markers; everything numbered.
+  subroutine place_elements(d, s, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s              !! its elements are made
+    type(fault_list), intent(inout) :: faults
+    type(acting_marker), allocatable :: acting(:, :)
+    type(marker_table) :: markers
+    integer, allocatable :: first(:), lumps(:)   ! lumps by body
+    integer :: k
+    acting = list_acting(d, s)
     call sort_by_number(d%lumps%marker%body, size(d%bodies), first, lumps)
     allocate (s%bodies(size(d%bodies)))
     do k = 1, size(d%bodies)
-      call build_body(d, k, lumps(first(k):first(k + 1) - 1), s%bodies(k), faults)
+      call build_body(d, k, lumps(first(k):first(k + 1) - 1), acting, s%bodies(k), faults)
     end do
     if (faults%count > 0) return
-    most = 2*(size(d%joints) + size(d%drives) + size(d%springs)) + size(d%forces)
-    allocate (markers%items(most))
-    allocate (markers%next(most), markers%head(0:size(s%bodies)), source=0)
-    s%size = scene_size(d, s)
-    call build_all_constraints(d, s, markers, faults)
-    call build_forces(d, s, markers)
+    s%size = scene_size(s, acting)
+    allocate (markers%items(size(acting)))
+    allocate (markers%next(size(acting)), markers%head(0:size(s%bodies)), source=0)
+    do k = 1, size(s%constraints)
+      associate (c => s%constraints(k)%item)
+        c%ia = find_marker(s, markers, acting(1, k)%marker)
+        c%ib = find_marker(s, markers, acting(2, k)%marker)
+        c%first = s%rows + 1
+        c%size = s%size
+        s%rows = s%rows + c%rows
+      end associate
+    end do
+    do k = 1, size(s%forces)
+      associate (f => s%forces(k)%item, pair => acting(:, size(s%constraints) + k)%marker)
+        f%ia = find_marker(s, markers, pair(1))
+        f%ib = find_marker(s, markers, pair(2))
+      end associate
+    end do
     s%markers = markers%items(1:markers%count)
     call judge_distances(d, s, faults)
     call list_loaded(s)
     call number_unknowns(d, s)
-  end subroutine build
+  end subroutine place_elements
 
   !> Offsets of all unknowns, and the deck's own start.
   subroutine number_unknowns(d, s)

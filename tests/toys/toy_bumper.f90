@@ -14,6 +14,7 @@ module bumper
     real(wp) :: hardness = 0.0_wp           !! [N/m2]
   contains
     procedure :: act
+    procedure :: acts_on
     procedure :: tangent
     procedure :: components
     procedure :: energy
@@ -27,6 +28,13 @@ contains
     type(marker_states), intent(in) :: p
     depth = max(0.0_wp, self%gap - (p%r(2, self%ia) - p%r(2, self%ib)))
   end function depth
+
+  !> It pushes up and down.
+  pure function acts_on(self) result(yes)
+    class(bumper_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.false., .true., .false., .false., .true., .false.]
+  end function acts_on
 
   !> The force up on a and down on b.
   pure subroutine act(self, p, with, z, zd, zdd, x)

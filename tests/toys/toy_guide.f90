@@ -12,11 +12,19 @@ module parabola
     real(wp) :: radius = 1.0_wp             !! of curvature at the bottom [m]
   contains
     procedure :: evaluate
+    procedure :: acts_on
     procedure :: geometric
     procedure :: components
   end type parabola_model
 
 contains
+
+  !> It acts on the position of a.
+  pure function acts_on(self) result(yes)
+    class(parabola_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .false., .false., .false.]
+  end function acts_on
 
   !> The row, its gradient, and what curvature adds to its second derivative.
   pure subroutine evaluate(self, t, p, r)

@@ -12,12 +12,20 @@ module central_torque
     real(wp) :: centre(2) = 0.0_wp         !! global [m]
   contains
     procedure :: unit_wrench
+    procedure :: acts_on
     procedure :: unit_tangent
     procedure :: components
     procedure :: fault
   end type central_torque_model
 
 contains
+
+  !> It acts by a force; the arm makes the torque.
+  pure function acts_on(self) result(yes)
+    class(central_torque_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .false., .false., .false.]
+  end function acts_on
 
   !> The wrench: a force across the line to the centre.
   pure function unit_wrench(self, p, with) result(w)

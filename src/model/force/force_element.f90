@@ -42,6 +42,7 @@ module force_element
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
+    procedure(list_actions), deferred :: acts_on  !! whether it can act on x, y, section angle of marker a, then of b
     procedure :: tangent => no_tangent
     procedure :: components => no_components      !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => no_components !! of them, those whose rates it sees
@@ -74,6 +75,13 @@ module force_element
       real(wp), intent(inout) :: zdd(*)     !! (nz) highest derivatives [m/s2, rad/s2], [m/s, rad/s]
       type(element_action), intent(inout) :: x
     end subroutine state_to_action
+
+    !> What it can act on, whatever the state.
+    pure function list_actions(self) result(yes)
+      import :: force_model
+      class(force_model), intent(in) :: self
+      logical :: yes(6)
+    end function list_actions
   end interface
 
 contains

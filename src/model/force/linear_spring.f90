@@ -14,6 +14,7 @@ module linear_spring
   type, extends(spring_model), public :: linear_model
   contains
     procedure :: deformation => stretch
+    procedure :: acts_on => line_acts_on
     procedure :: tangent => line_tangent
     procedure :: components => positions
     procedure :: rate_components => damped_positions
@@ -23,6 +24,13 @@ module linear_spring
   end type linear_model
 
 contains
+
+  !> It acts by forces.
+  pure function line_acts_on(self) result(yes)
+    class(linear_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .true., .true., .false.]
+  end function line_acts_on
 
   !> Stretch, its rate, and the direction from b to a.
   pure subroutine stretch(self, p, d, dd, e)

@@ -7,14 +7,22 @@ module point_force
   implicit none (type, external)
   private
 
-  !> A force.
+  !> It acts by a force on its marker.
   type, extends(load_model), public :: point_force_model
     real(wp) :: f(2) = 0.0_wp              !! [N]
   contains
     procedure :: unit_wrench
+    procedure :: acts_on
   end type point_force_model
 
 contains
+
+  !> It acts by a force on its marker.
+  pure function acts_on(self) result(yes)
+    class(point_force_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .false., .false., .false.]
+  end function acts_on
 
   !> The wrench: the force as the deck gives it.
   pure function unit_wrench(self, p, with) result(w)

@@ -12,9 +12,17 @@ module torque
     real(wp) :: moment = 0.0_wp            !! [N m]
   contains
     procedure :: unit_wrench
+    procedure :: acts_on
   end type torque_model
 
 contains
+
+  !> It acts by a moment on its marker.
+  pure function acts_on(self) result(yes)
+    class(torque_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.false., .false., .true., .false., .false., .false.]
+  end function acts_on
 
   !> The wrench: the moment alone.
   pure function unit_wrench(self, p, with) result(w)

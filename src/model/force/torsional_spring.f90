@@ -10,6 +10,7 @@ module torsional_spring
   type, extends(spring_model), public :: torsional_model
   contains
     procedure :: deformation => turn_of_sections
+    procedure :: acts_on
     procedure :: components => angles
   end type torsional_model
 
@@ -26,6 +27,13 @@ contains
     dd = p%rate(self%ia) - p%rate(self%ib)
     e = [0.0_wp, 0.0_wp, 1.0_wp]
   end subroutine turn_of_sections
+
+  !> It acts by moments.
+  pure function acts_on(self) result(yes)
+    class(torsional_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.false., .false., .true., .false., .false., .true.]
+  end function acts_on
 
   !> It acts between the angles of both sections.
   pure function angles(self) result(list)

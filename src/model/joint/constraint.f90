@@ -45,7 +45,7 @@ module constraint
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
-    procedure :: acts_on => both_positions    !! whether rows can act on x, y, section angle of marker a, then of b
+    procedure(list_actions), deferred :: acts_on   !! whether rows can act on x, y, section angle of marker a, then of b
     procedure :: init_from_deck => keep_as_is !! takes what it needs from the markers of the deck
     procedure :: init_from_assembly => settle !! takes what it needs from the assembled markers
     procedure :: measure => no_quantity       !! the quantity that a drive prescribes
@@ -71,6 +71,13 @@ module constraint
       type(marker_states), intent(in) :: p
       type(constraint_rows), intent(inout) :: r
     end subroutine evaluate_rows
+
+    !> What the rows can act on, whatever the state.
+    pure function list_actions(self) result(yes)
+      import :: constraint_model
+      class(constraint_model), intent(in) :: self
+      logical :: yes(6)
+    end function list_actions
   end interface
 
 contains
@@ -96,13 +103,6 @@ contains
     type(marker_stiffness), intent(inout) :: k    !! k%k is set
     k%k = 0.0_wp
   end subroutine no_geometric
-
-  !> Most rows see positions and no angle.
-  pure function both_positions(self) result(yes)
-    class(constraint_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .true., .true., .false.]
-  end function both_positions
 
   !> Most rows are linear in positions and angles.
   pure function no_components(self, grounded) result(list)

@@ -11,6 +11,7 @@ module distance_joint
     real(wp) :: length = 0.0_wp           !! taken from the assembled positions while that is pending [m]
   contains
     procedure :: evaluate => distance_rows
+    procedure :: acts_on => distance_acts_on
     procedure :: geometric => distance_second
     procedure :: init_from_deck => distance_begin
     procedure :: components => distance_components
@@ -45,6 +46,13 @@ contains
     r%phi_t(i) = 0.0_wp
     r%acceleration_bias(i) = (dot_product(dd, dd) - dot_product(e, dd)**2)/l
   end subroutine distance_rows
+
+  !> It acts on positions alone.
+  pure function distance_acts_on(self) result(yes)
+    class(distance_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .true., .true., .false.]
+  end function distance_acts_on
 
   !> lambda |r_a - r_b|: lambda/l (1 - e e^T) on the relative position.
   pure subroutine distance_second(self, p, lambda, k)
