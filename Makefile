@@ -63,6 +63,11 @@ BENCH    := $(patsubst tests/bench/%.f90,bin/%$(SUFFIX),$(wildcard tests/bench/*
 TOOLS    := build/toolchain.ok
 VENV     := .venv/complete
 RUN      := .venv/bin/python
+INSTALLED = $(addprefix $(DESTDIR)$(PREFIX)/,bin/biela share/man/man1/biela.1 share/bash-completion/completions/biela \
+              share/zsh/site-functions/_biela)
+# these install a compiler where there is none; all others only tell that it is missing
+INSTALLING = setup demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint
+export BIELA_SETUP ?= $(if $(filter $(INSTALLING),$(MAKECMDGOALS)),toolchain,check)
 
 # make's own -j prevails over this one; what follows `clean` has to wait for it
 ifeq ($(MAKELEVEL)$(filter clean,$(MAKECMDGOALS)),0)
@@ -71,15 +76,17 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint setup clean help FORCE
+.PHONY: all install uninstall debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
-	@install -d $(addprefix $(DESTDIR)$(PREFIX)/,bin share/man/man1 share/bash-completion/completions share/zsh/site-functions)
-	install -m 755 $(BIELA) $(DESTDIR)$(PREFIX)/bin/biela
-	install -m 644 share/biela.1 $(DESTDIR)$(PREFIX)/share/man/man1/biela.1
-	install -m 644 share/biela.bash $(DESTDIR)$(PREFIX)/share/bash-completion/completions/biela
-	install -m 644 share/_biela $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_biela
+	@install -d $(dir $(INSTALLED))
+	install -m 755 $(BIELA) $(word 1,$(INSTALLED))
+	install -m 644 share/biela.1 $(word 2,$(INSTALLED))
+	install -m 644 share/biela.bash $(word 3,$(INSTALLED))
+	install -m 644 share/_biela $(word 4,$(INSTALLED))
+uninstall:                         ## removes what `make install` put below the same PREFIX (and DESTDIR)
+	rm -f $(INSTALLED)
 debug:                             ## bin/biela-debug: -O0 with every run-time check
 	@$(MAKE) DEBUG=1 all
 sanitize:                          ## bin/biela-sanitize: watches addresses and undefined behaviour
@@ -145,9 +152,9 @@ help:                              ## this list
 	@awk -F '## ' '/^[a-z-]+:.*## / { sub(/:.*/, "", $$1); printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 	@echo '  options: see the head of the Makefile'
 
-# --- set-up: each file is made once, by setup.sh, and says that all is there
+# --- set-up: each file is made once, where setup.sh finds or has installed what is needed
 $(TOOLS): setup.sh
-	@./setup.sh toolchain && mkdir -p $(@D) && touch $@
+	@./setup.sh $(BIELA_SETUP) && mkdir -p $(@D) && touch $@
 $(VENV): requirements.txt setup.sh | $(TOOLS)
 	@./setup.sh python && touch $@
 
@@ -200,6 +207,6 @@ endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
 	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@
-ifneq ($(filter-out clean help lint setup debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out clean help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs what biela needs and this machine lacks; make calls it, once. What is there already is left alone.
+# Installs what biela needs and this machine lacks, each part once; make calls it. What is there already is left alone.
+#   ./setup.sh check       installs nothing, tells what to type where the compiler or a library is missing
 #   ./setup.sh toolchain   a Fortran compiler, LAPACK and BLAS, by the distribution's own package manager
 #   ./setup.sh python      .venv with the packages of requirements.txt
 # FC, LDLIBS and PYTHON (see the Makefile) name other compilers, libraries and interpreters.
@@ -8,6 +9,7 @@ cd "$(dirname "$0")" || exit 1
 fc=${FC:-gfortran}
 libraries=${LDLIBS:--llapack -lblas}
 python=${PYTHON:-python3}
+no_fortran="gfortran, LAPACK or BLAS is missing"
 no_python="Python 3.9 or newer with the module venv"
 
 say() { echo "setup: $*"; }
@@ -83,10 +85,22 @@ install() {
   fi
 }
 
+# Ends where a compiler that the user has named does not work.
+own_compiler_works() {
+  [ "$fc" = gfortran ] || fail "FC=$fc does not compile and link a program with $libraries"
+}
+
+check() {
+  fortran_works && return
+  own_compiler_works
+  line=$(install_line toolchain)
+  fail "$no_fortran; biela is compiled with them. Please type: make setup${line:+, which installs them by: $line}"
+}
+
 toolchain() {
   fortran_works && return
-  [ "$fc" = gfortran ] || fail "FC=$fc does not compile and link a program with $libraries"
-  install toolchain "gfortran, LAPACK or BLAS is missing"
+  own_compiler_works
+  install toolchain "$no_fortran"
   fortran_works || fail "gfortran does not compile and link a program with $libraries"
 }
 
@@ -104,7 +118,8 @@ virtual_environment() {
 }
 
 case ${1:-} in
+  check) check ;;
   toolchain) toolchain ;;
   python) virtual_environment ;;
-  *) fail "usage: ./setup.sh toolchain|python" ;;
+  *) fail "usage: ./setup.sh check|toolchain|python" ;;
 esac

@@ -82,14 +82,18 @@ def test_every_library_in_use_is_a_dependency():
 
 
 @pytest.mark.usefixtures("biela")
-def test_make_install(tmp_path):
-    subprocess.run(
-        ["make", "-o", "bin/biela", "install", "PREFIX=/opt/b", f"DESTDIR={tmp_path}"], cwd=ROOT, check=True, capture_output=True
-    )
+def test_make_install_and_uninstall(tmp_path):
+    def make(*words):
+        subprocess.run(["make", *words, "PREFIX=/opt/b", f"DESTDIR={tmp_path}"], cwd=ROOT, check=True, capture_output=True)
+
+    make("-o", "bin/biela", "install")
     found = {str(path.relative_to(tmp_path / "opt/b")) for path in tmp_path.rglob("*") if path.is_file()}
     shared = {"man/man1/biela.1", "bash-completion/completions/biela", "zsh/site-functions/_biela"}
     assert found == {"bin/biela", *(f"share/{name}" for name in shared)}
     assert os.access(tmp_path / "opt/b/bin/biela", os.X_OK)
+    (tmp_path / "opt/b/bin/other").touch()
+    make("uninstall")
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["other"]
 
 
 @pytest.mark.parametrize("name", ["biela.1", "biela.bash", "_biela"])

@@ -50,10 +50,27 @@ class Machine:
         """Add a package manager that notes how it was called; effect is what an installation does."""
         self.script(name, f'echo "{name} $*" >> {self.log}\ncase "$*" in *install*|add*|-S*) {effect} ;; esac')
 
+    def make(self, *words):
+        """Run make in a project of one source file; return what `setup` does."""
+        for name in ("make", "find", "nproc", "sed", "awk", "cmp", "touch", "ar", "install"):
+            if not (self.bin / name).exists():
+                (self.bin / name).symlink_to(shutil.which(name))
+        for name in ("Makefile", "share"):
+            (self.project / name).unlink(missing_ok=True)
+            (self.project / name).symlink_to(ROOT / name)
+        (self.project / "requirements.txt").write_text("")
+        (self.project / "src").mkdir(exist_ok=True)
+        (self.project / "src" / "main.f90").write_text("program main\nimplicit none (type, external)\nend program main\n")
+        return self.run("make", *words)
+
     def setup(self, *words, **environment):
         """Run setup.sh and return status, output, and what the package manager was asked."""
+        return self.run("sh", "setup.sh", *words, **environment)
+
+    def run(self, program, *words, **environment):
+        """Run a program of the machine in the project."""
         done = subprocess.run(
-            [str(self.bin / "sh"), "setup.sh", *words],
+            [str(self.bin / program), *words],
             cwd=self.project,
             env={"PATH": str(self.bin), "TMPDIR": str(self.project), **environment},
             stdin=subprocess.DEVNULL,
@@ -129,6 +146,23 @@ def test_where_python_lacks_too_one_line_installs_all(machine, manager):
     assert [path.name for path in machine.project.iterdir()] == ["setup.sh"]
 
 
+@pytest.mark.parametrize("goal", ["all", "install"])
+def test_make_alone_installs_nothing_and_says_what_to_type(machine, goal):
+    """As root, who could install: only `make setup` and what needs Python besides does."""
+    machine.user(0)
+    machine.manager("apt-get", compiler(machine))
+    status, told, asked = machine.make(goal)
+    assert (status != 0, asked) == (True, [])
+    missing = "setup: gfortran, LAPACK or BLAS is missing; biela is compiled with them. "
+    assert f"{missing}Please type: make setup, which installs them by: {DISTRIBUTIONS['apt-get']}\n" in told
+    machine.script("python3", 'case "$*" in "-m venv .venv") mkdir -p .venv/bin; ln -s "$0" .venv/bin/python ;; esac')
+    status, told, asked = machine.make("setup")
+    assert status == 0, told
+    assert asked[-1].startswith("apt-get install -y")
+    status, told, _ = machine.make(goal, "LDLIBS=", "FFLAGS=-O0", f"PREFIX={machine.project}/usr")
+    assert status == 0, told
+
+
 def test_temporary_files_find_a_place(machine):
     """Also where the folder of temporary files cannot be written."""
     subprocess.run(compiler(machine), shell=True, check=True)
@@ -196,4 +230,4 @@ def test_a_broken_environment_is_made_anew(machine, broken):
 @pytest.mark.parametrize("words", [[], ["everything"]])
 def test_usage(machine, words):
     status, told, _ = machine.setup(*words)
-    assert (status != 0, told) == (True, "setup: usage: ./setup.sh toolchain|python\n")
+    assert (status != 0, told) == (True, "setup: usage: ./setup.sh check|toolchain|python\n")
