@@ -2,7 +2,8 @@
 !> out.
 module linear_state
   use kinds, only: wp
-  use assembly_reports, only: too_uneven
+  use assembly_conflict, only: place_of
+  use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure
   use evaluation_settings, only: evaluation_options
@@ -47,10 +48,14 @@ contains
     integer, intent(in) :: status                   !! to end with
     type(failure), intent(inout) :: fail
     logical :: moves
+    integer :: k
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
       moves = run%d%transient%present .or. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
-      if (ev%schur%ill_conditioned .or. (ev%broken .and. moves)) call fail%raise(status, 'the '//analysis// &
-        ' cannot be done: '//too_uneven//', and the reactions cannot be computed')
+      if (fail%happened() .or. .not. (ev%schur%ill_conditioned .or. (ev%broken .and. moves))) return
+      call fail%raise(status, 'the '//analysis//' cannot be done: '//too_uneven//weakest_text(run%sys%m, ev)// &
+                      ', and the reactions cannot be computed')
+      k = weakest_constraint(run%sys%m, ev)
+      if (k > 0) fail%place = place_of(run%d, k)
     end associate
   end subroutine refuse_uneven
 

@@ -6,7 +6,7 @@ module assembly_reports
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: assembly_report, add_warning, gap_text, open_joints
+  public :: assembly_report, add_warning, gap_text, open_joints, weakest_constraint, weakest_text
 
   character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
                                                   'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
@@ -36,6 +36,31 @@ contains
     longer(n + 1) = text
     call move_alloc(longer, report%warnings)
   end subroutine add_warning
+
+  !> The joint or drive that uneven masses weaken most at the last evaluation, 0: none.
+  pure integer function weakest_constraint(self, ev) result(k)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    integer :: row
+    row = ev%schur%weakest_row()
+    do k = size(self%s%constraints), 1, -1
+      if (row >= self%s%constraints(k)%item%first) return
+    end do
+  end function weakest_constraint
+
+  !> Its name, as the end of a sentence.
+  function weakest_text(self, ev) result(text)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    k = weakest_constraint(self, ev)
+    if (k == 0) return
+    associate (c => self%s%constraints(k)%item)
+      text = ', most of all at '//merge('drive', 'joint', c%drive)//' "'//trim(c%name)//'"'
+    end associate
+  end function weakest_text
 
   !> Names of the joints and drives whose rows do not hold, with how far they stay open.
   function open_joints(self, ev, row, limit, per) result(text)

@@ -2,7 +2,7 @@
 !> least mass-weighted change; stated ones that contradict the joints are corrected least.
 module velocity_closing
   use kinds, only: wp
-  use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven
+  use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven, weakest_constraint, weakest_text
   use dynamics, only: evaluate
   use errors, only: failure, status_bad_input
   use evaluation_settings, only: usual_options
@@ -63,7 +63,9 @@ contains
     end do
     call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
     if (worst > goal .and. uneven) then
-      call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven)
+      report%culprit = weakest_constraint(self, ev)
+      call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven// &
+                      weakest_text(self, ev))
       return
     else if (worst > goal) then
       call row_rates(self, ev, ev%lambda)

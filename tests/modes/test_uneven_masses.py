@@ -1,5 +1,6 @@
 """Modes of mechanisms whose masses differ by up to 1e9, against closed forms in exact arithmetic; what is beyond is told."""
 
+import re
 from decimal import Decimal, getcontext
 from fractions import Fraction
 
@@ -131,6 +132,9 @@ def test_masses_beyond_double_precision_are_told(run_deck, analysis):
         text += link(f"l{k}", mass, f"body_b='l{k - 1}' point_b=1.0,0.0" if k else "", x=k)
     run = run_deck(text + analysis + "\n", expect=2)
     assert "too uneven for double precision" in run.stderr
+    place = re.match(r"\S+\.nml:(\d+): .*, most of all at joint \"(\w+)\"", run.stderr)
+    assert text.splitlines()[int(place[1]) - 1].startswith(f"&joint name='{place[2]}'")
+    assert place[2] in ("l1", "l2")  # between light bodies and heavy ones
     assert not run.folder.exists()
 
 
@@ -184,7 +188,7 @@ def starts_right_or_is_refused(run):
             assert "nan" not in (run.folder / name).read_text(encoding="utf-8").lower()
         return True
     assert run.status == 2
-    assert "too uneven for double precision" in run.stderr
+    assert re.match(r"\S+\.nml:\d+: .*too uneven for double precision", run.stderr)
     assert not run.folder.exists()
     return False
 

@@ -47,7 +47,7 @@ program toy_gear
   use gear, only: gear_model
   use posix, only: make_folder
   use scene_model, only: scene
-  use scene_run, only: run_state, assemble_segment
+  use scene_run, only: run_state, assemble_run
   use static_analysis, only: run_static
   use summary_text, only: summary_record
   implicit none (type, external)
@@ -75,7 +75,7 @@ program toy_gear
   run%quiet = .true.
   run%folder = trim(word(2))
   call make_folder(run%folder)
-  call assemble_segment(run, s, fail)
+  call assemble_run(run, s, fail)
   if (.not. fail%happened()) call run_static(run, text, fail)
   if (fail%happened()) then
     write (*, '(a)') fail%message

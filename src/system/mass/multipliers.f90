@@ -49,6 +49,7 @@ module multipliers
     procedure :: minimum_norm_equivalent
     procedure :: remove_range
     procedure :: weak_rows
+    procedure :: weakest_row
   end type multiplier_system
 
 contains
@@ -270,22 +271,46 @@ contains
   end subroutine weak_rows
 
   !> Marks as dependent the rows of G whose pivot falls below tol of their diagonal entry; the elimination goes on without them.
-  !> Overwrites G.
+  !> The row that rounding weakens most: its pivot in S is the smallest beside its diagonal entry. 0: no row.
+  pure integer function weakest_row(self) result(row)
+    class(multiplier_system), intent(in) :: self
+    real(wp), allocatable :: s(:, :)
+    real(wp) :: diagonal(self%n)
+    logical :: dependent(self%n)
+    row = 0
+    if (self%n == 0) return
+    s = self%s
+    call find_dependent(self%n, self%kd, s, 0.0_wp, diagonal, dependent)
+    row = findloc(self%position, minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1), 1)
+  end function weakest_row
+
+  !> Marks the rows that depend on earlier ones by geometry. Overwrites G.
   subroutine mark_dependent(self, tol)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
+    call find_dependent(self%n, self%kd, self%g, tol, self%r, self%dependent)
+  end subroutine mark_dependent
+
+  !> Eliminates a band matrix in place and leaves its pivots on its diagonal. A row depends on earlier ones where its pivot is not
+  !> above tol times its diagonal entry; such a row is skipped.
+  pure subroutine find_dependent(n, kd, g, tol, diagonal, dependent)
+    integer, intent(in) :: n, kd
+    real(wp), intent(inout) :: g(0:kd, n)     !! lower band, g(i, j) = G(j+i, j) [any]
+    real(wp), intent(in) :: tol               !! [-]
+    real(wp), intent(out) :: diagonal(n)      !! of the given matrix [any]
+    logical, intent(out) :: dependent(n)
     real(wp) :: l
     integer :: i, j, k
-    self%r = self%g(0, :)
-    do j = 1, self%n
-      self%dependent(j) = .not. self%g(0, j) > tol*self%r(j)
-      if (self%dependent(j)) cycle                 ! the row adds nothing: skip it
-      do i = 1, min(self%kd, self%n - j)
-        l = self%g(i, j)/self%g(0, j)
-        do k = i, min(self%kd, self%n - j)
-          self%g(k - i, j + i) = self%g(k - i, j + i) - l*self%g(k, j)
+    diagonal = g(0, :)
+    do j = 1, n
+      dependent(j) = .not. g(0, j) > tol*diagonal(j)
+      if (dependent(j)) cycle                      ! the row adds nothing: skip it
+      do i = 1, min(kd, n - j)
+        l = g(i, j)/g(0, j)
+        do k = i, min(kd, n - j)
+          g(k - i, j + i) = g(k - i, j + i) - l*g(k, j)
         end do
       end do
     end do
-  end subroutine mark_dependent
+  end subroutine find_dependent
 end module multipliers
