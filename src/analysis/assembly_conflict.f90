@@ -20,7 +20,7 @@ module assembly_conflict
   use text, only: exact_text, to_text
   implicit none (type, external)
   private
-  public :: explain_open_joints, place_of
+  public :: explain_open_joints, deck_line_of
 
   character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive holds at t = 0'
   integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
@@ -53,7 +53,7 @@ contains
     call contradicting_angle(d, all, culprit, words, named)
     if (len(words) == 0) call open_constraint(d, all, culprit, words)
     fail%message = 'the mechanism cannot be assembled: '//words
-    fail%place = place_of(d, named)
+    fail%deck_line = deck_line_of(d, named)
   end subroutine explain_open_joints
 
   !> How far a constraint stays open where others are closed, and why.
@@ -247,16 +247,17 @@ contains
     end if
   end function name_of
 
-  !> Where a joint or drive stands: `deck.nml:7`.
-  function place_of(d, k) result(text)
+  !> Where a joint, drive, spring or load stands: `deck.nml:7`.
+  function deck_line_of(d, k) result(text)
     type(deck), intent(in) :: d
-    integer, intent(in) :: k                        !! number of the constraint: joints, then drives
+    integer, intent(in) :: k                        !! its number: joints, then drives, springs, loads
     character(:), allocatable :: text
     type(origin) :: at
-    if (k <= size(d%joints)) at = d%joints(k)%at
-    if (k > size(d%joints)) at = d%drives(k - size(d%joints))%at
+    associate (all => [d%joints%at, d%drives%at, d%springs%at, d%forces%at])
+      at = all(k)
+    end associate
     text = at%file//':'//to_text(at%line)
-  end function place_of
+  end function deck_line_of
 
   !> Where a group stands.
   function line_of(d, at) result(text)

@@ -182,7 +182,7 @@ contains
       '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard'//lf// &
       '                                 input, with results in results/stdin/'//lf// &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
-      '  biela --check --json DECK.nml  the same as JSON, with every place of the assembled scene'//lf// &
+      '  biela --check --json DECK.nml  the same as JSON, with all positions of the assembled scene'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &

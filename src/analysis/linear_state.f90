@@ -2,7 +2,7 @@
 !> out.
 module linear_state
   use kinds, only: wp
-  use assembly_conflict, only: place_of
+  use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure
@@ -55,7 +55,7 @@ contains
       call fail%raise(status, 'the '//analysis//' cannot be done: '//too_uneven//weakest_text(run%sys%m, ev)// &
                       ', and the reactions cannot be computed')
       k = weakest_constraint(run%sys%m, ev)
-      if (k > 0) fail%place = place_of(run%d, k)
+      if (k > 0) fail%deck_line = deck_line_of(run%d, k)
     end associate
   end subroutine refuse_uneven
 

@@ -8,7 +8,7 @@ module scene_run
   use deck_records, only: deck
   use build_scene, only: build
   use assembly, only: assemble
-  use assembly_conflict, only: explain_open_joints, place_of
+  use assembly_conflict, only: explain_open_joints, deck_line_of
   use assembly_reports, only: assembly_report
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
@@ -71,7 +71,7 @@ contains
     allocate (q(s%nq), v(s%nq))
     call assemble(run%sys%m, run%sys%ev, q, v, run%assembly, fail)
     if (run%assembly%open) call explain_open_joints(run%d, fail)
-    if (run%assembly%culprit > 0) fail%place = place_of(run%d, run%assembly%culprit)
+    if (run%assembly%culprit > 0) fail%deck_line = deck_line_of(run%d, run%assembly%culprit)
     if (fail%happened()) return
     run%y(1:s%nq) = q
     run%y(s%nq + 1:2*s%nq) = v

@@ -171,7 +171,7 @@ contains
     end do
   end subroutine loose_bodies
 
-  !> Joints or drives between the same places that hold the same.
+  !> Joints or drives between the same markers that hold the same.
   subroutine doubled_constraints(d)
     type(deck), intent(in) :: d
     call look_for_twins('joint', d%joints%at, d%joints%name, d%joints%type, d%joints%a, d%joints%b, d%joints%direction)
@@ -256,7 +256,7 @@ contains
     end do
   end subroutine leave
 
-  !> A warning with its place in the deck.
+  !> A warning with the line of its group.
   subroutine warn(at, why)
     type(origin), intent(in) :: at
     character(*), intent(in) :: why

@@ -132,6 +132,7 @@ contains
   !> Text of a fixed length, a character a word.
   subroutine exchange_text(self, x)
     class(value_archive), intent(inout) :: self
+    ! allow(C072)
     character(*), intent(inout) :: x
     integer :: k, code
     do k = 1, len(x)

@@ -38,7 +38,7 @@ module errors
   type :: failure
     integer :: status = status_ok
     character(:), allocatable :: message
-    character(:), allocatable :: place     !! `DECK:LINE` of the group that the message names, if it names one
+    character(:), allocatable :: deck_line !! `DECK:LINE` of the group that the message names, if it names one
   contains
     procedure :: raise => raise_failure
     procedure :: tell => tell_failure
@@ -96,8 +96,8 @@ contains
   subroutine tell_failure(self, path)
     class(failure), intent(in) :: self
     character(*), intent(in) :: path     !! deck file
-    if (allocated(self%place)) then
-      call tell(self%place//': '//self%message)
+    if (allocated(self%deck_line)) then
+      call tell(self%deck_line//': '//self%message)
     else
       call tell(path//': '//self%message)
     end if

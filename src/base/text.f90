@@ -65,8 +65,9 @@ contains
       read (t, *) back
       if (.not. abs(back - x) > 0.0_wp) exit
       write (buffer, '(es32.'//to_text(digits(k) - 1)//'e3)') x
-      if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) &
+      if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
         write (buffer, '(f32.'//to_text(digits(k) - 1 - floor(log10(abs(x))))//')') x
+      end if
       t = trim(adjustl(buffer))
     end do
   end function exact_text

@@ -18,7 +18,7 @@ module assembly_reports
     logical, allocatable :: dependent(:)            !! (constraints) takes part in a redundant set
     character(:), allocatable :: warnings(:)        !! one sentence each
     logical :: open = .false.                       !! positions that close all joints were not found
-    integer :: culprit = 0                          !! joint or drive that a failure names first, 0: none
+    integer :: culprit = 0                          !! what a failure names first: joints, drives, springs, loads; 0: nothing
     integer :: newton = 0                           !! position steps taken
   end type assembly_report
 

@@ -1,9 +1,10 @@
-!> The energy balance of a transient: kinetic + potential + dissipated - work - start is zero for exact integration. What it
-!> is off by is compared with what moved, the largest swing of a kind of energy, which does not depend on where the scene
-!> stands, or with the kinetic energy where no other kind moves. A force that turns a velocity moves kinetic energy from one
-!> direction to the other, which a method integrates as it does a vibration: of a steady turn these swing, and nothing else. And for each flexible body with the energy that its deformation
-!> took up and gave back, which a balance closed by large rigid motion may hide. Errors add up in the residual: each step counts,
-!> whether a row is written after it or not.
+!> The energy balance of a transient: kinetic + potential + dissipated - work - start, the residual, is zero for exact
+!> integration. The residual is compared with
+!> - the largest swing of a kind of energy, which does not depend on where the scene stands;
+!> - the kinetic energy, where no other kind moves. A force that turns a velocity moves kinetic energy from one direction to the
+!>   other, which a method integrates as it does a vibration. In a steady turn nothing else swings;
+!> - for each flexible body, the energy that its deformation took up and gave back. Large rigid motion may hide errors of it.
+!> Errors add up in the residual: each step counts, whether a row is written after it or not.
 module energy_balance
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -23,7 +24,7 @@ module energy_balance
     real(wp) :: held = 0.0_wp                 !! largest energy of the rows whose balance is not lost [J]
     real(wp) :: largest(4) = 0.0_wp           !! absolute energies, whose rounding the residual contains [J]
     real(wp) :: low(4) = 0.0_wp, high(4) = 0.0_wp   !! smallest and largest energies [J]
-    real(wp), allocatable :: along(:, :)      !! (2, 0:nb) kinetic energy along x and y: of the mass centre (0), of each body's to it [J]
+    real(wp), allocatable :: along(:, :)      !! (2, 0:nb) kinetic energy along x, y: 0: mass centre; bodies: relative to it [J]
     real(wp), allocatable :: along_low(:, :), along_high(:, :)  !! (2, 0:nb) smallest and largest [J]
     integer(ip) :: steps = 0                  !! that the last row took
     real(wp), allocatable :: strain(:)        !! (nb) energy stored in the deformation of each body [J]

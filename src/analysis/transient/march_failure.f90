@@ -3,7 +3,7 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
-  use assembly_conflict, only: place_of
+  use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven
   use projection, only: open_constraints
   use scene_run, only: run_state
@@ -80,7 +80,7 @@ contains
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
     end select
     call fail%raise(status_failed, text//'. '//kept(last))
-    if (trouble == trouble_masses) fail%place = place_of(run%d, maxloc(reactions(run), 1))
+    if (trouble == trouble_masses) fail%deck_line = deck_line_of(run%d, maxloc(reactions(run), 1))
   end subroutine explain_loss
 
   !> A march whose energies say that the solution is lost, though its numbers are finite.

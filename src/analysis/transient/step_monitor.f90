@@ -107,8 +107,9 @@ contains
     if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
     if (.not. self%active) return
     followed = bound_of_motions(self, m, work)
-    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest/followed)) < log(far)) &
+    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest/followed)) < log(far)) then
       self%ratio = self%smallest/followed
+    end if
   contains
     !> Adds a motion, joints released: at a singular start they may hold what they let go later.
     subroutine follow(mix, segment)

@@ -75,9 +75,10 @@ contains
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
     text = ''
-    if (run%monitor%smallest < 0.99_wp*run%stable_step .and. any(run%sys%m%s%bodies%flexible)) &
+    if (run%monitor%smallest < 0.99_wp*run%stable_step .and. any(run%sys%m%s%bodies%flexible)) then
       text = '; deflections changed the inertia of flexible bodies, which the safe bound of '// &
              trim(adjustl(es_text(run%stable_step, 4)))//' s does not count'
+    end if
   end function beyond
 
   !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.

@@ -123,7 +123,7 @@ contains
         if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if
     end if
-    call deck%complain('body_b', 'both places are '//marker//' and cannot move relative to each other, expected two '// &
+    call deck%complain('body_b', 'both markers are '//marker//' and cannot move relative to each other, expected two '// &
       'bodies')
   end subroutine forbid_rigid_pair
 end module deck_marker

@@ -67,7 +67,7 @@ module deck_records
     integer, allocatable :: reference_node(:)       !! node numbers, positive (-1 already resolved)
     character(1), allocatable :: reference_dof(:)   !! 'u', 'v', 'r'
     integer :: modes = 0                     !! 0: nodal coordinates
-    logical :: static_shapes = .false.       !! beside the modes: shapes of the places where joints and forces act
+    logical :: static_shapes = .false.       !! beside the modes: shapes of the markers on which joints and forces act
   end type body_record
 
   !> A marker on a body: a node of a beam or frame, or a point of a rigid body or of the ground.

@@ -64,7 +64,7 @@ contains
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
     character(:), allocatable :: text
     text = ''
-    if (norm2(p%r(:, self%ia) - self%centre) <= gap) text = 'its place is at the centre, where the torque has no arm; '// &
+    if (norm2(p%r(:, self%ia) - self%centre) <= gap) text = 'its marker is at the centre, where the torque has no arm; '// &
       'expected them apart, or type=''torque'''
   end function fault
 end module central_torque

@@ -107,7 +107,7 @@ contains
     real(wp), intent(in) :: gap            !! [m]
     character(:), allocatable :: text
     text = ''
-    if (abs(self%free) > gap .and. norm2(p%r(:, self%ia) - p%r(:, self%ib)) <= gap) text = 'its places coincide, so that '// &
-      'its force has no direction; expected places apart, or free_length=0'
+    if (abs(self%free) > gap .and. norm2(p%r(:, self%ia) - p%r(:, self%ib)) <= gap) text = 'its markers coincide, so that '// &
+      'its force has no direction; expected markers apart, or free_length=0'
   end function no_direction
 end module linear_spring

@@ -87,7 +87,7 @@ contains
     real(wp), intent(in) :: gap           !! [m]
     character(:), allocatable :: text
     text = ''
-    if (self%length <= gap) text = 'its places coincide, so that the link between them has no length; expected two places '// &
+    if (self%length <= gap) text = 'its markers coincide, so that the link between them has no length; expected two markers '// &
       'apart, or type=''revolute'''
   end function distance_fault
 
