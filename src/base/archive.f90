@@ -132,7 +132,7 @@ contains
   !> Text of a fixed length, a character a word.
   subroutine exchange_text(self, x)
     class(value_archive), intent(inout) :: self
-    ! allow(C072)
+    ! allow(C072): texts differ in length
     character(*), intent(inout) :: x
     integer :: k, code
     do k = 1, len(x)

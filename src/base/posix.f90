@@ -68,7 +68,7 @@ module posix
     !> gethostname(3): name of this machine.
     integer(c_int) function c_gethostname(name, room) bind(c, name='gethostname')
       import :: c_char, c_int, c_size_t
-      ! allow(C072)
+      ! allow(C072): a buffer of any length is filled
       character(kind=c_char), intent(out) :: name(*)
       integer(c_size_t), value :: room
     end function c_gethostname
@@ -87,7 +87,7 @@ module posix
     !> mkstemp(3): makes and opens a new file whose name ends with letters of its own choice, in place of XXXXXX.
     integer(c_int) function c_mkstemp(name) bind(c, name='mkstemp')
       import :: c_char, c_int
-      ! allow(C072)
+      ! allow(C072): a buffer of any length is filled
       character(kind=c_char), intent(inout) :: name(*)
     end function c_mkstemp
     !> umask(2): sets the permissions that new files do not get, and returns those before.
@@ -104,7 +104,7 @@ module posix
     integer(c_long) function c_readlink(path, target, room) bind(c, name='readlink')
       import :: c_char, c_size_t, c_long
       character(kind=c_char), intent(in) :: path(*)
-      ! allow(C072)
+      ! allow(C072): a buffer of any length is filled
       character(kind=c_char), intent(out) :: target(*)
       integer(c_size_t), value :: room
     end function c_readlink
@@ -365,7 +365,7 @@ contains
   !> Reads the next bytes; how many there were, 0 at the end, negative where that fails.
   integer function read_bytes(handle, bytes) result(n)
     integer, intent(in) :: handle
-    ! allow(C072)
+    ! allow(C072): a buffer of any length is filled
     character(*), intent(out) :: bytes
     integer(c_int) :: code
     do

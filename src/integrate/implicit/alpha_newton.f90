@@ -89,7 +89,7 @@ contains
     end associate
   end subroutine find_jerk
 
-  !> The motion dx and the multipliers that close the rows' gaps by the matrix that stands, so that stiff motion moves in equilibrium
+  !> The motion dx and the multipliers that close the rows' gaps by the matrix that stands, so that stiff motion moves in balance
   !> with them. ok is false where that moves more than the scene's size: rows that hold nothing.
   subroutine move_along(self, system, x, gap, unit, ok)
     type(alpha_solver), intent(inout) :: self
