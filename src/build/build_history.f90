@@ -1,15 +1,10 @@
 !> Histories of the model from their records: the factory of their kinds.
 module build_history
   use kinds, only: wp, pi
-  use cycloid_history, only: cycloid_model
+  use simple_histories, only: cycloid_model, polynomial_model, pulse_model, ramp_model, rise_model, sine_model
   use deck_records, only: deck, history_record
   use history, only: breakpoint, history_model
-  use polynomial_history, only: polynomial_model
-  use pulse_history, only: pulse_model
-  use ramp_history, only: ramp_model
-  use rise_history, only: rise_model
   use sequence_history, only: sequence_model
-  use sine_history, only: sine_model
   use sum_history, only: sum_model
   use table_history, only: table_model
   use table_slopes, only: spline_slopes, monotone_slopes, ends_free, ends_rest, ends_natural, ends_periodic

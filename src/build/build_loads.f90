@@ -1,19 +1,12 @@
 !> Force elements of the model from their records: the factories of springs and loads.
 module build_loads
-  use body_force, only: body_force_model
   use build_history, only: make_history
   use build_law, only: law_of
-  use central_torque, only: central_torque_model
   use deck_records, only: deck, force_record, spring_record
   use force_element, only: force_model, stage_all, stage_static, stage_transient
-  use linear_spring, only: linear_model
-  use load, only: load_model
-  use point_force, only: point_force_model
+  use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
-  use section_force, only: section_force_model
-  use spring, only: spring_model
-  use torque, only: torque_model
-  use torsional_spring, only: torsional_model
+  use springs, only: spring_model, linear_model, torsional_model
   implicit none (type, external)
   private
   public :: make_forces

@@ -1,0 +1,242 @@
+!> Loads: a wrench on one marker, scaled by a history and by the part of the loads that acts. Each kind says the wrench of a unit
+!> factor and its tangent.
+module loads
+  use kinds, only: wp
+  use constraint, only: marker_stiffness
+  use force_element, only: force_model, conditions, element_action, stage_all, stage_transient
+  use history, only: breakpoint, history_model
+  use marker, only: marker_states, turn
+  implicit none (type, external)
+  private
+
+  !> A load.
+  type, abstract, extends(force_model), public :: load_model
+    integer :: stage = stage_all                  !! the analyses in which it acts
+    class(history_model), allocatable :: history  !! of its size; not allocated: 1
+  contains
+    procedure :: act => load_act
+    procedure :: tangent => load_tangent
+    procedure :: unit_tangent => no_unit_tangent  !! of minus the wrench by displacement and turn of the marker, global axes
+    procedure :: breakpoints => load_breakpoints
+    procedure :: present_factor
+  end type load_model
+
+  !> It acts by a force on its marker.
+  type, extends(load_model), public :: point_force_model
+    real(wp) :: f(2) = 0.0_wp              !! [N]
+  contains
+    procedure :: unit_wrench => point_wrench
+    procedure :: acts_on => point_acts_on
+  end type point_force_model
+
+  !> A force in the frame's axes; the builder sets in_frame.
+  type, extends(point_force_model), public :: body_force_model
+  contains
+    procedure :: unit_wrench => body_wrench
+  end type body_force_model
+
+  !> A force in the section's axes.
+  type, extends(point_force_model), public :: section_force_model
+  contains
+    procedure :: unit_wrench => section_wrench
+    procedure :: unit_tangent => section_tangent
+    procedure :: components => section_components
+  end type section_force_model
+
+  !> A torque.
+  type, extends(load_model), public :: torque_model
+    real(wp) :: moment = 0.0_wp            !! [N m]
+  contains
+    procedure :: unit_wrench => torque_wrench
+    procedure :: acts_on => torque_acts_on
+  end type torque_model
+
+  !> A torque about a centre.
+  type, extends(torque_model), public :: central_torque_model
+    real(wp) :: centre(2) = 0.0_wp         !! global [m]
+  contains
+    procedure :: unit_wrench => central_wrench
+    procedure :: acts_on => central_acts_on
+    procedure :: unit_tangent => central_tangent
+    procedure :: components => central_components
+    procedure :: fault => no_arm
+  end type central_torque_model
+
+contains
+
+  !> The factor of the load at a time; 0 in analyses in which it does not act [-].
+  pure real(wp) function present_factor(self, with) result(s)
+    class(load_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    real(wp) :: h(-1:2)
+    s = 0.0_wp
+    if (self%stage /= stage_all .and. self%stage /= with%stage) return
+    s = with%load_factor
+    if (.not. allocated(self%history)) return
+    call self%history%evaluate(with%t, with%left_limit, h)
+    s = h(0)*with%load_factor
+  end function present_factor
+
+  !> The wrench and the power that it puts in.
+  pure subroutine load_act(self, p, with, z, zd, zdd, x)
+    class(load_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
+    real(wp), intent(inout) :: zdd(*)      !! left as they are [-]
+    type(element_action), intent(inout) :: x
+    x%a = self%present_factor(with)*self%unit_wrench(p, with)
+    x%input = dot_product(x%a(1:2), p%v(:, self%ia)) + x%a(3)*p%rate(self%ia)
+  end subroutine load_act
+
+  !> The tangent of minus the wrench.
+  pure subroutine load_tangent(self, p, with, part, force, k)
+    class(load_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: part(2)        !! not used [-]
+    real(wp), intent(in) :: force          !! not used [N]
+    type(marker_stiffness), intent(inout) :: k
+    k%k = 0.0_wp
+    k%c = 0.0_wp
+    k%k(1:3, 1:3) = self%present_factor(with)*self%unit_tangent(p, with)
+  end subroutine load_tangent
+
+  !> Most loads do not change with the motion of their marker.
+  pure function no_unit_tangent(self, p, with) result(k)
+    class(load_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: k(3, 3)                    !! [N/m, N]
+    k = 0.0_wp
+  end function no_unit_tangent
+
+  !> The breakpoints of its history, if it acts in a transient analysis.
+  pure function load_breakpoints(self, until) result(list)
+    class(load_model), intent(in) :: self
+    real(wp), intent(in) :: until          !! end of the run [s]
+    type(breakpoint), allocatable :: list(:)
+    allocate (list(0))
+    if (allocated(self%history) .and. any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
+  end function load_breakpoints
+
+  !> It acts by a force on its marker.
+  pure function point_acts_on(self) result(yes)
+    class(point_force_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .false., .false., .false.]
+  end function point_acts_on
+
+  !> The wrench: the force as the deck gives it.
+  pure function point_wrench(self, p, with) result(w)
+    class(point_force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                       !! [N, N m]
+    w = [self%f, 0.0_wp]
+  end function point_wrench
+
+  !> The wrench: the force turned with the frame.
+  pure function body_wrench(self, p, with) result(w)
+    class(body_force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                       !! [N, N m]
+    associate (c => with%axes(1), s => with%axes(2))
+      w = [c*self%f(1) - s*self%f(2), s*self%f(1) + c*self%f(2), 0.0_wp]
+    end associate
+  end function body_wrench
+
+  !> The wrench: the force turned with the section.
+  pure function section_wrench(self, p, with) result(w)
+    class(section_force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3), c, s                 !! [N, N m]
+    c = cos(p%angle(self%ia))
+    s = sin(p%angle(self%ia))
+    w = [c*self%f(1) - s*self%f(2), s*self%f(1) + c*self%f(2), 0.0_wp]
+  end function section_wrench
+
+  !> It turns with the section's angle.
+  pure function section_tangent(self, p, with) result(k)
+    class(section_force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: k(3, 3), w(3)              !! [N/m, N]
+    w = self%unit_wrench(p, with)
+    k = 0.0_wp
+    k(1:2, 3) = -turn(w(1:2))
+  end function section_tangent
+
+  !> Its tangent joins the force and the angle of the section.
+  pure function section_components(self) result(list)
+    class(section_force_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 3]
+  end function section_components
+
+  !> It acts by a moment on its marker.
+  pure function torque_acts_on(self) result(yes)
+    class(torque_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.false., .false., .true., .false., .false., .false.]
+  end function torque_acts_on
+
+  !> The wrench: the moment alone.
+  pure function torque_wrench(self, p, with) result(w)
+    class(torque_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3)                       !! [N, N m]
+    w = [0.0_wp, 0.0_wp, self%moment]
+  end function torque_wrench
+
+  !> It acts by a force; the arm makes the torque.
+  pure function central_acts_on(self) result(yes)
+    class(central_torque_model), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .false., .false., .false.]
+  end function central_acts_on
+
+  !> The wrench: a force across the line to the centre.
+  pure function central_wrench(self, p, with) result(w)
+    class(central_torque_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(3), arm(2)               !! [N, N m]
+    arm = p%r(:, self%ia) - self%centre
+    w = [self%moment*turn(arm)/max(dot_product(arm, arm), tiny(1.0_wp)), 0.0_wp]
+  end function central_wrench
+
+  !> The force turns and changes with the arm.
+  pure function central_tangent(self, p, with) result(k)
+    class(central_torque_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: k(3, 3), d(2), n2          !! [N/m, N]
+    d = p%r(:, self%ia) - self%centre
+    n2 = max(dot_product(d, d), sqrt(tiny(1.0_wp)))         ! its inverse times a moment stays a number
+    k = 0.0_wp
+    k(1:2, 1) = -self%moment*([0.0_wp, 1.0_wp]/n2 - 2*turn(d)*(d(1)/n2)/n2)
+    k(1:2, 2) = -self%moment*([-1.0_wp, 0.0_wp]/n2 - 2*turn(d)*(d(2)/n2)/n2)
+  end function central_tangent
+
+  !> Its tangent depends on the position.
+  pure function central_components(self) result(list)
+    class(central_torque_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2]
+  end function central_components
+
+  !> A fault: the marker stands at the centre, so that there is no arm.
+  pure function no_arm(self, p, gap) result(text)
+    class(central_torque_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
+    character(:), allocatable :: text
+    text = ''
+    if (norm2(p%r(:, self%ia) - self%centre) <= gap) text = 'its marker is at the centre, where the torque has no arm; '// &
+      'expected them apart, or type=''torque'''
+  end function no_arm
+end module loads
