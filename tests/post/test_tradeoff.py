@@ -80,6 +80,7 @@ def test_recommended_deck_meets_the_tolerance_against_an_independent_solution(st
         assert counts > 5.0
 
 
+@pytest.mark.long
 def test_all_sensors_of_the_joint_spring_scene(study, run_deck, tmp_path):
     reference = REFERENCE / "viscoelastic_joint"
     deck = shortened(reference / "deck.nml", tmp_path, "0.1")
@@ -102,6 +103,7 @@ def test_refined_truth_splits_the_error_and_is_met(study, run_deck):
     assert all(d.passed for d in found), found
 
 
+@pytest.mark.long
 def test_refined_truth_of_the_four_bar_starts_the_search_from_the_decks_own_model(study, run_deck, tmp_path):
     path = shortened(ROOT / "input" / "four_bar_from_equilibrium.nml", tmp_path, "0.04")
     short, asked = deck_text.read(path), {"rocker", "motor", "pin_c"}
