@@ -33,6 +33,7 @@ contains
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
     s%title = d%scene%title
+    s%materials = d%materials%name
     s%gravity = d%scene%gravity
     call judge_laws(d, faults)
     if (faults%count > 0) return

@@ -1,7 +1,6 @@
 !> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a viscoelastic pole.
 module bound_causes
   use kinds, only: wp
-  use deck_records, only: deck
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
   use spectrum, only: fast_mode
@@ -70,8 +69,7 @@ contains
   end subroutine blame_damping
 
   !> The material or spring of a segment's poles, with the number of its fastest term.
-  function pole_cause(d, m, segments, r) result(cause)
-    type(deck), intent(in) :: d
+  function pole_cause(m, segments, r) result(cause)
     type(mechanism_model), intent(in) :: m
     type(linear_segment), intent(in) :: segments(:)
     integer, intent(in) :: r                 !! segment
@@ -90,7 +88,7 @@ contains
           cause%what = name//' pole of '//trim(f%group)//' "'//trim(f%name)//'", term '//to_text(term)
         end associate
       else
-        cause%what = name//' pole of material "'//trim(d%materials(t%material)%name)//'", term '//to_text(term)
+        cause%what = name//' pole of material "'//trim(m%s%materials(t%material))//'", term '//to_text(term)
       end if
     end associate
   end function pole_cause

@@ -8,7 +8,6 @@
 module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
-  use deck_records, only: deck
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
@@ -46,8 +45,7 @@ module safe_bound
 contains
 
   !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
-  subroutine find_safe_bound(d, m, ev, fast, bound)
-    type(deck), intent(in) :: d
+  subroutine find_safe_bound(m, ev, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast     !! set up
@@ -57,13 +55,13 @@ contains
     integer :: k
     fast%turning = turning_stiffness(m, ev)
     call bound_directions(m, ev, fast%ends)
-    call bound_of_directions(d, m, ev, fast, bound)
+    call bound_of_directions(m, ev, fast, bound)
     damped = [(m%s%forces(k)%item%law%order() > 0 .and. all(fast%ends(:, k) >= 0.0_wp), k=1, size(damped))]
     if (any(damped)) then
       do k = 1, size(damped)
         if (damped(k)) fast%ends(:, k) = 0.0_wp
       end do
-      call bound_of_directions(d, m, ev, fast, other)
+      call bound_of_directions(m, ev, fast, other)
       call take_smaller(other, bound)
     end if
     fast%ends = -1.0_wp
@@ -71,8 +69,7 @@ contains
   end subroutine find_safe_bound
 
   !> The bound of the directions that fast%ends and fast%turning allow.
-  subroutine bound_of_directions(d, m, ev, fast, bound)
-    type(deck), intent(in) :: d
+  subroutine bound_of_directions(m, ev, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
@@ -80,7 +77,7 @@ contains
     type(enclosure) :: e
     integer :: i
     if (.not. fast%damped) then
-      call find_bound(d, m, ev, .false., fast, bound)
+      call find_bound(m, ev, .false., fast, bound)
       return
     end if
     call fast%largest(m, ev, .false., only_damping, 100, e%c0)
@@ -88,16 +85,15 @@ contains
     if (.not. e%k0 > 0.0_wp) e%k0 = e%c0**2
     if (.not. e%c0 > 0.0_wp) e%c0 = sqrt(e%k0)
     if (.not. e%c0 > 0.0_wp) return
-    call enclose(d, m, ev, fast, e)
+    call enclose(m, ev, fast, e)
     do i = 1, e%lines
       call take_smaller(e%line(i)%bound, bound)
     end do
-    call material_poles(d, m, ev, .false., fast, e%k0, bound)
+    call material_poles(m, ev, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
   !> Starts with a box and cuts corners that limit the step, in turn for each method.
-  subroutine enclose(d, m, ev, fast, e)
-    type(deck), intent(in) :: d
+  subroutine enclose(m, ev, fast, e)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
@@ -112,7 +108,7 @@ contains
       call find_line(m, ev, fast, e, i)
     end do
     do i = 2, 3
-      call find_steps(d, m, fast, e, i)
+      call find_steps(m, fast, e, i)
     end do
     do round = 1, most_lines - 4
       method = 1 + mod(round, size(method_names))
@@ -123,9 +119,9 @@ contains
       e%line(i + 1) = empty
       e%line(i + 1)%angle = 0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle)
       call find_line(m, ev, fast, e, i + 1)
-      call find_steps(d, m, fast, e, i)
-      call find_steps(d, m, fast, e, i + 1)
-      call find_steps(d, m, fast, e, i + 2)
+      call find_steps(m, fast, e, i)
+      call find_steps(m, fast, e, i + 1)
+      call find_steps(m, fast, e, i + 2)
     end do
   end subroutine enclose
 
@@ -160,8 +156,7 @@ contains
   end subroutine find_line
 
   !> Bound from a line's stretch between its neighbours. GHM terms take part in k as in the mode whose c and k are nearest.
-  subroutine find_steps(d, m, fast, e, i)
-    type(deck), intent(in) :: d
+  subroutine find_steps(m, fast, e, i)
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
     type(enclosure), intent(inout) :: e
@@ -188,7 +183,7 @@ contains
         f%springs = f%damping
         if (l%at(1) > 0.0_wp) f%springs = now(1)*(l%mode%springs/l%at(1))
         before = bound
-        call look_at(d, m, fast, f, l%cause, bound)
+        call look_at(m, fast, f, l%cause, bound)
       end associate
       where (bound%step < before%step) e%line(i)%limit = j
     end do

@@ -4,7 +4,6 @@ module step_bounds
   use kinds, only: wp
   use linear_matrices, only: linear_segment
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
-  use deck_records, only: deck
   use fast_poles, only: pole_list, find_fast_poles
   use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles
   use evaluation_results, only: evaluation
@@ -41,8 +40,7 @@ contains
   end subroutine take_smaller
 
   !> Bound at an evaluated state of a mechanism, joints held or released.
-  subroutine find_bound(d, m, ev, held, fast, bound)
-    type(deck), intent(in) :: d
+  subroutine find_bound(m, ev, held, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
@@ -59,21 +57,20 @@ contains
     if (damped) then
       call find_fast_poles(m, ev, held, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
-        call look_at_pole(d, m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
+        call look_at_pole(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
     end if
     do k = 1, merge(0, min(modes_looked_at, fast%steps), damped)
       if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
       call fast%mode(m, ev, k, f)
       call mode_cause(m, f, cause)
-      call look_at(d, m, fast, f, cause, bound)
+      call look_at(m, fast, f, cause, bound)
     end do
-    call material_poles(d, m, ev, held, fast, fastest, bound)
+    call material_poles(m, ev, held, fast, fastest, bound)
   end subroutine find_bound
 
   !> One pole of the mechanism with its motion, where it lowers a bound.
-  subroutine look_at_pole(d, m, ev, fast, mu, x, bound)
-    type(deck), intent(in) :: d
+  subroutine look_at_pole(m, ev, fast, mu, x, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(in) :: fast
@@ -87,12 +84,11 @@ contains
     f%x = x
     call fast%quotients(m, ev, f)
     call mode_cause(m, f, cause)
-    call look_at(d, m, fast, f, cause, bound, [mu])
+    call look_at(m, fast, f, cause, bound, [mu])
   end subroutine look_at_pole
 
   !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s); where given, poles of the mechanism that belong to it.
-  subroutine look_at(d, m, fast, f, carrier, bound, poles)
-    type(deck), intent(in) :: d
+  subroutine look_at(m, fast, f, carrier, bound, poles)
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
     type(fast_mode), intent(in) :: f
@@ -112,7 +108,7 @@ contains
     if (damping_limits(fast, f, looked_at)) call blame_damping(f, f%springs, cause)
     call take(pack(looked_at, is_mode), cause, bound)
     if (all(is_mode)) return
-    cause = pole_cause(d, m, fast%lin%segments, maxloc(f%segments, dim=1))
+    cause = pole_cause(m, fast%lin%segments, maxloc(f%segments, dim=1))
     cause%body = carrier%body
     call take(pack(looked_at, .not. is_mode), cause, bound)
   end subroutine look_at
@@ -175,8 +171,7 @@ contains
   !> slow modes approach), and where the least mass resists, in the motion that the material or spring alone would make
   !> fastest. Poles of real modes lie between. That motion is slower than the fastest of all, so that only those are looked for
   !> whose poles would set the bound even there.
-  subroutine material_poles(d, m, ev, held, fast, fastest, bound)
-    type(deck), intent(in) :: d
+  subroutine material_poles(m, ev, held, fast, fastest, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
@@ -192,7 +187,7 @@ contains
     allocate (least(size(method_names), size(firsts)))
     do i = 1, size(firsts)
       associate (t => fast%lin%segments(firsts(i)))
-        call take(t%law%rates(), pole_cause(d, m, fast%lin%segments, firsts(i)), bound)
+        call take(t%law%rates(), pole_cause(m, fast%lin%segments, firsts(i)), bound)
         call segment_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
         least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
       end associate
@@ -206,7 +201,7 @@ contains
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
       call segment_poles(fast%lin%segments(firsts(k)), lambda, roots)
-      call take(roots, pole_cause(d, m, fast%lin%segments, firsts(k)), bound)
+      call take(roots, pole_cause(m, fast%lin%segments, firsts(k)), bound)
     end do
   end subroutine material_poles
 

@@ -2,7 +2,7 @@
 !> augmented matrices assembled and solved dense at each of the four stages. Each line of the output is a name, the median and the
 !> smallest and largest of several repetitions, in microseconds a step or a call.
 program bench
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use body, only: body_model
   use choose_stepper, only: make_stepper
   use deck_reader, only: read_deck
@@ -203,7 +203,7 @@ contains
       do i = 1, steps
         call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, files%values)
         call balance%read(run%sys%m, run%sys%ev, run%y, i == 1)
-        call balance%count()
+        call balance%count(int(i, ip))
         call files%write_row(0.0_wp, balance%row)
       end do
       seconds(r) = seconds(r) + clock()

@@ -19,7 +19,7 @@ MAY_USE = {
     "closing": {"base", "system"},
     "integrate": {"base", "algebra"},
     "modes": {"base", "algebra", "model", "system"},
-    "stability": {"base", "algebra", "deck", "model", "build", "system", "closing", "integrate", "modes"},
+    "stability": {"base", "algebra", "model", "system", "integrate", "modes"},
     "output": {"base", "deck", "model", "build", "system", "closing", "modes"},
     "analysis": {"base", "algebra", "deck", "model", "build", "system", "closing", "integrate", "modes", "stability", "output"},
     ".": {"base", "algebra", "analysis"},

@@ -6,7 +6,6 @@ module step_monitor
   use kinds, only: wp, ip
   use archive, only: value_archive
   use bound_causes, only: bound_cause, mode_cause
-  use deck_records, only: deck
   use dynamics, only: evaluate
   use evaluation_settings, only: usual_options
   use evaluation_results, only: evaluation
@@ -71,9 +70,8 @@ contains
   end function method_number
 
   !> Prepares the estimates along a run.
-  subroutine monitor_begin(self, d, m, ev, q, method)
+  subroutine monitor_begin(self, m, ev, q, method)
     class(stability_monitor), intent(inout) :: self
-    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) positions at the start [m, rad]
@@ -95,7 +93,7 @@ contains
     do k = 1, size(self%fast%lin%segments)
       self%pole_step = min(self%pole_step, step_of(self%method, self%fast%lin%segments(k)%law%rates()))
     end do
-    call find_bound(d, m, work, .true., self%fast, bound)
+    call find_bound(m, work, .true., self%fast, bound)
     allocate (self%motions(0))
     if (lambda > 0.0_wp) call follow(only_stiffness, 0)
     if (self%fast%damped) call follow(only_damping, 0)
@@ -139,9 +137,8 @@ contains
 
   !> Estimates the current bound at the state of an evaluation, and says when to do so again. Allocates nothing where the bound
   !> lies above the step.
-  subroutine monitor_look(self, d, m, ev, t, steps)
+  subroutine monitor_look(self, m, ev, t, steps)
     class(stability_monitor), intent(inout) :: self
-    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                  !! [s]
@@ -154,7 +151,7 @@ contains
     if (self%latest >= self%smallest*(1 - 1.0e-9_wp)) return
     self%smallest = self%latest
     self%at = t
-    if (self%latest < self%step) call name_cause(self, d, m, ev)
+    if (self%latest < self%step) call name_cause(self, m, ev)
   end subroutine monitor_look
 
   !> Smallest step that the eigenvalues of the followed motions allow at the state of an evaluation [s].
@@ -201,9 +198,8 @@ contains
   end subroutine iterate
 
   !> Says what limits the step at the state of an evaluation.
-  subroutine name_cause(self, d, m, ev)
+  subroutine name_cause(self, m, ev)
     class(stability_monitor), intent(inout) :: self
-    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(step_bound) :: bound
@@ -214,7 +210,7 @@ contains
       call iterate(self, m, ev, k, exists)
       if (.not. exists) cycle
       call mode_cause(m, self%mode, cause)
-      call look_at(d, m, self%fast, self%mode, cause, bound)
+      call look_at(m, self%fast, self%mode, cause, bound)
     end do
     if (bound%step(self%method) < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
   end subroutine name_cause

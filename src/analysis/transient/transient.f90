@@ -86,7 +86,7 @@ contains
       if (r%stabilization == 'baumgarte') run%sys%options%baumgarte = [r%baumgarte_alpha, r%baumgarte_beta]
       run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
       if (.not. r%adaptive) run%monitor%step = actual_step(r%output_step, r%step)
-      call run%monitor%begin(run%d, run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
+      call run%monitor%begin(run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
       if (.not. allocated(march%method)) then
         call fail%raise(status_failed, 'method '''//trim(r%method)//''' is not available')
@@ -183,7 +183,7 @@ contains
       if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
       call method%advance(run%sys, from, to, most, run%y, outcome)
       if (outcome == lost .or. .not. monitor%active) return
-      if (method%steps == monitor%next) call monitor%look(run%d, run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
+      if (method%steps == monitor%next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
   end subroutine one_portion
 

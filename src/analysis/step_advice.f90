@@ -43,15 +43,14 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
-    call both_bounds(d, m, ev, q, advice%safe, advice%current)
+    call both_bounds(m, ev, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)
-    call not_covered(d, m, ev, q, advice)
+    call not_covered(m, ev, q, advice)
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
   !> as far as the model holds, tension, and forces of springs against turns that grow beyond those of the start.
-  subroutine not_covered(d, m, ev, q, advice)
-    type(deck), intent(in) :: d
+  subroutine not_covered(m, ev, q, advice)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
@@ -78,7 +77,7 @@ contains
         if (body%flexible) call bend_to_limit(body, bent(i + 1:i + body%nf))
       end associate
     end do
-    call both_bounds(d, m, ev, bent, bent_bound)
+    call both_bounds(m, ev, bent, bent_bound)
     if (.not. any(bent_bound%step < worth_a_line*advice%safe%step)) return
     advice%lowest = min(advice%safe%step, bent_bound%step)
     call advice%text%figure('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as '// &
@@ -96,8 +95,7 @@ contains
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
   !> damps it. Where nothing does, joints only lower frequencies.
-  subroutine both_bounds(d, m, ev, q, safe, current)
-    type(deck), intent(in) :: d
+  subroutine both_bounds(m, ev, q, safe, current)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
@@ -111,9 +109,9 @@ contains
     allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
     call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
     call fast%set_up(m, ev, q)
-    call find_safe_bound(d, m, work, fast, safe)
+    call find_safe_bound(m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. size(fast%lin%segments) > 0)) return
-    call find_bound(d, m, work, .true., fast, held)
+    call find_bound(m, work, .true., fast, held)
     call take_smaller(held, safe)
     if (present(current)) current = held
   end subroutine both_bounds
@@ -246,6 +244,6 @@ contains
     allocate (q(s%nq), v(s%nq))
     call assemble(m, ev, q, v, report, fail)
     ok = .not. fail%happened()
-    if (ok) call both_bounds(d, m, ev, q, bound)
+    if (ok) call both_bounds(m, ev, q, bound)
   end subroutine bound_of_deck
 end module step_advice
