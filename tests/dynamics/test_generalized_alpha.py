@@ -353,7 +353,7 @@ def test_a_jump_at_the_end_of_a_step_is_felt_from_there_on(run_deck):
 
 @pytest.mark.parametrize(("joint", "radius", "step"), [("slider", 0.9, 0.2), ("prismatic", 0.99, 0.05), ("slider", 0.99, 0.01)])
 def test_a_guide_that_turns_steadily(joint, radius, step, run_deck):
-    """A mass held by a spring on a turning guide keeps the elongation of the steady turn, but for the error of the step's square."""
+    """A mass on a turning guide, held by a spring, keeps the elongation of the steady turn, but for errors of order step**2."""
     run = run_deck(TURNING_GUIDE.format(joint) + march(f"t_end=80 step={step} spectral_radius={radius} output_step=1"))
     assert run.history["x.d"][40:] == pytest.approx(0.0507042253521127, abs=0.03 * step**2)
 
