@@ -1,5 +1,5 @@
-!> Why a mechanism cannot be assembled: the joint or drive that is one too many, that the lengths do not reach, or the weld whose
-!> angle contradicts the others. Parts of the scene are assembled for it; the cost arises only where assembly has failed.
+!> Why a mechanism cannot be assembled: a joint or drive too many, a joint beyond the reach of the lengths, or a weld whose angle
+!> contradicts the others. To find it, parts of the scene are assembled. This costs time only after an assembly that failed.
 module assembly_conflict
   use kinds, only: wp
   use assembly, only: assemble
@@ -182,7 +182,7 @@ contains
     call assemble(m, ev, q, v, report, fail)
   end subroutine close_up
 
-  !> The weld or prismatic joint without whose angle all close, the one that has to give least; empty: there is none.
+  !> The weld or prismatic joint whose angle must change least so that all joints close; empty: there is none.
   subroutine contradicting_angle(d, all, culprit, words, named)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: all
@@ -195,7 +195,7 @@ contains
     type(assembly_report) :: report
     class(constraint_model), allocatable :: one
     real(wp), allocatable :: q(:)
-    real(wp) :: held, angle, least
+    real(wp) :: deck_value, angle, least
     integer :: k, i, tried
     logical :: holds
     words = ''
@@ -212,12 +212,12 @@ contains
       call take(all, [(i <= culprit, i=1, size(all%constraints))], k, part)
       call close_up(part, m, ev, q, report)
       if (report%open) cycle
-      held = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
+      deck_value = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
       angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)
-      if (abs(angle - held) >= least) cycle
-      least = abs(angle - held)
+      if (abs(angle - deck_value) >= least) cycle
+      least = abs(angle - deck_value)
       named = k
-      words = name_of(d, k)//' holds the angle '//to_text(held)//' rad between its bodies, that of the deck, but all '// &
+      words = name_of(d, k)//' holds the angle '//to_text(deck_value)//' rad between its bodies, that of the deck, but all '// &
               'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'//what_is_expected
     end do
   end subroutine contradicting_angle

@@ -81,7 +81,7 @@ contains
     if (.not. asked%options%check) call warn_of_one_name(asked%decks, asked%jobs, status)
   end subroutine parse_arguments
 
-  !> Decks of one name in several folders share results/<deck name>: only those of the last one would be left.
+  !> Decks with the same name in different folders share results/<deck name>: only the results of the last one would remain.
   !> Side by side they are refused.
   subroutine warn_of_one_name(decks, jobs, status)
     character(*), intent(in) :: decks(:)      !! paths of the decks

@@ -40,8 +40,8 @@ contains
     if (.not. balanced(sys%m, sys%ev)) call correct_accelerations(sys%m, sys%ev)
   end subroutine evaluate_state
 
-  !> Refuses a state whose reactions, which become stiffness, are lost in rounding, or whose accelerations are where something
-  !> moves or will.
+  !> Refuses a state whose reactions are lost in rounding, since they become stiffness, or, where something moves or will move,
+  !> whose accelerations are.
   subroutine refuse_uneven(run, analysis, status, fail)
     type(run_state), intent(in) :: run
     character(*), intent(in) :: analysis            !! name

@@ -140,7 +140,7 @@ contains
     lambda = cmplx(part(:, 1), part(:, 2), wp)
   end subroutine share_reactions
 
-  !> A unit amplitude of a load's factor.
+  !> A unit amplitude of a load's history.
   subroutine force_input(run, x)
     type(run_state), intent(in) :: run
     complex(wp), intent(inout) :: x(:)   !! (nq) right-hand side of the linearisation [N, N m]

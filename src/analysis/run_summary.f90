@@ -110,7 +110,7 @@ contains
     if (ok) call write_whole(run%folder//'/summary.txt', readable(text%words%all()), ok)
   end subroutine write_summary
 
-  !> Writes a whole file beside its place and renames it, so that it is never half there.
+  !> Writes a complete file under another name and renames it, so that no reader sees a part of it.
   subroutine write_whole(path, text, ok)
     character(*), intent(in) :: path, text
     logical, intent(out) :: ok

@@ -1,5 +1,5 @@
-!> Several decks side by side, each in a process of its own; what one of them says is shown whole when it has ended, then one
-!> line: how it ended, how long it took, how many warnings it gave.
+!> Several decks side by side, each in a process of its own. The messages of a deck are shown together when it has ended, then
+!> one line: how it ended, how long it took, how many warnings it gave.
 module side_by_side
   use kinds, only: wp, ip
   use command_line, only: print_ending

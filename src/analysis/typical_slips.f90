@@ -50,7 +50,7 @@ contains
     end do
   end subroutine idle_parts
 
-  !> Materials of flexible bodies in which sound would travel as in no solid.
+  !> Materials of flexible bodies whose speed of sound is that of no solid.
   subroutine odd_materials(d)
     type(deck), intent(in) :: d
     logical :: flexes(size(d%materials))
@@ -178,7 +178,7 @@ contains
     call look_for_twins('drive', d%drives%at, d%drives%name, d%drives%type, d%drives%a, d%drives%b, d%drives%direction)
   end subroutine doubled_constraints
 
-  !> Those of one kind. Only pairs whose bodies and nodes, whichever is named first, make the same number need a closer look.
+  !> Joints or drives. Each gets a number from its bodies and nodes, in any order; only those with the same number are compared.
   subroutine look_for_twins(kind, at, name, type, a, b, direction)
     character(*), intent(in) :: kind
     type(origin), intent(in) :: at(:)
@@ -214,7 +214,7 @@ contains
     yes = a%body == b%body .and. a%node == b%node .and. .not. any(abs(a%point - b%point) > 0.0_wp)
   end function same
 
-  !> Splines that leave what is a dwell in their table: two flat pieces one after the other, or one at an end.
+  !> Splines that do not keep a dwell of their table: two flat pieces one after the other, or one at an end.
   subroutine lost_dwells(d)
     type(deck), intent(in) :: d
     class(history_model), allocatable :: h

@@ -1,5 +1,5 @@
-!> Values that outlive a run: an archive is filled while saving and emptied in the same order while restoring, by one and
-!> the same procedure `exchange`, so that the two cannot disagree. Numbers keep their bits. Also the project's 64-bit digest.
+!> Values that a checkpoint keeps. The same procedure `exchange` saves and restores them, in the same order, so that the two
+!> cannot disagree. Numbers keep their bits. Also the project's 64-bit digest.
 module archive
   use kinds, only: wp, ip
   implicit none (type, external)

@@ -1,6 +1,6 @@
 !> Numbers as text with 17 significant digits, correctly rounded: what the format ES25.16E3 gives, twenty times faster.
-!> A number m 2^q is multiplied by a power of ten held to some 105 bits, so that 17 digits stand before the point and 48 good
-!> bits behind it; where these cannot tell on which side of one half the rest lies (ties), the format decides.
+!> A number m 2^q is multiplied by a power of ten that is known to some 105 bits. Then 17 digits stand before the point and 48
+!> good bits behind it. Where these bits do not show whether the rest is above or below one half (ties), the format decides.
 module decimal
   use kinds, only: wp
   use, intrinsic :: iso_fortran_env, only: int64

@@ -1,5 +1,5 @@
-!> Signals, the three standard streams, decks in processes of their own, and what happens when memory ends: however a run ends,
-!> it says why. A lock that a killed process leaves does not hold any more.
+!> Signals, the three standard streams, decks in processes of their own, and the end of memory. However a run ends, it says why.
+!> A lock that a killed process leaves behind no longer locks.
 module process
   use errors, only: status_failed, status_signal
   use posix, only: c_close, c_getpid, c_open, drop_lock, standard_error, standard_output, tell
@@ -99,7 +99,7 @@ contains
     end do
   end subroutine fill_standard_handles
 
-  !> The end of the program by its own decision: nothing is said any more.
+  !> The program ends by its own decision: no further message is written.
   subroutine end_process()
     ended = .true.
   end subroutine end_process

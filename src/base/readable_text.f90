@@ -63,15 +63,15 @@ contains
   end function printable
 
   !> A text as JSON has it, with nothing lost.
-  pure function json_text(plain) result(text)
-    character(*), intent(in) :: plain
+  pure function json_text(s) result(text)
+    character(*), intent(in) :: s
     character(:), allocatable :: text
     type(text_buffer) :: json
     integer :: k, n, code
     call json%add('"')
     k = 1
-    do while (k <= len(plain))
-      call first_letter(plain(k:min(k + 3, len(plain))), n, code)
+    do while (k <= len(s))
+      call first_letter(s(k:min(k + 3, len(s))), n, code)
       if (code == 10) then
         call json%add('\n')
       else if (code == 34 .or. code == 92) then
@@ -79,7 +79,7 @@ contains
       else if (is_control(code) .or. (n == 1 .and. code >= 128)) then
         call json%add('\u'//hexadecimal(code))
       else
-        call json%add(plain(k:k + n - 1))
+        call json%add(s(k:k + n - 1))
       end if
       k = k + n
     end do

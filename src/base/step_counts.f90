@@ -9,8 +9,8 @@ module step_counts
 
 contains
 
-  !> Number of equal steps between two times, none longer than the step that is asked for. A ratio that is whole but for
-  !> rounding, of written numbers or of the times, counts as whole.
+  !> Number of equal steps between two times, none longer than the given step. A ratio that differs from an integer only by
+  !> rounding, of the deck's numbers or of the times, counts as that integer.
   pure integer(ip) function step_count(from, to, step) result(n)
     real(wp), intent(in) :: from, to          !! [s]
     real(wp), intent(in) :: step              !! as written in the deck [s]
@@ -20,7 +20,7 @@ contains
     n = max(1_ip, ceiling(ratio*(1.0_wp - slack), ip))
   end function step_count
 
-  !> The fixed step in use: such that a whole number of them makes an output interval.
+  !> The fixed step in use: an output interval is an integer number of steps.
   pure function actual_step(output_step, step) result(h)
     real(wp), intent(in) :: output_step       !! [s]
     real(wp), intent(in) :: step              !! as written in the deck [s]

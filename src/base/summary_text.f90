@@ -1,5 +1,5 @@
 !> A run's summary, written once for two readers: words for people (summary.txt) and named figures for programs
-!> (summary.json). What writes a figure into a line of words stores it under its name, so that the two cannot differ.
+!> (summary.json). One call writes a figure into a line of words and stores it under its name, so that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
   use growing_text, only: text_buffer
@@ -36,7 +36,7 @@ contains
     call self%words%add(words//new_line('a'))
   end subroutine line
 
-  !> A whole number, behind words that lead to it; with the rest of its line where it is the last of one.
+  !> An integer after the words in front of it. `rest` ends the line.
   subroutine put_integer(self, lead, name, n, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead              !! words in front of the number
@@ -46,7 +46,7 @@ contains
     call self%put_long(lead, name, int(n, ip), rest)
   end subroutine put_integer
 
-  !> A whole number of 64 bits.
+  !> An integer of 64 bits.
   subroutine put_long(self, lead, name, n, rest)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: lead, name
@@ -121,7 +121,7 @@ contains
     self%open_brackets(depth:) = ''
   end subroutine close_bracket
 
-  !> Appends a part that was written by itself; what it left open stays open.
+  !> Appends a part that was written separately; brackets that it left open stay open.
   subroutine append(self, part)
     class(summary_record), intent(inout) :: self
     type(summary_record), intent(in) :: part
@@ -139,7 +139,7 @@ contains
     call self%warnings%add(new_line('a')//'    '//json_text(sentence))
   end subroutine warning
 
-  !> The whole as a JSON object.
+  !> All figures as a JSON object.
   function json(self) result(text)
     class(summary_record), intent(in) :: self
     character(:), allocatable :: text

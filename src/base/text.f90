@@ -152,8 +152,8 @@ contains
     distance = row(len(b), 0)
   end function edit_distance
 
-  !> Position in a list of the word nearest to a misspelt one, 0 if none is near enough to be meant: within a third of the
-  !> letters, at least one.
+  !> Position in a list of the word nearest to a misspelt one. 0: no word differs by at most a third of the letters (or one
+  !> letter).
   pure integer function nearest_word(word, words) result(best)
     character(*), intent(in) :: word       !! misspelt word, any case
     character(*), intent(in) :: words(:)   !! known words, lower case

@@ -1,4 +1,4 @@
-!> Whole files as text: decks, what they include, tables of numbers; decks also from pipes that the program is handed.
+!> Whole files as text: decks, included files, tables of numbers. A deck may also come from a pipe.
 module whole_file
   use growing_text, only: text_buffer
   use kinds, only: ip

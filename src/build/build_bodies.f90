@@ -121,7 +121,7 @@ contains
       end associate
     end subroutine make_flexible
 
-    !> Reduces the body to its lowest modes, with the static shapes of what acts on it where the deck asks for them.
+    !> Reduces the body to its lowest modes; if the deck asks for them, also to static shapes of forces and moments on it.
     subroutine reduce()
       integer :: available
       logical :: bad

@@ -1,4 +1,4 @@
-!> The one place that turns deck records into a scene of the model.
+!> Turns the records of a deck into a scene of the model.
 module build_scene
   use kinds, only: wp
   use errors, only: fault_list
@@ -27,7 +27,7 @@ contains
     if (faults%count == 0) call place_elements(d, s, faults)
   end subroutine build
 
-  !> Joints, drives, springs and loads, each of its kind: the kinds say what bodies have to know of them.
+  !> Joints, drives, springs and loads, each of its kind. Bodies ask the kinds on which of their coordinates they act.
   subroutine make_elements(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s

@@ -50,7 +50,7 @@ contains
     end do
   end subroutine judge_law
 
-  !> Reports the first value of a body that is out of range; each is computed from values that have been checked before it.
+  !> Reports the first value of a body that is out of range. Each value is computed from values that were checked before.
   subroutine judge_values(d, r, b, faults)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r

@@ -59,7 +59,7 @@ contains
     end subroutine begin
   end subroutine open_results
 
-  !> Opens the files of an interrupted run where its checkpoint left them: exchange has restored how far they are.
+  !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.
   subroutine resume_results(self, folder, list, with_motion)
     class(result_set), intent(inout) :: self
     character(*), intent(in) :: folder

@@ -46,7 +46,7 @@ contains
     call text%close()
     call text%open('forces', '[')
     do k = 1, size(d%forces)
-      associate (r => d%forces(k))             ! as they are at factor 1
+      associate (r => d%forces(k))             ! as where their history is 1
         call text%member('', item(r%name, r%type)//', "at": '//marker(r%marker)//', "force": '//vector([r%fx, r%fy])// &
                          ', "axes": '//json_text(trim(r%axes))//', "moment": '//json_number(r%moment)//', "centre": '// &
                          vector(r%centre)//'}')

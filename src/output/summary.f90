@@ -17,7 +17,7 @@ module summary
 
 contains
 
-  !> Adds lines of warnings to a summary, and tells them.
+  !> Adds lines of warnings to a summary and writes them to standard error.
   subroutine add_warnings(text, path, warnings)
     type(summary_record), intent(inout) :: text
     character(*), intent(in) :: path
@@ -26,7 +26,7 @@ contains
     call tell_warnings(text, path, warnings)
   end subroutine add_warnings
 
-  !> Tells warnings on standard error with the deck's path, and adds them to the summary's list.
+  !> Writes warnings to standard error with the deck's path, and adds them to the summary's list.
   subroutine tell_warnings(text, path, warnings)
     type(summary_record), intent(inout) :: text
     character(*), intent(in) :: path
@@ -135,7 +135,7 @@ contains
     end subroutine redundancy
   end subroutine model_lines
 
-  !> What damps a body: dissipative coordinates and why there are as many, Rayleigh damping.
+  !> What damps a body: the number of dissipative coordinates with its reason, Rayleigh damping.
   function damping_words(d, b, k) result(text)
     type(deck), intent(in) :: d
     type(body_model), intent(in) :: b
@@ -192,7 +192,7 @@ contains
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined
 
-  !> What of the model's part of the summary is a warning, one line each.
+  !> The warnings of the model's part of the summary, one line each.
   function model_warnings(m, report) result(text)
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report

@@ -1,5 +1,5 @@
-!> Text results: numbers with 17 significant digits, buffered, handed to the system in whole lines, so that what is on the
-!> disk ends with a whole row whenever a run stops.
+!> Text results: numbers with 17 significant digits. The buffer is written in complete lines, so that a file ends with a complete
+!> row whenever a run stops.
 module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
@@ -94,7 +94,7 @@ contains
     self%used = self%used + number_width
   end subroutine put_number
 
-  !> Makes room in the buffer for a whole line, which is never handed over in parts.
+  !> Makes room in the buffer for a complete line: a line is never written in parts.
   subroutine make_room(self, n)
     class(result_file), intent(inout) :: self
     integer, intent(in) :: n                  !! characters of the line
@@ -138,7 +138,7 @@ contains
     call a%exchange(self%written)
   end subroutine exchange
 
-  !> Writes what is left and closes the file; a row that could not be written whole is cut off.
+  !> Writes the rest of the buffer and closes the file. A row that could not be written completely is cut off.
   subroutine close_result(self)
     class(result_file), intent(inout) :: self
     logical :: cut

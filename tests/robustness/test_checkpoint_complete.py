@@ -48,7 +48,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("results", "result_set", "results", "self"): {"count", "incomplete", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along"},
-    ("error_check", "error_watch", "error_check", "self"): {"active", "factor"},
+    ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used"},
     ("validity", "validity_watch", "validity", "self"): {"weight"},
     ("step_monitor", "stability_monitor", "step_monitor", "self"): {

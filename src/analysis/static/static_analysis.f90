@@ -69,8 +69,8 @@ contains
       'drives, springs or elastic bodies that hold every body by more than rounding')
   end subroutine refuse_free_bodies
 
-  !> Gives every body the same mass, its distribution kept: whether a motion is free does not depend on masses, and very
-  !> uneven ones would hide it in rounding.
+  !> Gives every body the same mass, distributed as before. Whether a motion is free does not depend on masses, but with very
+  !> uneven masses rounding would hide it.
   subroutine even_masses(run, ds)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(inout) :: ds
@@ -154,7 +154,7 @@ contains
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
 
-  !> Says whether the equilibrium is one that the mechanism would leave.
+  !> Warns of an unstable equilibrium.
   subroutine tell_growth(run, text)
     type(run_state), intent(inout) :: run
     type(summary_record), intent(inout) :: text !! the summary

@@ -105,7 +105,7 @@ contains
     character(:), allocatable :: doubt, share
     integer :: k
     associate (c => march%check, names => run%list%names)
-      e = c%factor*c%error
+      e = c%error_ratio*c%error
       range = c%ranges(names, run%d%transient%t_end)
       x = [(0.0_wp, k=1, size(e))]
       where (range > 0.0_wp) x = e/range

@@ -1,6 +1,6 @@
 !> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the
-!> deck's text, the number of values, the values, a digest of all before. Written beside its place and renamed when it and
-!> the results it counts on are on the disk, so that at any moment there is a whole one or none.
+!> deck's text, the number of values, the values, a digest of all before. It is written under another name and renamed when it
+!> and the results that it counts on are on the disk, so that at any moment there is a complete one or none.
 module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words

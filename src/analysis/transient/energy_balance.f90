@@ -21,7 +21,7 @@ module energy_balance
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
     real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
     real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
-    real(wp) :: held = 0.0_wp                 !! largest energy of the rows whose balance is not lost [J]
+    real(wp) :: largest_balanced = 0.0_wp                 !! largest energy of the rows whose balance is not lost [J]
     real(wp) :: largest(4) = 0.0_wp           !! absolute energies, whose rounding the residual contains [J]
     real(wp) :: low(4) = 0.0_wp, high(4) = 0.0_wp   !! smallest and largest energies [J]
     real(wp), allocatable :: along(:, :)      !! (2, 0:nb) kinetic energy along x, y: 0: mass centre; bodies: relative to it [J]
@@ -118,8 +118,8 @@ contains
     associate (x => self%row)
       present = max(x(1), abs(x(2) - self%start(2)), abs(x(3)), abs(x(4)))
       yes = abs(x(5)) > most_of*present
-      if (.not. yes) self%held = max(self%held, present)
-      if (yes) yes = abs(x(5)) > far_above*max(self%held, self%least, self%in_reach, epsilon(1.0_wp)*abs(x(2)))
+      if (.not. yes) self%largest_balanced = max(self%largest_balanced, present)
+      if (yes) yes = abs(x(5)) > far_above*max(self%largest_balanced, self%least, self%in_reach, epsilon(1.0_wp)*abs(x(2)))
     end associate
   end function lost
 
@@ -202,7 +202,7 @@ contains
     type(value_archive), intent(inout) :: a
     call a%exchange(self%row, self%start)
     call a%exchange(self%in_reach)
-    call a%exchange(self%held)
+    call a%exchange(self%largest_balanced)
     call a%exchange(self%largest, self%low, self%high)
     call a%exchange(self%along_low)
     call a%exchange(self%along_high)

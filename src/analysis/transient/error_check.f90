@@ -29,7 +29,7 @@ module error_check
     real(wp), allocatable :: values(:)        !! (columns) of that row [of the column]
     real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
     real(wp), allocatable :: low(:), high(:)  !! (columns) smallest and largest value of the first run [of the column]
-    real(wp) :: factor = 1.0_wp               !! error of the first run over the difference [-]
+    real(wp) :: error_ratio = 1.0_wp               !! error of the first run over the difference [-]
     integer(ip) :: done = -1                  !! rows done after that of t = 0
     real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
   contains
@@ -63,10 +63,10 @@ contains
         finer%max_step = stable/2
         if (r%max_step > 0.0_wp) finer%max_step = min(r%max_step, stable)/2
       end if
-      self%factor = controlled
+      self%error_ratio = controlled
     else
       finer%step = actual_step(r%output_step, r%step)/2
-      self%factor = 1.0_wp/(1.0_wp - 0.5_wp**method_order(r%method))
+      self%error_ratio = 1.0_wp/(1.0_wp - 0.5_wp**method_order(r%method))
     end if
     self%active = .true.
     self%sys = sys

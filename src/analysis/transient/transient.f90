@@ -234,7 +234,7 @@ contains
     integer :: b
     associate (balance => march%balance, s => run%sys%m%s)
       if (balance%lost()) then
-        call explain_balance(run, march%norm, t, march%last, balance%row(5), balance%held, fail)
+        call explain_balance(run, march%norm, t, march%last, balance%row(5), balance%largest_balanced, fail)
       else if (balance%row(6) > drift*s%size) then
         call explain_drift(run, t, march%last, fail)
       else

@@ -172,8 +172,8 @@ contains
       if (list(k)%periodic) call check_turns(list(k), max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Bounds the breakpoints of a periodic history within a run: steps end at each, and each period has one a point or part. A
-    !> period is refused, too, if its parts are so short that rounding of the times at which they begin would lose them.
+    !> Limits the number of breakpoints of a periodic history in a run, since a step ends at each of them. Each period has one
+    !> breakpoint for each point or part. Parts that are shorter than the rounding of time are refused, too.
     subroutine check_turns(h, until)
       type(history_record), intent(in) :: h
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
@@ -198,7 +198,7 @@ contains
     end subroutine check_turns
   end subroutine check_histories
 
-  !> A line for each file that a table was read from, so that a deck's text changes with what the file says.
+  !> A line for each file from which a table was read: part of the deck's text, so that a restart notices a changed table.
   function table_files(list) result(text)
     type(history_record), intent(in) :: list(:)
     character(:), allocatable :: text

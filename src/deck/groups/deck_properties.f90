@@ -56,7 +56,7 @@ contains
     call check_terms(deck, [character(11) :: 'prony_alpha', 'prony_tau'], [size(law%prony_alpha), size(law%prony_tau)])
   end subroutine read_law
 
-  !> The lists of a kind of terms are given all or none, in equal lengths.
+  !> Checks the lists of one kind of terms: all are given or none, with equal lengths.
   subroutine check_terms(deck, names, lengths)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: names(:)   !! the variables
@@ -90,7 +90,7 @@ contains
     character(9) :: shape
     real(wp) :: width, height        !! rectangle [m]
     real(wp) :: outer, inner         !! diameters of circle and tube [m]
-    logical :: plain
+    logical :: no_shape
     call get_name(deck, s)
     shape = ''
     width = 0.0_wp
@@ -98,14 +98,14 @@ contains
     outer = 0.0_wp
     inner = 0.0_wp
     call get_choice(deck, 'shape', shape, [character(9) :: 'rectangle', 'circle', 'tube'])
-    plain = deck%choice_known .and. shape == ''
+    no_shape = deck%choice_known .and. shape == ''
     call get(deck, 'width', width, required, above=0.0_wp, kinds='rectangle')
     call get(deck, 'height', height, required, above=0.0_wp, kinds='rectangle')
     call get(deck, 'diameter', outer, required, above=0.0_wp, kinds='circle')
     call get(deck, 'outer', outer, required, above=0.0_wp, kinds='tube')
     call get(deck, 'inner', inner, required, above=0.0_wp, kinds='tube')
-    call get(deck, 'area', s%area, plain, above=0.0_wp)
-    call get(deck, 'inertia', s%inertia, plain, above=0.0_wp)
+    call get(deck, 'area', s%area, no_shape, above=0.0_wp)
+    call get(deck, 'inertia', s%inertia, no_shape, above=0.0_wp)
     if (deck%is_given('shape')) then
       call exclude(deck, 'area')
       call exclude(deck, 'inertia')

@@ -106,7 +106,7 @@ contains
         trim(group_names(kind))//' in '//source%location_of(earlier)//', expected another name')
     end subroutine register
 
-    !> Reports the open group as unknown; what it would have defined raises no further faults.
+    !> Reports the open group as unknown. References to names that it may have defined raise no further faults.
     subroutine unknown_group(group)
       integer, intent(in) :: group    !! the group
       character(:), allocatable :: word, name, problem

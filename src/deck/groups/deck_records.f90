@@ -138,7 +138,7 @@ module deck_records
     character(8) :: axes = 'global'          !! 'global', 'body', 'section'
     real(wp) :: moment = 0.0_wp              !! [N m]
     real(wp) :: centre(2) = 0.0_wp           !! torque_about: global [m]
-    integer :: history = 0                   !! index; 0: the factor 1
+    integer :: history = 0                   !! index of its load history; 0: constant load
     character(10) :: stage = 'all'           !! 'all', 'static', 'transient'
   end type force_record
 

@@ -15,7 +15,7 @@ module deck_files
 
 contains
 
-  !> Reads a file and all that it includes; appends its groups, those of included files in the place of the &include.
+  !> Reads a file and the files that it includes, and appends their groups. Groups of an included file stand where its &include is.
   recursive subroutine read_source(deck, path, parent, list, problem)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: path                       !! file, relative to the current folder
@@ -47,7 +47,7 @@ contains
     list = [list, (j, j=next, last)]
   end subroutine read_source
 
-  !> Whether a group of a file has a name that decks know, or nearly so.
+  !> Whether a group of a file has the name of a deck's group, or nearly that name.
   logical function any_known(deck, first, last) result(yes)
     class(deck_source), intent(in) :: deck
     integer, intent(in) :: first, last            !! the groups of the file

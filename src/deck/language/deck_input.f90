@@ -1,6 +1,6 @@
 !> The group of a deck that is being read: which variables it gives, which of them were asked for, and every fault.
-!> A variable is declared once, by asking for it (modules deck_get, deck_lists, deck_words); what nobody asked for is
-!> unknown, what was asked for under another kind does not apply. Faults of one cause are reported once.
+!> A reader declares a variable by asking for it (modules deck_get, deck_lists, deck_words). A variable that no reader asked for
+!> is unknown; one that is asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
   use readable_text, only: printable
   use text, only: lower, to_text, nearest_word, quoted
@@ -68,7 +68,7 @@ contains
         if (state == elsewhere) call report_elsewhere(k)
       end associate
     end do
-    if (.not. self%parts%groups(self%current)%whole) return
+    if (.not. self%parts%groups(self%current)%complete) return
     do k = 1, self%known%count
       associate (v => self%known%items(k))
         if (v%missing /= '') call self%complain('', trim(v%name)//' is missing, expected '//v%missing)
@@ -245,7 +245,7 @@ contains
     yes = self%choice_known .and. applies(self, kinds)
   end function is_choice
 
-  !> Whether the group gives a variable, well or not.
+  !> Whether the group gives a variable, with a good or a faulty value.
   pure logical function is_given(self, name) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name
@@ -262,7 +262,7 @@ contains
     if (yes) yes = self%parts%assignments(self%head + k)%state == usable
   end function is_set
 
-  !> Whether the value of a variable that applies is known: given well, or not given, so that the default counts.
+  !> Whether the value of a variable that applies is known: it is given and good, or not given, so that the default counts.
   pure logical function is_known(self, name) result(yes)
     class(deck_source), intent(in) :: self
     character(*), intent(in) :: name

@@ -67,7 +67,7 @@ contains
     end do
   end function position_of
 
-  !> Position of the variable that a misspelt word means, 0 if none is near; it is none that the group gives already.
+  !> Position of the variable that a misspelt word means, 0 if none is near. A variable that the group gives already is not meant.
   pure integer function nearest_variable(self, word) result(k)
     class(variable_list), intent(in) :: self
     character(*), intent(in) :: word   !! misspelt word

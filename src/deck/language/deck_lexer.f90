@@ -107,7 +107,7 @@ contains
       case ('=')
         call deck%add_fault(s%line, '= without the name of a variable before it, expected name=value')
         s%position = s%position + 1
-        deck%parts%groups(deck%current)%whole = .false.
+        deck%parts%groups(deck%current)%complete = .false.
         call deck%parts%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
         s%open = .true.
         s%expecting = .true.
@@ -213,8 +213,8 @@ contains
       s%expecting = .false.
     end subroutine append_value
 
-    !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like one, and no
-    !> value is due.
+    !> Whether a word without an equals sign behind it was meant as the name of a variable: it looks like a name, and no value
+    !> is expected.
     pure logical function begins_assignment(word) result(yes)
       character(*), intent(in) :: word
       yes = .false.
@@ -258,7 +258,7 @@ contains
       last = s%position + index(s%text(s%position:), lf) - 2
       call deck%faults%add(s%path, s%line, '', 'text between groups: '''//printable(trim(s%text(s%position:last)), shown)// &
         ''', expected a group such as &body or a comment after !')
-      if (s%line == s%slash_line) deck%parts%groups(deck%current)%whole = .false.   ! its slash came too early
+      if (s%line == s%slash_line) deck%parts%groups(deck%current)%complete = .false.   ! its slash came too early
       do while (.not. at_end())
         if (next() == '&' .and. scan(s%text(max(s%position - 1, 1):s%position - 1), ' '//tab//lf//'/') > 0) exit
         if (next() == '!') then

@@ -68,16 +68,16 @@ contains
   end subroutine analyse
 
   !> A sign and digits as a whole number, at most one more than an integer can be.
-  pure subroutine read_digits(word, n, whole)
+  pure subroutine read_digits(word, n, is_integer)
     character(*), intent(in) :: word
     integer(ip), intent(out) :: n
-    logical, intent(out) :: whole          !! whether it is one
+    logical, intent(out) :: is_integer     !! whether it is one
     integer :: start, i
     start = sign_length(word) + 1
-    whole = len(word) >= start
-    if (whole) whole = verify(word(start:), digits) == 0
+    is_integer = len(word) >= start
+    if (is_integer) is_integer = verify(word(start:), digits) == 0
     n = 0
-    if (.not. whole) return
+    if (.not. is_integer) return
     do i = start, len(word)
       n = min(10_ip*n + index(digits, word(i:i)) - 1, int(huge(1), ip) + 1_ip)
     end do
@@ -91,12 +91,12 @@ contains
     character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
     integer :: decade
     integer(ip) :: value
-    logical :: whole, number, zero
+    logical :: is_integer, number, zero
     problem = ''
-    call read_digits(word, value, whole)
-    if (whole .and. abs(value) <= huge(n)) then
+    call read_digits(word, value, is_integer)
+    if (is_integer .and. abs(value) <= huge(n)) then
       n = int(value)
-    else if (whole) then
+    else if (is_integer) then
       problem = 'is out of range, expected a whole number up to 2147483647'
     else
       call analyse(word, number, zero, decade)

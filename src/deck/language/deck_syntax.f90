@@ -1,5 +1,5 @@
-!> The parts of a deck as written, before anyone asks what they mean: values, assignments and groups, each with its
-!> place in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
+!> The parts of a deck as written, before their meaning is read: values, assignments and groups, each with its position
+!> in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
 module deck_syntax
   use readable_text, only: printable
   use text, only: lower, word_hash
@@ -52,7 +52,7 @@ module deck_syntax
     integer :: first_assignment = 1
     integer :: assignments = 0
     logical :: readable = .true.   !! .false.: its text cannot be trusted, the fault is already reported
-    logical :: whole = .true.      !! .false.: parts may be missing, the fault is already reported
+    logical :: complete = .true.   !! .false.: parts may be missing, the fault is already reported
   end type group
 
   !> A file of the deck.

@@ -17,7 +17,7 @@ module point_sensor
 
 contains
 
-  !> At the present place of the point.
+  !> At the present position of the point.
   subroutine read_point(self, at, x)
     class(point_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
