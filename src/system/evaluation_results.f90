@@ -15,7 +15,8 @@ module evaluation_results
 
   !> The bodies' frames.
   type :: frame_results
-    real(wp), allocatable :: cos(:), sin(:)     !! (nb) cosine and sine of the frame angle [-]
+    real(wp), allocatable :: angle(:)           !! (nb) frame angle [rad]
+    real(wp), allocatable :: cos(:), sin(:)     !! (nb) its cosine and sine [-]
     real(wp), allocatable :: l(:, :)            !! (3, nb) L of the condensed 3 x 3 mass: l21, l31, l32 [-], [m], [m]
     real(wp), allocatable :: dinv(:, :)         !! (3, nb) 1/D of it [1/kg], [1/kg], [1/(kg m2)]
     real(wp), allocatable :: rhs(:, :)          !! (3, nb) condensed generalised forces, body axes [N, N, N m]
@@ -81,6 +82,7 @@ contains
     ev%schur = schur
     if (any(m%flexible)) ev%closing = schur
     associate (f => ev%frame)
+      allocate (f%angle(nb), source=huge(1.0_wp))
       allocate (f%cos(nb), f%sin(nb), f%l(3, nb), f%dinv(3, nb), f%rhs(3, nb), f%free(3, nb), f%response(3, nb), &
                 f%first_moment(2, nb), source=0.0_wp)
     end associate

@@ -127,13 +127,14 @@ def test_killed_at_random_moments(method, place):
 
 def test_a_checkpoint_at_a_breakpoint(place):
     """At the start of the pulse the implicit method starts anew: nothing of the step before may count."""
-    runs = [place(name, "method='generalized_alpha' step=2e-5", output=3.13e-3, interval=0.0313) for name in ("whole", "cut")]
-    assert runs[0].run()[0] == 0
-    process = runs[1].start()
+    runs = [place(name, "method='generalized_alpha' step=3.13e-5", output=3.13e-3, interval=0.0313) for name in ("whole", "cut")]
+    whole, process = [run.start() for run in runs]
     wait_for(runs[1].results / "checkpoint", process)
     process.kill()
     process.communicate(timeout=TIMEOUT)
     assert runs[1].run("--restart")[0] == 0
+    whole.communicate(timeout=TIMEOUT)
+    assert whole.returncode == 0
     assert runs[1].files()["history.txt"] == runs[0].files()["history.txt"]
 
 

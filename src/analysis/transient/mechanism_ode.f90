@@ -9,11 +9,11 @@ module mechanism_ode
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use complex_newton_condensation, only: condense_complex => condense
-  use newton_correction, only: take_residual, correction
+  use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
   use newton_equations, only: prepare, give_terms, let_terms_follow, residual, take_body_residuals => take_residual, renew
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
-  use newton_start, only: smooth_accelerations, row_gaps, along_rows
+  use newton_start, only: smooth_accelerations, row_gaps
   use newton_system, only: newton_matrix, set_up_newton
   use ode_system, only: largest_value, is_bounded
   use position_measures, only: position_measure
@@ -327,7 +327,8 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N] and theirs
     if (.not. allocated(self%stages)) call hold_weak_rows(self%t%t%rows)
-    call along_rows(self%t, self%m, self%ev, q, gap, dq)
+    call set_frames(self%m, self%ev, q)
+    call row_correction(self%t%t, self%m, self%ev, gap, dq)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_along
 

@@ -9,7 +9,7 @@ module newton_correction
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: take_residual, correction
+  public :: take_residual, correction, row_correction
 
 contains
 
@@ -63,6 +63,23 @@ contains
       call body_correction(self, m, ev, b, dq)
     end do
   end subroutine correction
+
+  !> The same without residuals: what the rows' gaps alone ask for.
+  subroutine row_correction(self, m, ev, gap, dq)
+    type(condensed_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(number), intent(in) :: gap(:)       !! (rows) [m] or its derivatives
+    real(number), intent(out) :: dq(:)       !! (nq) [m, rad] or theirs
+    integer :: b
+    self%rows%d = 0.0_wp
+    call solve_rows(self%rows, gap)
+    do b = 1, size(self%b)
+      self%b(b)%free = 0.0_wp
+      if (self%b(b)%n > 0) self%b(b)%elastic = 0.0_wp
+      call body_correction(self, m, ev, b, dq)
+    end do
+  end subroutine row_correction
 
   !> A frame's correction without rows, and what the rows see of it.
   subroutine free_frame(self, m, b)

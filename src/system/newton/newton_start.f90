@@ -12,7 +12,7 @@ module newton_start
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: smooth_accelerations, row_gaps, along_rows
+  public :: smooth_accelerations, row_gaps
 
 contains
 
@@ -73,22 +73,4 @@ contains
     call row_rates(m, ev, ev%schur%r)
     gap(:, 2) = gap(:, 2) + ev%schur%r - ev%rows%phi_t
   end subroutine row_gaps
-
-  !> dq with Phi_q dq + gap = 0 and T dq + Phi_q^T mu = 0, T the tangent that stands.
-  subroutine along_rows(self, m, ev, q, gap, dq)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in), contiguous :: q(:)              !! (nq) [m, rad]
-    real(wp), intent(in) :: gap(:)                        !! (rows) [m] or its derivatives
-    real(wp), intent(out) :: dq(:)                        !! (nq) [m, rad] or theirs
-    integer :: b
-    call set_frames(m, ev, q)
-    self%t%solved = .true.
-    do b = 1, size(self%t%b)
-      self%t%b(b)%force = 0.0_wp
-      if (self%t%b(b)%n > 0) self%t%b(b)%elastic = 0.0_wp
-    end do
-    call correction(self%t, m, ev, gap, dq)
-  end subroutine along_rows
 end module newton_start
