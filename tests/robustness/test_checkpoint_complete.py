@@ -44,7 +44,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("radau_stages", "inner_values", "radau_stages", "self%inner"): {
         *("viscosity", "inertia", "z", "zd", "dz", "u", "delta0", "delta"),
-        *("h", "gain", "start", "real_gain", "lag", "free"),
+        *("h", "gain", "start", "real_gain", "rate_gap", "driving"),
     },
     ("results", "result_set", "results", "self"): {"count", "incomplete", "values"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along"},

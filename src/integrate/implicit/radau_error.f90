@@ -16,28 +16,28 @@ module radau_error
 contains
 
   !> The error over the tolerance, 1: just allowed.
-  subroutine measure_error(self, system, norm, y, tolerance, careful, error)
+  subroutine measure_error(self, system, norm, y, tolerance, filter_twice, error)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: y(:)             !! (n) end of the step [unit of each unknown]
     real(wp), intent(in) :: tolerance        !! [-]
-    logical, intent(in) :: careful           !! an error that is too large is filtered once more
+    logical, intent(in) :: filter_twice     !! an error that is too large is filtered once more
     real(wp), intent(out) :: error           !! [-]
     real(wp) :: c2, lag(3)
     integer :: pass
     c2 = real(self%method%mu(1), wp)/self%h
     associate (m => self%method, w => self%work, n => self%inner, nq => self%nq)
       lag = matmul(m%e, m%a)
-      w%lag = lag(1)*self%u(:, 1) + lag(2)*self%u(:, 2) + lag(3)*self%u(:, 3)
-      n%lag = lag(1)*n%u(:, 1) + lag(2)*n%u(:, 2) + lag(3)*n%u(:, 3)
-      n%free = -n%inertia*((m%e(1)*n%u(:, 1) + m%e(2)*n%u(:, 2) + m%e(3)*n%u(:, 3))/self%h + c2*n%lag) &
-               + n%viscosity*(n%zd0 - n%lag)
-      w%v = self%v0 - w%lag
+      w%rate_gap = lag(1)*self%u(:, 1) + lag(2)*self%u(:, 2) + lag(3)*self%u(:, 3)
+      n%rate_gap = lag(1)*n%u(:, 1) + lag(2)*n%u(:, 2) + lag(3)*n%u(:, 3)
+      n%driving = -n%inertia*((m%e(1)*n%u(:, 1) + m%e(2)*n%u(:, 2) + m%e(3)*n%u(:, 3))/self%h + c2*n%rate_gap) &
+               + n%viscosity*(n%zd0 - n%rate_gap)
+      w%v = self%v0 - w%rate_gap
       w%q = self%q0
       do pass = 1, 2
-        w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*w%lag
-        w%y(1:self%nz) = n%z0 - n%real_gain*(n%free - (n%delta0 - n%z0))
+        w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*w%rate_gap
+        w%y(1:self%nz) = n%z0 - n%real_gain*(n%driving - (n%delta0 - n%z0))
         call system%stage_residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
@@ -45,13 +45,13 @@ contains
         call system%correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
-        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - w%lag
+        w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - w%rate_gap
         call internal_part(self, system, c2)
         error = norm%measure(w%e, y, self%h, tolerance)
         if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
-        if (pass == 2 .or. .not. careful .or. error < 1.0_wp .or. .not. error < huge(1.0_wp)) exit
+        if (pass == 2 .or. .not. filter_twice .or. error < 1.0_wp .or. .not. error < huge(1.0_wp)) exit
         w%q = self%q0 + w%e(1:nq)
-        w%lag = w%lag + w%e(nq + 1:2*nq)
+        w%rate_gap = w%rate_gap + w%e(nq + 1:2*nq)
       end do
     end associate
   end subroutine measure_error
@@ -65,8 +65,8 @@ contains
     associate (e => self%work%e, o => 2*self%nq, nz => self%nz, nzd => self%nzd, n => self%inner)
       self%work%q = self%q0 + self%work%dq(:, 1)
       call system%deformations(self%work%q, self%v0, n%delta(:, 2))
-      e(o + 1:o + nz) = n%real_gain*((n%delta(:, 2) - n%z0) - n%free)
-      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - n%lag(1:nzd)
+      e(o + 1:o + nz) = n%real_gain*((n%delta(:, 2) - n%z0) - n%driving)
+      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - n%rate_gap(1:nzd)
     end associate
   end subroutine internal_part
 

@@ -16,11 +16,11 @@ module radau_stages
 
   integer, parameter :: most_iterations = 10       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.3_wp             !! contraction from which matrices are made anew [-]
-  real(wp), parameter :: poor = 0.1_wp             !! contraction from which whole elastic blocks pay [-]
-  integer, parameter :: whole_steps = 50           !! steps before constant blocks are tried again
+  real(wp), parameter :: poor = 0.1_wp             !! contraction from which full elastic blocks pay [-]
+  integer, parameter :: full_block_steps = 50       !! steps with full blocks before constant ones are tried again
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
-  real(wp), parameter :: fine = 1.0e-9_wp          !! fixed steps: Newton's error, of the scales [-]
-  real(wp), parameter :: finer = 1.0e-7_wp         !! the same, of the first correction [-]
+  real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
+  real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
 
   !> Internal variables.
   type, public :: inner_values
@@ -34,8 +34,8 @@ module radau_stages
     real(wp), allocatable :: gain(:, :, :)   !! (nz, 3, 3) of each stage, third, by the deformation of each, second [-]
     real(wp), allocatable :: start(:, :)     !! (nz, 3) of each stage by the rate at the start [s]
     real(wp), allocatable :: real_gain(:)    !! (nz) 1/(1 + viscosity c2 + inertia c2**2) of the real constant [-]
-    real(wp), allocatable :: lag(:)          !! (nz) rates at the start less those of the embedded formula [m/s, rad/s]
-    real(wp), allocatable :: free(:)         !! (nz) deformation less z0 that would let its rates and accelerations be [m, rad]
+    real(wp), allocatable :: rate_gap(:)     !! (nz) rates at the start less those of the embedded formula [m/s, rad/s]
+    real(wp), allocatable :: driving(:)      !! (nz) deformation less z0 that its rates and accelerations need [m, rad]
   end type inner_values
 
   !> The stages.
@@ -48,12 +48,12 @@ module radau_stages
     real(wp), allocatable :: q(:, :), v(:, :), a(:, :)   !! (nq, 3) [m, rad], rates, accelerations
     real(wp), allocatable :: u(:, :)         !! (nq, 3) V - v [m/s, rad/s]
     real(wp), allocatable :: lambda(:, :)    !! (rows, 3) [N]
-    real(wp), allocatable :: past(:, :)      !! (nq, 0:3) rates of the last step: start and stages [m/s, rad/s]
-    real(wp), allocatable :: past_lambda(:, :)           !! (rows, 3) [N]
-    real(wp) :: past_h = 0.0_wp              !! its size, 0: none [s]
+    real(wp), allocatable :: last_v(:, :)    !! (nq, 0:3) rates of the last step: start and stages [m/s, rad/s]
+    real(wp), allocatable :: last_lambda(:, :)    !! (rows, 3) [N]
+    real(wp) :: last_h = 0.0_wp              !! its size, 0: none [s]
     real(wp) :: eta = 1.0_wp                 !! Theta/(1 - Theta) of the last step, Theta Newton's contraction [-]
     type(stage_work), allocatable :: work
-    integer :: whole_left = 0                !! steps for which whole elastic blocks are factored
+    integer :: full_block_left = 0           !! steps that still factor full elastic blocks
     integer(ip) :: iterations = 0, residuals = 0, renewals = 0
   end type radau_stage_values
 
@@ -64,7 +64,7 @@ module radau_stages
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
     real(wp), allocatable :: r_real(:), gap_real(:), dlambda(:)   !! real part [N, N m], [m/s], [N]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
-    real(wp), allocatable :: q(:), v(:), a(:), lag(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
+    real(wp), allocatable :: q(:), v(:), a(:), rate_gap(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
   end type stage_work
 
@@ -82,10 +82,10 @@ contains
     self%rows = system%rows
     associate (nq => self%nq, nz => self%nz, rows => self%rows)
       allocate (self%q0(nq), self%v0(nq), self%a0(nq), self%q(nq, 3), self%v(nq, 3), self%a(nq, 3), self%u(nq, 3), &
-                self%lambda(rows, 3), self%past(nq, 0:3), self%past_lambda(rows, 3), source=0.0_wp)
+                self%lambda(rows, 3), self%last_v(nq, 0:3), self%last_lambda(rows, 3), source=0.0_wp)
       associate (n => self%inner)
         allocate (n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%dz(nz, 3), n%u(nz, 3), n%delta(nz, 3), &
-                  n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%lag(nz), n%free(nz), source=0.0_wp)
+                  n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%rate_gap(nz), n%driving(nz), source=0.0_wp)
       end associate
       allocate (self%work)
       associate (w => self%work)
@@ -94,7 +94,7 @@ contains
                   w%dlambda(rows))
         w%r_part = 0.0_wp
         w%y = w%e
-        allocate (w%q(nq), w%v(nq), w%a(nq), w%lag(nq), w%pairs(nq + nz, 4), source=0.0_wp)
+        allocate (w%q(nq), w%v(nq), w%a(nq), w%rate_gap(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
     end associate
     self%inner%viscosity = system%viscosity
@@ -107,10 +107,10 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                !! [s]
     real(wp) :: powers(2), a(self%nq + self%nz)
-    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%past_lambda(:, 3), powers)
+    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%last_lambda(:, 3), powers)
     self%residuals = self%residuals + 1
     self%a0 = a(1:self%nq)
-    self%past_h = 0.0_wp
+    self%last_h = 0.0_wp
     self%eta = 1.0_wp
   end subroutine start_stages
 
@@ -128,14 +128,14 @@ contains
       self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
     end do
     do i = 1, 3
-      if (self%past_h > 0.0_wp) then
-        w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%past_h)
-        self%u(:, i) = matmul(self%past, w) - self%v0
-        w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%past_h)
-        self%lambda(:, i) = matmul(self%past_lambda, w3)
+      if (self%last_h > 0.0_wp) then
+        w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%last_h)
+        self%u(:, i) = matmul(self%last_v, w) - self%v0
+        w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%last_h)
+        self%lambda(:, i) = matmul(self%last_lambda, w3)
       else
         self%u(:, i) = self%method%c(i)*h*self%a0
-        self%lambda(:, i) = self%past_lambda(:, 3)
+        self%lambda(:, i) = self%last_lambda(:, 3)
       end if
     end do
   end subroutine predict_stages
@@ -209,7 +209,8 @@ contains
     end associate
   end subroutine internal_stages
 
-  !> The stages of a step from t; ok is false where Newton's method fails, also with rows held back as in a singular position.
+  !> The stages of a step from t; ok is false where Newton's method fails, also in a second trial, with dependent
+  !> rows of the constraints regularised as near a singular position.
   subroutine solve_stages(self, system, norm, t, h, tolerance, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -225,12 +226,12 @@ contains
   end subroutine solve_stages
 
   !> Newton iterations from the prediction.
-  subroutine newton(self, system, norm, tolerance, hold, ok)
+  subroutine newton(self, system, norm, tolerance, regularise, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
-    logical, intent(in) :: hold
+    logical, intent(in) :: regularise
     logical, intent(out) :: ok
     real(wp) :: d, before, theta, eta, goal
     integer :: k
@@ -241,14 +242,14 @@ contains
     before = huge(1.0_wp)
     theta = 0.0_wp
     eta = max(self%eta, epsilon(1.0_wp))**0.8_wp
-    goal = fine
+    goal = fixed_goal
     if (tolerance > 0.0_wp) goal = tolerance*max(10*epsilon(1.0_wp)/tolerance, min(0.03_wp, sqrt(tolerance)))
     do k = 1, most_iterations
       call stage_residuals(self, system)
       if (k == 1 .or. (theta > slow .and. .not. again)) then
         again = k > 1
-        if (again) self%whole_left = whole_steps
-        call renew(self, system, hold, ok)
+        if (again) self%full_block_left = full_block_steps
+        call renew(self, system, regularise, ok)
         if (.not. ok) return
         ok = .false.
         before = huge(1.0_wp)
@@ -256,7 +257,7 @@ contains
       call correct(self, system)
       d = size_of_correction(self, norm)
       if (.not. d < 1.0e3_wp) exit
-      if (k == 1 .and. .not. tolerance > 0.0_wp) goal = min(goal, finer*d)
+      if (k == 1 .and. .not. tolerance > 0.0_wp) goal = min(goal, fixed_reduction*d)
       if (before < huge(1.0_wp)) then
         theta = d/max(before, tiny(1.0_wp))
         eta = 1/epsilon(1.0_wp)
@@ -270,7 +271,7 @@ contains
       before = d
     end do
     self%eta = merge(eta, 1.0_wp, ok)
-    self%whole_left = max(self%whole_left - 1, merge(whole_steps, 0, slowly .or. .not. ok))
+    self%full_block_left = max(self%full_block_left - 1, merge(full_block_steps, 0, slowly .or. .not. ok))
     if (ok) call stage_states(self, system)
   end subroutine newton
 
@@ -296,13 +297,13 @@ contains
   end subroutine stage_residuals
 
   !> Matrices at the second stage.
-  subroutine renew(self, system, hold, ok)
+  subroutine renew(self, system, regularise, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    logical, intent(in) :: hold
+    logical, intent(in) :: regularise
     logical, intent(out) :: ok
     call system%renew_stages(self%method%mu/self%h, self%q(:, 2), self%v(:, 2), self%a(:, 2), self%lambda(:, 2), &
-                             self%whole_left > 0, hold, ok)
+                             self%full_block_left > 0, regularise, ok)
     self%renewals = self%renewals + 1
   end subroutine renew
 
@@ -353,13 +354,13 @@ contains
     type(value_archive), intent(inout) :: a
     call a%exchange(self%q0, self%v0, self%a0)
     call a%exchange(self%inner%z0, self%inner%zd0)
-    call a%exchange(self%past)
-    call a%exchange(self%past_lambda)
-    call a%exchange(self%past_h)
+    call a%exchange(self%last_v)
+    call a%exchange(self%last_lambda)
+    call a%exchange(self%last_h)
     call a%exchange(self%iterations)
     call a%exchange(self%residuals)
     call a%exchange(self%renewals)
     call a%exchange(self%eta)
-    call a%exchange(self%whole_left)
+    call a%exchange(self%full_block_left)
   end subroutine exchange_stages
 end module radau_stages

@@ -17,7 +17,7 @@ module radau_stepper
   !> The method.
   type, extends(implicit_stepper), public :: radau_march
     type(radau_stage_values) :: stages
-    real(wp), allocatable :: bend(:, :)       !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
+    real(wp), allocatable :: end_a(:, :)      !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
   contains
     procedure :: set_up
     procedure :: limit_first_step
@@ -37,10 +37,10 @@ contains
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     self%order = 4
-    self%patience = 8
+    self%patience = 4
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    allocate (self%bend(system%nq, 2), source=0.0_wp)
+    allocate (self%end_a(system%nq, 2), source=0.0_wp)
   end subroutine set_up
 
   !> First step, or the first one after a jump: rates and accelerations change values and rates by a part of their scales whose
@@ -142,18 +142,18 @@ contains
         self%dense(n - 1:, i + 1) = self%y(n - 1:) + h*matmul(power, s%method%a(i, :))
       end do
       self%removed = self%removed + removed_energy(s, system)
-      self%bend(:, 1) = s%a0
-      s%past(:, 0) = s%v0
-      s%past(:, 1:3) = s%v
-      s%past_lambda = s%lambda
-      s%past_h = h
+      self%end_a(:, 1) = s%a0
+      s%last_v(:, 0) = s%v0
+      s%last_v(:, 1:3) = s%v
+      s%last_lambda = s%lambda
+      s%last_h = h
       s%q0 = s%q(:, 3)
       s%v0 = s%v(:, 3)
       s%a0 = s%a(:, 3)
       s%inner%z0 = s%inner%z(:, 3)
       s%inner%zd0 = s%inner%zd(:, 3)
       call close_gaps(s, system, self%tried)
-      self%bend(:, 2) = s%a0
+      self%end_a(:, 2) = s%a0
       self%y = self%dense(:, 4)
       self%y(1:s%nq) = s%q0
       self%y(s%nq + 1:2*s%nq) = s%v0
@@ -201,8 +201,8 @@ contains
       y = matmul(self%dense, lagrange_weights([0.0_wp, self%stages%method%c], s))
       do i = 1, nq                            ! q + s h v + s2/2 h2 a + s3 (x1 + x2 s + x3 s2) with the three values at the end
         if (self%norm%largest(self%norm%group(i)) < self%norm%floor(self%norm%group(i))) cycle
-        associate (q => self%dense(i, 1), v => h*self%dense(nq + i, 1), a => h**2*self%bend(i, 1))
-          d = [self%y(i) - q - v - 0.5_wp*a, h*self%y(nq + i) - v - a, h**2*self%bend(i, 2) - a]
+        associate (q => self%dense(i, 1), v => h*self%dense(nq + i, 1), a => h**2*self%end_a(i, 1))
+          d = [self%y(i) - q - v - 0.5_wp*a, h*self%y(nq + i) - v - a, h**2*self%end_a(i, 2) - a]
           x = [10*d(1) - 4*d(2) + 0.5_wp*d(3), -15*d(1) + 7*d(2) - d(3), 6*d(1) - 3*d(2) + 0.5_wp*d(3)]
           y(i) = q + s*(v + s*(0.5_wp*a + s*(x(1) + s*(x(2) + s*x(3)))))
           y(nq + i) = (v + s*(a + s*(3*x(1) + s*(4*x(2) + s*5*x(3)))))/h
@@ -226,7 +226,7 @@ contains
     class(radau_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
-    call a%exchange(self%bend)
+    call a%exchange(self%end_a)
     call exchange_stages(self%stages, a)
   end subroutine exchange
 end module radau_stepper
