@@ -9,7 +9,7 @@ module step_control
   real(wp), parameter :: safety = 0.9_wp      !! on the step that the error model predicts [-]
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
-  real(wp), parameter :: calm = 1.0e-4_wp     !! least error that is remembered [-]
+  real(wp), parameter :: least_remembered = 1.0e-4_wp   !! a smaller error of the last step counts as this [-]
   real(wp), parameter :: digits_moved = 16.0_wp   !! last digits by which the state changes where rounding is measured [-]
 
   !> Groups of unknowns that share a scale: the largest value that the group has had, or its floor if that is larger.
@@ -17,7 +17,7 @@ module step_control
     integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
     real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
     logical, allocatable :: rate(:)           !! (groups) rates: their floor is what would move values by theirs in one step
-    real(wp), allocatable :: bound(:)         !! (groups) values beyond it mean nothing any more [unit of the group]
+    real(wp), allocatable :: bound(:)         !! (groups) values above it have no physical meaning [unit of the group]
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
@@ -29,13 +29,13 @@ module step_control
     procedure :: watch_slopes
     procedure :: measure
     procedure :: measure_slopes
-    procedure :: beyond
+    procedure :: out_of_bounds
   end type error_norm
 
   !> The controller; `order` is the order of the local error that is estimated (5 for 5(4) pairs).
   type, public :: step_controller
     integer :: order = 5
-    real(wp) :: last_error = calm             !! error of the last accepted step [-]
+    real(wp) :: last_error = least_remembered   !! error of the last accepted step [-]
     logical :: after_rejection = .false.
   contains
     procedure :: accepted
@@ -132,11 +132,11 @@ contains
     worst = worst/tolerance
   end function measure
 
-  !> Whether the values of a group have been so large that they mean nothing.
-  pure logical function beyond(self)
+  !> Whether the values of a group have passed their bound.
+  pure logical function out_of_bounds(self)
     class(error_norm), intent(in) :: self
-    beyond = count(self%largest > self%bound) > 0
-  end function beyond
+    out_of_bounds = count(self%largest > self%bound) > 0
+  end function out_of_bounds
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).
   function accepted(self, h, err) result(next)
@@ -149,7 +149,7 @@ contains
     factor = min(1.0_wp/most_shrink, max(1.0_wp/most_growth, factor/safety))
     next = h/factor
     if (self%after_rejection) next = min(next, h)
-    self%last_error = max(err, calm)
+    self%last_error = max(err, least_remembered)
     self%after_rejection = .false.
   end function accepted
 
@@ -167,7 +167,7 @@ contains
   !> Forgets earlier errors: at the start, and where the equations jump.
   subroutine restart(self)
     class(step_controller), intent(inout) :: self
-    self%last_error = calm
+    self%last_error = least_remembered
     self%after_rejection = .false.
   end subroutine restart
 

@@ -46,8 +46,8 @@ module time_stepper
     procedure(advance_march), deferred :: advance
     procedure(exchange_march), deferred :: exchange
     procedure :: count_step
-    procedure :: give_back
-    procedure :: account => nothing_more
+    procedure :: keep_lost_state
+    procedure :: account => account_nothing
   end type stepper
 
   abstract interface
@@ -105,7 +105,7 @@ contains
   end subroutine count_step
 
   !> Keeps a state that was given up, the time that could not be reached, and why, for the report of the failure.
-  subroutine give_back(self, t, y, trouble)
+  subroutine keep_lost_state(self, t, y, trouble)
     class(stepper), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: y(:)              !! (n) state [unit]
@@ -113,7 +113,7 @@ contains
     self%trial = y
     self%tried = t
     self%trouble = trouble
-  end subroutine give_back
+  end subroutine keep_lost_state
 
   !> End of a step from t: at a stop that lies within it or hardly beyond, else after the step that is wanted.
   pure subroutine step_end(t, wanted, stops, next, h, ends, at_stop)
@@ -142,8 +142,8 @@ contains
   end function loss_of_accuracy
 
   !> A line for the summary about the method's own work; most methods have none.
-  subroutine nothing_more(self, text)
+  subroutine account_nothing(self, text)
     class(stepper), intent(in) :: self
     type(summary_record), intent(inout) :: text
-  end subroutine nothing_more
+  end subroutine account_nothing
 end module time_stepper

@@ -24,7 +24,7 @@ module adaptive_pair
   real(wp), parameter :: slope_tolerances = 200.0_wp !! the same for derivatives, times omega T [-]
   real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance: however long the run, no less is asked for [-]
   real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: below it there is nothing to follow [-]
-  real(wp), parameter :: shift = 1.0e-7_wp         !! of the scales: size of the difference quotient's step [-]
+  real(wp), parameter :: quotient_step = 1.0e-7_wp   !! error whose difference quotient is taken, of the scales [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
   real(wp), parameter :: last_digits = 16*epsilon(1.0_wp)   !! relative change of a state that is rounding [-]
   integer(ip), parameter :: noise_interval = 100     !! steps after which the rounding of derivatives is measured again
@@ -75,7 +75,7 @@ contains
   subroutine measure_noise(self, system)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
-    call last_digits_changed(self)
+    call change_last_digits(self)
     call system%derivative(self%t, self%y, .false., self%last)
     call system%derivative(self%t, self%moved, .false., self%slope)
     self%slope = self%slope - self%last
@@ -83,13 +83,13 @@ contains
   end subroutine measure_noise
 
   !> Moves the state in its last digits.
-  subroutine last_digits_changed(self)
+  subroutine change_last_digits(self)
     class(adaptive_stepper), intent(inout) :: self
     integer :: k
     do k = 1, size(self%y)
       self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
     end do
-  end subroutine last_digits_changed
+  end subroutine change_last_digits
 
   !> Marches towards an output time (see `time_stepper`).
   subroutine advance(self, system, from, to, most, y, outcome)
@@ -129,7 +129,7 @@ contains
         call system%derivative(to, y, .false., self%error)
         call system%project(to, y, ok)
         if (.not. ok) then
-          call self%give_back(to, y, trouble_manifold)
+          call self%keep_lost_state(to, y, trouble_manifold)
           outcome = lost
           return
         end if
@@ -154,7 +154,7 @@ contains
     err = -1.0_wp                             ! the step is lost
     call estimate_error(self, system, h, ok)
     if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
-    if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call discount_rounding(self, system, h, err)
+    if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call allow_for_rounding(self, system, h, err)
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
@@ -204,7 +204,7 @@ contains
   !> Where a step is refused again, measures how much of its error is rounding: the change of the estimate when the start changes in
   !> its last digits. Near positions where constraints become dependent rounding is amplified beyond any tolerance, and no
   !> smaller step would help.
-  subroutine discount_rounding(self, system, h, err)
+  subroutine allow_for_rounding(self, system, h, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -214,7 +214,7 @@ contains
     y = self%y
     slope = self%stages%k(:, 1)
     rounding = self%error
-    call last_digits_changed(self)
+    call change_last_digits(self)
     self%y = self%moved
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
     call system%project(self%t, self%y, ok)
@@ -226,7 +226,7 @@ contains
     if (.not. ok) return
     call estimate_error(self, system, h, again)
     if (again) call measure_error(self, system, h, max(abs(rounding), epsilon(1.0_wp)*abs(self%trial)), err)
-  end subroutine discount_rounding
+  end subroutine allow_for_rounding
 
   !> The error of a step over what is allowed.
   subroutine measure_error(self, system, h, rounding, err)
@@ -241,7 +241,7 @@ contains
     allowed = self%settings%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
     err = self%norm%measure(self%error, self%trial, h, allowed, rounding)
     if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
-    s = shift/(err*allowed)
+    s = quotient_step/(err*allowed)
     do k = 1, size(self%y)
       self%moved(k) = self%trial(k) + s*self%error(k)
     end do
@@ -258,16 +258,16 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     real(wp), intent(in) :: h                 !! [s]
     integer :: k
-    real(wp) :: rise, bend
+    real(wp) :: change, curve
     self%dense_start = self%t
     self%dense_step = h
     do k = 1, size(self%y)
-      rise = self%trial(k) - self%y(k)
-      bend = h*self%stages%k(k, 1) - rise
+      change = self%trial(k) - self%y(k)
+      curve = h*self%stages%k(k, 1) - change
       self%dense(k, 1) = self%y(k)
-      self%dense(k, 2) = rise
-      self%dense(k, 3) = bend
-      self%dense(k, 4) = rise - h*self%last(k) - bend
+      self%dense(k, 2) = change
+      self%dense(k, 3) = curve
+      self%dense(k, 4) = change - h*self%last(k) - curve
     end do
     call self%stages%weighted(self%method%dense, h, self%last, self%dense(:, 5))
   end subroutine keep_dense

@@ -19,11 +19,11 @@ module implicit_march
   integer, parameter :: hopeless_halvings = 16     !! a fixed step divided so often is hopeless: a run of them would never end
   real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! so is a controlled one, so many of which are left to the end of the run
   integer, parameter :: most_hopeless = 20000      !! hopeless steps in a row after which the run is given up
-  real(wp), parameter :: failed = 8.0_wp           !! error that stands for that of a step whose Newton iteration failed [-]
+  real(wp), parameter :: failure_error = 8.0_wp   !! taken as the error of a step whose Newton iteration failed [-]
   real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
-  real(wp), parameter :: at_once = 2.0_wp          !! a step that may grow by more does so without waiting for other errors [-]
+  real(wp), parameter :: prompt_growth = 2.0_wp   !! a step that may grow by more grows at once [-]
   real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
-  real(wp), parameter :: too_little = 1.2_wp       !! growth that is not worth the new matrices it asks for [-]
+  real(wp), parameter :: least_growth = 1.2_wp    !! a step that may grow by less stays: new matrices would cost more [-]
 
   !> Errors since the step last changed.
   type, public :: step_memory
@@ -247,7 +247,7 @@ contains
   end subroutine try_larger
 
   !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
-  !> with its phase: a step grows only where the worst of several steps, or one that is far too small, says so.
+  !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.
   function next_step(self, h, error) result(next)
     class(implicit_stepper), intent(inout) :: self
     real(wp), intent(in) :: h                 !! [s]
@@ -255,13 +255,13 @@ contains
     real(wp) :: next                          !! [s]
     real(wp) :: factor                        ! [-]
     associate (m => self%memory)
-      m%worst = max(m%worst, merge(error, failed, error < huge(1.0_wp)))
+      m%worst = max(m%worst, merge(error, failure_error, error < huge(1.0_wp)))
       m%steps = m%steps + 1
       factor = safety*max(m%worst, 1.0e-6_wp)**(-1.0_wp/self%order)
       next = h
       if (error > 1.0_wp) then
         next = h*max(0.2_wp, min(0.8_wp, factor))
-      else if (factor > at_once .or. (m%steps >= self%patience .and. factor > too_little)) then
+      else if (factor > prompt_growth .or. (m%steps >= self%patience .and. factor > least_growth)) then
         next = h*min(factor, most_growth)
       else if (m%steps < self%patience) then
         return
@@ -281,7 +281,7 @@ contains
     logical :: ok
     call self%count_step(self%tried, h)
     call self%norm%watch(q)
-    if (self%norm%beyond()) then
+    if (self%norm%out_of_bounds()) then
       call give_up(self, trouble_shape)
       return
     end if
@@ -315,7 +315,7 @@ contains
     if (ok) call system%report(to, y, ok)
     outcome = reached
     if (ok .and. is_bounded(y)) return
-    call self%give_back(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
+    call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
     outcome = lost
   end subroutine output
 
