@@ -22,6 +22,9 @@ module complex_modes
   real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
   real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
   real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
+  real(wp), parameter :: belongs = 0.5_wp              !! share of its motion beyond which a pole belongs to modes [-]
+  real(wp), parameter :: new = 1.0e-4_wp               !! size of what a motion adds to a basis, over its own [-]
+  real(wp), parameter :: worth_a_search = 0.1_wp       !! likewise of an estimate [-]
 
   !> What is known of the poles beside those that are listed.
   type :: search
@@ -30,6 +33,8 @@ module complex_modes
     complex(wp), allocatable :: shapes(:, :)           !! (p, modes) their shapes on the basis of the model [-]
     complex(wp), allocatable :: twins(:)               !! poles that decay where another grows [1/s]
     integer :: listed = 0                              !! modes that are asked for, the first ones
+    complex(wp), allocatable :: span(:, :)             !! (p, listed) orthonormal, these modes on the basis of the model [-]
+    complex(wp), allocatable :: momenta(:, :)          !! (n, listed) M times that span [kg^1/2, kg^1/2 m]
     logical :: spanned = .false.                       !! the reduced system is the whole one: its poles need no search
     type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
   end type search
@@ -55,7 +60,7 @@ contains
     if (wanted == 0) return
     whole = free <= 2*wanted + few_more
     call natural_subspace(ds, merge(wanted, wanted + reserve/2, ds%symmetric .or. whole), whole, omega2, x, ok)
-    if (ok) call undamped_starts(ds, omega2, x, s, ok)
+    if (ok) call undamped_starts(ds, omega2, x, merge(0, wanted, whole), s, ok)
     if (.not. ok) return
     if (wanted == free) wanted = size(s%starts)        ! more than the freedoms where motions grow and their twins do not decay
     call list_undamped(ds, s, wanted, modes)
@@ -63,6 +68,7 @@ contains
     call check_undamped(ds, s%model%p == free, [s%starts, s%twins], modes)
     if (.not. ds%damped) return
     s%listed = maxval([0, modes%mode])
+    call span_modes(ds, s)
     call s%model%take_apart()
     s%spanned = s%model%exact .and. s%model%p == free
     call list_vibrations(ds, s, modes)
@@ -71,35 +77,40 @@ contains
 
   !> The undamped modes on the subspace: natural modes, or with gyroscopic terms or an unsymmetric K the poles of the reduced
   !> system in ascending order, of a diverging motion the one that grows.
-  subroutine undamped_starts(ds, omega2, x, s, ok)
-    type(stiffness_system), intent(in) :: ds
+  subroutine undamped_starts(ds, omega2, x, asked, s, ok)
+    type(stiffness_system), intent(inout) :: ds
     real(wp), intent(in) :: omega2(:)                  !! (p) natural frequencies squared [rad2/s2]
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
+    integer, intent(in) :: asked                       !! modes to be answered by further motions; 0: x spans all motions
     type(search), intent(inout) :: s
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
-    real(wp), allocatable :: turned(:, :)
+    real(wp), allocatable :: turned(:, :), more(:, :)
+    logical, allocatable :: still(:), rigid_modes(:)
     integer, allocatable :: order(:)
     integer :: j, p, rigid
     p = size(omega2)
     ok = .true.
+    call answers(ds, omega2, x, asked, more)
+    still = [(.false., j=1, size(more, 2))]
     if (ds%symmetric) then
-      call s%model%build(ds, x, [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)])
-      s%starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), s%model%rigid)
+      rigid_modes = [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)]
+      call s%model%build(ds, reshape([x, more], [ds%n, p + size(more, 2)]), [rigid_modes, still])
+      s%starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), s%model%rigid(1:p))
       order = [(j, j=1, p)]
       allocate (s%twins(0))
     else
       call turning_basis(ds, x, turned, rigid, ok)
       if (.not. ok) return
-      call s%model%build(ds, turned, [(j <= rigid, j=1, p)])
-      call poles%find(s%model, [(j, j=1, p)], .false., ok)
+      call s%model%build(ds, reshape([turned, more], [ds%n, p + size(more, 2)]), [(j <= rigid, j=1, p), still])
+      call poles%find(s%model, [(j, j=1, s%model%p)], .false., ok)
       if (.not. ok) return
       s%twins = pack(poles%lambda, decays(poles%lambda))
       order = by_modulus(poles%lambda)
       order = pack(order, .not. decays(poles%lambda(order)))
       s%starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
     end if
-    allocate (s%shapes(p, size(s%starts)))
+    allocate (s%shapes(s%model%p, size(s%starts)))
     s%shapes = 0.0_wp
     rigid = size(s%starts) - size(order)
     do j = 1, size(s%starts)
@@ -110,6 +121,56 @@ contains
       end if
     end do
   end subroutine undamped_starts
+
+  !> How the system answers to forces that damp the modes asked for: those of each viscoelastic material, of viscous damping and of
+  !> gyroscopic terms in the shape of each mode. A few natural modes hardly hold these motions, and the poles consist of both.
+  subroutine answers(ds, omega2, x, asked, more)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: omega2(:)                  !! (p) squared frequencies [rad2/s2]
+    real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
+    integer, intent(in) :: asked
+    real(wp), allocatable, intent(out) :: more(:, :)   !! (n, answers) mass-orthonormal, as x are and to x [1/sqrt(kg)]
+    complex(wp) :: y(ds%n + ds%rows), mode(ds%n + ds%rows)
+    real(wp), allocatable :: v(:)
+    integer :: j, r
+    allocate (more(ds%n, 0))
+    if (asked == 0) return
+    call ds%set_real(max(omega2(asked), 1.0e-3_wp*omega2(size(omega2))))
+    call ds%factor()
+    do j = 1, asked
+      mode = ds%padded(cmplx(x(:, j), 0.0_wp, wp))
+      do r = -1, size(ds%groups)
+        if (r == -1) y = ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), mode)
+        if (r == 0) y = ds%times(cmplx(ds%gyro, 0.0_wp, wp), mode)
+        if (r > 0) y = ds%stiffness_product(mode, r)
+        y(ds%n + 1:) = 0.0_wp
+        if (.not. any(abs(y) > 0.0_wp)) cycle
+        call ds%solve(y)
+        v = real(y(1:ds%n), wp)
+        call add_direction(ds, x, v, more)
+      end do
+    end do
+  end subroutine answers
+
+  !> Appends what a motion has beside those of two mass-orthonormal sets, if that is more than rounding.
+  subroutine add_direction(ds, x, v, more)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: x(:, :)                    !! (n, p) [1/sqrt(kg)]
+    real(wp), intent(inout) :: v(:)                    !! (n) [any]
+    real(wp), allocatable, intent(inout) :: more(:, :) !! (n, answers) [1/sqrt(kg)]
+    real(wp) :: mv(size(v)), before
+    integer :: pass
+    before = sqrt(dot_product(v, real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)))
+    if (.not. before > 0.0_wp) return
+    v = v/before
+    do pass = 1, 3
+      mv = real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)
+      v = v - matmul(x, matmul(mv, x)) - matmul(more, matmul(mv, more))
+      mv = real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)
+      if (.not. dot_product(v, mv) > new**2) return
+    end do
+    more = reshape([more, v/sqrt(dot_product(v, mv))], [size(v), size(more, 2) + 1])
+  end subroutine add_direction
 
   !> Whether a search has stayed where it began. If its pole is listed already, the reduced system has this pole more than once,
   !> with one shape: so it is with a free body that is described in its own turning axes.
@@ -216,15 +277,16 @@ contains
     end do
   end function belongs_to_other_mode
 
-  !> The other poles of the modes that are asked for: each pole of the reduced system belongs to the mode that it resembles
-  !> most.
+  !> The other poles of the modes that are asked for: a pole belongs to these modes where they together hold more than half of its
+  !> motion, by modal masses, and among them to the one that holds most. That needs no modes beside them, and is so for any number
+  !> of materials.
   subroutine list_others(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
     type(search), intent(inout) :: s
     type(mode_set), intent(inout) :: modes
     type(reduced_poles) :: poles
     integer, allocatable :: members(:)
-    integer :: part, j, i, owner, expected
+    integer :: part, j, i, expected
     logical :: ok
     expected = 0
     do part = 1, s%model%parts
@@ -238,9 +300,9 @@ contains
         if (caught_signal() > 0) return
         if (modes%claims(poles%lambda(i))) cycle
         if (s%unlisted%claims(poles%lambda(i))) cycle
-        owner = most_alike(poles%shape(:, i), s%shapes)
-        if (owner > s%listed) cycle
-        call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), owner, modes)
+        if (sum(abs(matmul(conjg(transpose(s%span)), poles%shape(:, i)))**2) <= &
+            merge(belongs, worth_a_search, s%spanned)*sum(abs(poles%shape(:, i))**2)) cycle
+        call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), modes)
       end do
     end do
     if (s%spanned) then
@@ -252,17 +314,16 @@ contains
 
   !> Lists one pole of the reduced system as one of the whole, unless it is listed, or the vibration of a mode that is not asked
   !> for.
-  subroutine list_pole(ds, s, coupled, lambda, shape, owner, modes)
+  subroutine list_pole(ds, s, coupled, lambda, shape, modes)
     type(stiffness_system), intent(inout) :: ds
     type(search), intent(inout) :: s
     logical, intent(in) :: coupled                     !! there are modes in its part that are not asked for
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
-    integer, intent(in) :: owner                       !! the undamped mode that it belongs to
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
     real(wp) :: residual
-    integer :: kind
+    integer :: owner, kind
     logical :: ok, settled
     pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
     call refine_pole(ds, 1.0_wp, exact, pole, ok)
@@ -284,8 +345,13 @@ contains
           return
         end if
       end if
-      ok = is_accurate(ds, 1.0_wp, lambda, pole)
-      if (.not. (ok .or. s%spanned)) ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+      if (s%spanned) then
+        ok = is_accurate(ds, 1.0_wp, lambda, pole)
+      else
+        if (share_of(ds, s, pole%x) <= belongs) return
+        ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+        if (.not. ok) ok = stayed_at(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
+      end if
     end if
     if (s%spanned .and. .not. ok) then
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
@@ -294,12 +360,57 @@ contains
       modes%unsettled = modes%unsettled + merge(1, 0, .not. settled)
       return
     end if
-    kind = vibration_mode
-    if (any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = further_mode
+    owner = most_alike(shape, s%shapes)
+    kind = further_mode
+    if (owner <= s%listed .and. s%starts(owner)%im > 0.0_wp .and. &
+        .not. any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = vibration_mode
+    if (owner > s%listed) owner = most_alike(shape, s%shapes(:, 1:s%listed))
     if (pole%lambda%im <= 0.0_wp) kind = real_pole
     call modes%add(kind, owner, pole%lambda, residual, pole%x)
     modes%claimed(modes%count) = .true.
   end subroutine list_pole
+
+  !> The space of the modes that are asked for, mass-orthonormal.
+  subroutine span_modes(ds, s)
+    type(stiffness_system), intent(in) :: ds
+    type(search), intent(inout) :: s
+    complex(wp) :: v(s%model%p)                        ! [-]
+    real(wp) :: before                                 ! [-]
+    integer :: j, k, pass
+    allocate (s%span(s%model%p, 0), s%momenta(ds%n, s%listed))
+    do j = 1, s%listed
+      v = s%shapes(:, j)
+      before = norm2(abs(v))
+      do pass = 1, 2
+        do k = 1, size(s%span, 2)
+          v = v - dot_product(s%span(:, k), v)*s%span(:, k)
+        end do
+      end do
+      if (norm2(abs(v)) > steady*before) s%span = reshape([s%span, v/norm2(abs(v))], [s%model%p, size(s%span, 2) + 1])
+    end do
+    s%momenta = s%momenta(:, 1:size(s%span, 2))
+    do j = 1, size(s%span, 2)
+      s%momenta(:, j) = momentum(ds, matmul(s%model%basis, s%span(:, j)))
+    end do
+  end subroutine span_modes
+
+  !> M x.
+  function momentum(ds, x) result(mx)
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: x(:)                    !! (n) [m, rad]
+    complex(wp) :: mx(size(x)), y(ds%n + ds%rows)      !! [kg m, kg m2]
+    y = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
+    mx = y(1:ds%n)
+  end function momentum
+
+  !> The share of a motion that the modes asked for hold, by its modal masses.
+  real(wp) function share_of(ds, s, x) result(share)
+    type(stiffness_system), intent(in) :: ds
+    type(search), intent(in) :: s
+    complex(wp), intent(in) :: x(:)                    !! (n) [m, rad]
+    integer :: j
+    share = sum([(abs(dot_product(s%momenta(:, j), x))**2, j=1, size(s%span, 2))])/abs(dot_product(x, momentum(ds, x)))
+  end function share_of
 
   !> Which of the modes resembles a shape most, in the sense of the mass matrix.
   pure integer function most_alike(shape, shapes) result(best)

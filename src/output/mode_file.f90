@@ -31,6 +31,8 @@ contains
     call file%head('modes about the present state', deck_name, m%s%title)
     call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
                    '3 real pole (over-damped)')
+    call file%line('# mode: kind 1 is what it turns into while the damping grows; other poles are listed where the modes asked '// &
+                   'for hold more than half of their motion (by modal masses), with the mode that holds most')
     call file%line('# '//modes%note_undamped)
     if (len(modes%note_damped) > 0) call file%line('# '//modes%note_damped)
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')

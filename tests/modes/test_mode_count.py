@@ -190,6 +190,25 @@ def test_a_large_coupled_scene_lists_true_poles(run_deck, probe, tmp_path, arms,
     assert all(len(listed.vibration(mode)) == 1 for mode in range(1, modes + 1))
 
 
+def test_a_searched_scene_of_mixed_materials_lists_the_poles_of_its_modes(run_deck, probe, tmp_path):
+    """Crowds of real poles: those of which the modes asked for hold more than half of the motion are all listed, no others."""
+    deck = scene(9, (13, 22))
+    listed = Listed(run_deck(deck + f"&modal modes={(few := 4)} /\n"))
+    assert "those of the modes asked for" in listed.note("poles")
+    (tmp_path / "d.nml").write_text(deck, encoding="utf-8")
+    dense = Dense(probe, tmp_path / "d.nml")
+    values, vectors = np.linalg.eig(dense.matrix(1.0))
+    whole = np.abs(np.diag(dense.stiffness)) + sum(t[0].sum() * np.diag(k) for t, k in dense.parts)
+    masses = np.abs(vectors[: len(whole)]) ** 2 / np.maximum(whole, 1e-9 * whole.max())[:, None]  # of the modes in each pole
+    seen = (values.imag == 0.0) & (np.abs(values) > 1e-3)
+    for terms, _ in dense.parts:
+        for _, zeta, omega in terms.T:
+            seen &= np.abs(values**2 + 2 * zeta * omega * values + omega**2) > 1e-6 * omega**2
+    expected = values[seen & (masses[:few].sum(axis=0) > 0.5 * masses.sum(axis=0))].real
+    found = listed.poles[listed.kind == REAL].real
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-6)
+
+
 LAWS = {  # terms of the material: one, with a pole of high damping; two with nearly the same frequency, and Maxwell terms
     "one term": {"ghm": ((1.0, 0.3, 3000.0),), "prony": ()},
     "five terms": {"ghm": ((0.2, 0.05, 30.0), (0.2, 0.03, 32.0), (0.2, 0.02, 1200.0)), "prony": ((0.4, 0.01), (0.2, 3e-4))},
