@@ -5,7 +5,7 @@ module modal_eigenvalues
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
-  public :: modal_roots, mark_mode, segment_poles, instantaneous_pair, refine_root
+  public :: modal_roots, mark_mode, segment_poles, instantaneous_pair, refine_root, extra
 
   integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
@@ -59,15 +59,22 @@ contains
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp) :: pair(2)                     !! [1/s]
-    complex(wp) :: s
-    integer :: r
-    s = k
-    do r = 1, size(segments)
-      if (parts(r) > 0.0_wp) s = s + parts(r)*sum(segments(r)%law%alpha)
-    end do
-    s = sqrt(c**2/4 - s)
-    pair = [-c/2 + s, -c/2 - s]
+    complex(wp) :: half                        ! of what lies between the two [1/s]
+    half = sqrt(cmplx(c**2/4 - k - extra(segments, parts), 0.0_wp, wp))
+    pair = [-c/2 + half, -c/2 - half]
   end function instantaneous_pair
+
+  !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
+  pure function extra(segments, parts) result(k)
+    type(linear_segment), intent(in) :: segments(:)
+    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
+    real(wp) :: k
+    integer :: r
+    k = 0.0_wp
+    do r = 1, size(segments)
+      k = k + parts(r)*sum(segments(r)%law%alpha)
+    end do
+  end function extra
 
   !> Newton's method for a root of s2 + c s + k + sum of a_r g_r(s).
   pure subroutine refine_root(segments, k, c, parts, root, ok)

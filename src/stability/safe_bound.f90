@@ -10,10 +10,11 @@ module safe_bound
   use bound_causes, only: bound_cause, mode_cause
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
+  use modal_eigenvalues, only: extra
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
   use tableaux, only: method_names
-  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at, extra
+  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at
   implicit none (type, external)
   private
   public :: find_safe_bound
@@ -150,7 +151,7 @@ contains
       l%reach = l%reach + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
       call fast%mode(m, ev, 1, l%mode)
       call mode_cause(m, l%mode, l%cause)
-      l%at = [l%mode%damping, l%mode%stiffness + extra(fast, l%mode%segments)]/[e%c0, e%k0]
+      l%at = [l%mode%damping, l%mode%stiffness + extra(fast%lin%segments, l%mode%segments)]/[e%c0, e%k0]
       l%exists = .true.
     end associate
   end subroutine find_line

@@ -5,7 +5,7 @@ module step_bounds
   use linear_matrices, only: linear_segment
   use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
   use fast_poles, only: pole_list, find_fast_poles
-  use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles
+  use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles, extra
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_stiffness
@@ -13,7 +13,7 @@ module step_bounds
   use tableaux, only: method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, take_smaller, material_poles, look_at, extra, step_of
+  public :: step_bound, find_bound, take_smaller, material_poles, look_at, step_of
 
   !> A bound for each explicit method and what sets it.
   type :: step_bound
@@ -100,7 +100,7 @@ contains
     type(bound_cause) :: cause
     integer :: k
     call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
-    call mark_mode(roots, max(f%stiffness + extra(fast, f%segments), 0.0_wp), f%damping, is_mode)
+    call mark_mode(roots, max(f%stiffness + extra(fast%lin%segments, f%segments), 0.0_wp), f%damping, is_mode)
     looked_at = roots
     if (present(poles)) looked_at = poles
     is_mode = [(is_mode(minloc(abs(roots - looked_at(k)), 1)), k=1, size(looked_at))]
@@ -136,18 +136,6 @@ contains
       h = min(h, largest_step(method, roots(i), h))
     end do
   end function step_of
-
-  !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
-  pure function extra(fast, segments) result(k)
-    type(fast_spectrum), intent(in) :: fast
-    real(wp), intent(in) :: segments(:)        !! [1/s2]
-    real(wp) :: k
-    integer :: r
-    k = 0.0_wp
-    do r = 1, size(segments)
-      k = k + segments(r)*sum(fast%lin%segments(r)%law%alpha)
-    end do
-  end function extra
 
   !> Keeps the smallest step of every method.
   subroutine take(roots, cause, bound)
