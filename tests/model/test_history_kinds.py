@@ -313,7 +313,10 @@ BAD_FILES = {
         "time (column 1) is not ordered: value 2, 0, is not later than value 1, 0, expected increasing times",
     ),
     "short": ("0,1,2\n", "time (column 1) has 1 value, expected at least 2"),
-    "bytes": ("\x00\x01\x02" * 40, "cannot be read: it is no text in UTF-8: it has zero bytes, expected a table of numbers beside this deck"),
+    "bytes": (
+        "\x00\x01\x02" * 40,
+        "cannot be read: it is no text in UTF-8: it has zero bytes, expected a table of numbers beside this deck",
+    ),
 }
 
 
