@@ -1,4 +1,4 @@
-"""Spin softens a linear beam; welded parts or geometric stiffening give the tension back (theory.md, section 9)."""
+"""Spin softens a linear beam; welded parts or geometric stiffening bring the tension back (theory.md, section 9)."""
 
 from __future__ import annotations
 
