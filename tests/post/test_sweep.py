@@ -270,7 +270,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(study, monkeypatch, capsys):
     ran = []
     monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
     assert study(text, "--jobs", "1")[0] == 2
-    assert capsys.readouterr().err == "sweep: interrupted after 3 of 4 runs; the same command goes on\n"
+    assert capsys.readouterr().err == "sweep: interrupted after 3 of 4 runs; the same command continues\n"
     monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
     ran.clear()
     assert study(text, "--no-pictures")[0] == 0

@@ -77,13 +77,16 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: h                 !! [s]
+    real(wp) :: open(system%rows)             ! what the closing left of phi'' [m/s2]
     logical :: ok
     if (system%rows == 0) return
     associate (nq => self%nq)
       self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
       self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
+      open = self%gaps(:, 2)
       call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
-      self%gaps = self%gaps/h
+      self%gaps(:, 2) = (self%gaps(:, 2) - open)/h
       call move_along(self, system, self%x, self%gaps(:, 2), h**3, ok)
       self%jerk = merge(self%dx(1:nq), 0.0_wp, ok)
     end associate
