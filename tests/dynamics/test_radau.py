@@ -137,7 +137,7 @@ def test_evaluations_beside_those_of_scipy(k, c, tolerance, run_deck):
     assert abs(run.history["angle"][-1] - truth.y[0]) < 100 * tolerance
 
 
-# One body on one spring, with a GHM and a Maxwell term or without: wound or stretched and let go, or driven so that its terms set the steps.
+# One body on one spring, with a GHM and a Maxwell term or without: wound or stretched and let go, or driven.
 SPRING = """&body name='a' mass=0.07 inertia={inertia} angular_velocity={spin} /
 &spring name='k' body_a='a' stiffness=8.0 {spring}
   {terms} /

@@ -117,6 +117,7 @@ contains
     self%nz = self%m%s%nz
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
+    self%redundant = self%m%redundant
     self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)

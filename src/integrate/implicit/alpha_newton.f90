@@ -77,16 +77,19 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: h                 !! [s]
-    real(wp) :: open(system%rows)             ! what the closing left of phi'' [m/s2]
     logical :: ok
     if (system%rows == 0) return
     associate (nq => self%nq)
       self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
       self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
-      open = self%gaps(:, 2)
+      if (system%redundant) then    ! closing such rows is not exact: what it left is no change
+        call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
+        self%dlambda = -self%gaps(:, 2)
+      else
+        self%dlambda = 0.0_wp
+      end if
       call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
-      self%gaps(:, 2) = (self%gaps(:, 2) - open)/h
+      self%gaps(:, 2) = (self%gaps(:, 2) + self%dlambda)/h
       call move_along(self, system, self%x, self%gaps(:, 2), h**3, ok)
       self%jerk = merge(self%dx(1:nq), 0.0_wp, ok)
     end associate

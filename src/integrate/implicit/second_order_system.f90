@@ -19,6 +19,7 @@ module second_order_system
     integer :: nz = 0                         !! internal variables
     integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
     integer :: rows = 0                       !! constraint rows
+    logical :: redundant = .false.            !! constraints depend on each other everywhere
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
