@@ -82,7 +82,7 @@ contains
     associate (nq => self%nq)
       self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
       self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
-      if (system%redundant) then    ! closing such rows is not exact: what it left is no change
+      if (system%redundant) then    ! closing such rows is not exact: what it left is no change; dlambda is free until move_along
         call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
         self%dlambda = -self%gaps(:, 2)
       else

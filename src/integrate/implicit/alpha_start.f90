@@ -60,6 +60,7 @@ contains
     call prepare_step(self, system, ok)
     if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
+
   !> Goes on with another step size. Steps that fail leave nothing behind: the state does not depend on the step, what a is ahead
   !> of v' by is scaled with it (Bruels & Arnold 2008).
   subroutine change_step(self, system, t, h)
