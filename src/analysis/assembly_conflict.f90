@@ -250,10 +250,10 @@ contains
   !> Where a joint, drive, spring or load stands: `deck.nml:7`.
   function deck_line_of(d, k) result(text)
     type(deck), intent(in) :: d
-    integer, intent(in) :: k                        !! its number: joints, then drives, springs, loads
+    integer, intent(in) :: k                        !! its number: joints, then drives, springs, loads, stops
     character(:), allocatable :: text
     type(origin) :: at
-    associate (all => [d%joints%at, d%drives%at, d%springs%at, d%forces%at])
+    associate (all => [d%joints%at, d%drives%at, d%springs%at, d%forces%at, d%stops%at])
       at = all(k)
     end associate
     text = at%file//':'//to_text(at%line)

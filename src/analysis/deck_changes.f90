@@ -114,6 +114,8 @@ contains
     call move(n, d%springs%a%body == b, d%springs%a%node)
     call move(n, d%springs%b%body == b, d%springs%b%node)
     call move(n, d%forces%marker%body == b, d%forces%marker%node)
+    call move(n, d%stops%a%body == b, d%stops%a%node)
+    call move(n, d%stops%b%body == b, d%stops%b%node)
     deallocate (d%sensors)
     allocate (d%sensors(0))
   end subroutine halve_elements

@@ -87,6 +87,12 @@ contains
       if (d%springs(k)%type == 'torsional') call look(d%springs(k)%at, 'free_angle', &
                                                       d%springs(k)%free, .true.)
     end do
+    do k = 1, size(d%stops)
+      call look(d%stops(k)%at, 'direction', d%stops(k)%direction, .false.)
+      if (d%stops(k)%type /= 'rotation') cycle
+      if (d%stops(k)%lower > -huge(1.0_wp)) call look(d%stops(k)%at, 'lower', d%stops(k)%lower, turns)
+      if (d%stops(k)%upper < huge(1.0_wp)) call look(d%stops(k)%at, 'upper', d%stops(k)%upper, turns)
+    end do
     do k = 1, size(d%histories)
       call look(d%histories(k)%at, 'phase', d%histories(k)%phase, .false.)
     end do
@@ -143,6 +149,10 @@ contains
     do k = 1, size(d%springs)
       call add(d%springs(k)%a)
       call add(d%springs(k)%b)
+    end do
+    do k = 1, size(d%stops)
+      call add(d%stops(k)%a)
+      call add(d%stops(k)%b)
     end do
     do k = 1, size(d%lumps)
       call add(d%lumps(k)%marker)

@@ -15,13 +15,13 @@ module acting_markers
 
 contains
 
-  !> (2, n) markers a and b of all joints and drives, then of all springs and loads; a load has one marker, which stands twice.
+  !> (2, n) markers a and b of all joints and drives, then of all springs, loads and stops; a load has one marker, which stands twice.
   pure function list_markers(d) result(list)
     type(deck), intent(in) :: d
     type(marker_record), allocatable :: list(:, :)
-    allocate (list(2, size(d%joints) + size(d%drives) + size(d%springs) + size(d%forces)))
-    list(1, :) = [d%joints%a, d%drives%a, d%springs%a, d%forces%marker]
-    list(2, :) = [d%joints%b, d%drives%b, d%springs%b, d%forces%marker]
+    allocate (list(2, size(d%joints) + size(d%drives) + size(d%springs) + size(d%forces) + size(d%stops)))
+    list(1, :) = [d%joints%a, d%drives%a, d%springs%a, d%forces%marker, d%stops%a]
+    list(2, :) = [d%joints%b, d%drives%b, d%springs%b, d%forces%marker, d%stops%b]
   end function list_markers
 
   !> The same with what acts on them.

@@ -1,31 +1,39 @@
-!> Force elements of the model from their records: the factories of springs and loads.
+!> Force elements of the model from their records: the factories of springs, loads and stops.
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
-  use deck_records, only: deck, force_record, spring_record
+  use deck_records, only: deck, force_record, spring_record, stop_record
   use force_element, only: force_model, stage_all, stage_static, stage_transient
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
   use springs, only: spring_model, linear_model, torsional_model
+  use stops, only: stop_model, clearance_stop, position_stop, rotation_stop, rebound_factor
   implicit none (type, external)
   private
   public :: make_forces
 
 contains
 
-  !> Springs, then loads, each of its kind; they have no markers yet.
+  !> Springs, loads, then stops, each of its kind; they have no markers yet.
   subroutine make_forces(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    integer :: k
+    integer :: k, loads
     s%springs = size(d%springs)
-    allocate (s%forces(s%springs + size(d%forces)))
+    loads = s%springs + size(d%forces)
+    allocate (s%forces(loads + size(d%stops)))
     do k = 1, size(s%forces)
       if (k <= s%springs) then
         call make_spring(d%springs(k), s%forces(k)%item)
-      else
+      else if (k <= loads) then
         call make_load(d, d%forces(k - s%springs), s%forces(k)%item)
+      else
+        call make_stop(d%stops(k - loads), s%forces(k)%item)
       end if
+    end do
+    s%switching = pack([(k, k=1, size(s%forces))], [(s%forces(k)%item%switches, k=1, size(s%forces))])
+    do k = 1, size(s%switching)
+      s%forces(s%switching(k))%item%switch_number = k
     end do
   end subroutine make_forces
 
@@ -78,4 +86,30 @@ contains
     if (r%stage == 'transient') l%stage = stage_transient
     call move_alloc(l, item)
   end subroutine make_load
+
+  !> The factory of stops.
+  subroutine make_stop(r, item)
+    type(stop_record), intent(in) :: r
+    class(force_model), allocatable, intent(out) :: item
+    class(stop_model), allocatable :: t
+    select case (r%type)
+    case ('rotation')
+      allocate (rotation_stop :: t)
+    case ('position')
+      t = position_stop(direction=r%direction)
+    case default
+      allocate (clearance_stop :: t)
+    end select
+    t%name = r%name
+    t%group = 'stop'
+    t%angular = r%type == 'rotation'
+    t%switches = .true.
+    t%lower = r%lower
+    t%upper = r%upper
+    t%hardness = r%stiffness
+    t%exponent = r%exponent
+    t%chi = r%damping
+    t%rebound = rebound_factor(r%restitution)
+    call move_alloc(t, item)
+  end subroutine make_stop
 end module build_loads

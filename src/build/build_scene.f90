@@ -73,6 +73,7 @@ contains
       associate (f => s%forces(k)%item, pair => acting(:, size(s%constraints) + k)%marker)
         f%ia = find_marker(s, markers, pair(1))
         f%ib = find_marker(s, markers, pair(2))
+        f%size = s%size
       end associate
     end do
     s%markers = markers%items(1:markers%count)

@@ -22,8 +22,9 @@ module scene_model
     type(marker_model), allocatable :: markers(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, then drives
     integer :: joints = 0                       !! how many of them are joints
-    type(force_box), allocatable :: forces(:)   !! springs in deck order, then loads
+    type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
+    integer, allocatable :: switching(:)        !! those of them that have discrete states
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates

@@ -44,6 +44,11 @@ contains
       call pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp)
     end do
     call text%close()
+    call text%open('stops', '[')
+    do k = 1, size(d%stops)
+      call pair(d%stops(k)%name, d%stops(k)%type, d%stops(k)%a, d%stops(k)%b, d%stops(k)%direction)
+    end do
+    call text%close()
     call text%open('forces', '[')
     do k = 1, size(d%forces)
       associate (r => d%forces(k))             ! as where their history is 1

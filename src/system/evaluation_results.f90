@@ -5,7 +5,7 @@ module evaluation_results
   use body, only: elastic_work
   use constraint, only: constraint_rows
   use evaluation_settings, only: evaluation_options
-  use force_element, only: conditions, element_action
+  use force_element, only: by_position, conditions, element_action
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
@@ -40,6 +40,12 @@ module evaluation_results
     real(wp), allocatable :: load(:)            !! (nc) multiplier forces on the columns [N, N m]
   end type attachment_results
 
+  !> Discrete states, and what elements keep from their last events (`s%switching`).
+  type, public :: switch_states
+    integer, allocatable :: state(:)
+    real(wp), allocatable :: memory(:)          !! [m/s] or [rad/s] of stops
+  end type switch_states
+
   !> Results of the last evaluation, and work space.
   type :: evaluation
     real(wp) :: t = 0.0_wp                      !! its time [s]
@@ -56,6 +62,7 @@ module evaluation_results
     logical :: elastic_held = .false.           !! S is that of the frames alone: elastic coordinates do not move
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
     type(element_action), allocatable :: action(:)   !! what each force element does
+    type(switch_states) :: switches             !! discrete states of the force elements that have such
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
     real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]
@@ -102,6 +109,8 @@ contains
     end do
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
+    allocate (ev%switches%state(size(m%s%switching)), source=by_position)
+    allocate (ev%switches%memory(size(m%s%switching)), source=0.0_wp)
     call ev%p%allocate(size(m%s%markers))
     do k = 1, size(m%s%markers)
       if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
@@ -114,11 +123,15 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k
-    integer :: b
+    integer :: b, i
     associate (options => ev%options)
       with = conditions(ev%t, options%left_limit, options%stage, options%load_factor, options%prestress)
     end associate
     b = m%markers%body(m%s%forces(k)%item%ia)
     if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
+    i = m%s%forces(k)%item%switch_number
+    if (i == 0) return
+    with%state = ev%switches%state(i)
+    with%memory = ev%switches%memory(i)
   end function conditions_of
 end module evaluation_results

@@ -29,6 +29,10 @@ contains
       associate (f => self%s%forces(k)%item, x => ev%action(k))
         b = self%markers%body(f%ia)
         if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
+        if (f%switch_number > 0) then
+          with%state = ev%switches%state(f%switch_number)
+          with%memory = ev%switches%memory(f%switch_number)
+        end if
         call f%act(ev%p, with, z, zd, ev%zdd, x)
         ev%dissipated_power = ev%dissipated_power + x%dissipated
         ev%input_power = ev%input_power + x%input

@@ -25,7 +25,9 @@ MIXED = (
     + "&lump body='m' node=3 mass=0.2 inertia=1.0e-3 /\n"
     + PUSHES
     + SPRINGS
-    + """&spring name='s5' type='linear' body_a='m' node_a=2 body_b='b' node_b=3 stiffness=400.0 damping=9.0 free_length=0.1
+    + """&stop name='t1' type='position' body_a='r' body_b='b' node_b=3 direction=0.8 upper=-1.0 stiffness=4.0e3 damping=1.0e-3 /
+&stop name='t2' type='clearance' body_a='f' node_a=2 body_b='m' node_b=4 gap=0.01 stiffness=2.0e3 exponent=2.0 /
+&spring name='s5' type='linear' body_a='m' node_a=2 body_b='b' node_b=3 stiffness=400.0 damping=9.0 free_length=0.1
   ghm_alpha=0.4 ghm_zeta=0.8 ghm_omega=300.0 /
 &force name='p10' type='force' axes='section' body='m' node=4 fx=10.0 fy=7.0 /
 &force name='p11' type='force' axes='body' body='m' node=6 fx=-4.0 fy=5.0 /

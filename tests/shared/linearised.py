@@ -28,6 +28,13 @@ LOADS = """&force name='f1' type='force' body='b' node=2 fx=30.0 fy=-20.0 axes='
 &force name='f4' type='torque_about' body='b' node=1 centre=-0.3,0.1 moment=4.0 /
 &force name='f5' type='torque' body='f' node=3 moment=2.0 /
 """
+STOPS = """&stop name='s1' type='position' body_a='r' point_a=0.1,0.1 body_b='b' node_b=2 direction=0.3 upper=-0.5
+  stiffness=4.0e3 damping=0.05 /
+&stop name='s2' type='clearance' body_a='r' point_a=-0.2,0.1 body_b='f' node_b=3 gap=0.01 stiffness=2.0e3 exponent=2.0 damping=0.03 /
+&stop name='s3' type='rotation' body_a='b' node_a=3 body_b='f' node_b=2 lower=2.0 stiffness=30.0 exponent=1.0 damping=0.02 /
+&stop name='s4' type='rotation' body_a='r' body_b='f' node_b=3 lower=-2.0 upper=0.3 stiffness=40.0 exponent=3.0 /
+&stop name='open' type='position' body_a='r' body_b='f' node_b=3 direction=0.3 lower=-9.0 upper=9.0 stiffness=1.0e6 /
+"""
 SENSOR = "&scene title='t' gravity=1.0,-9.81 /\n"
 DECKS = {
     "free_beam": MATERIALS + BEAM.format(""),
@@ -38,6 +45,7 @@ DECKS = {
     + BEAM.format("modes=3")
     + FRAME.replace("reference='clamped'", "reference='free' modes=4")
     + SPRINGS,
+    "stops": MATERIALS + BEAM.format("") + FRAME.replace("reference='clamped'", "reference='free' modes=4") + RIGID + STOPS,
     "joints": MATERIALS
     + BEAM.format("")
     + FRAME

@@ -1,16 +1,18 @@
-!> Readers of &lump, &joint, &drive, &spring and &force: what sits on bodies, between them or acts on them.
+!> Readers of &lump, &joint, &drive, &spring, &force and &stop: what sits on bodies, between them or acts on them.
 module deck_joints
   use kinds, only: wp
+  use text, only: to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
   use deck_words, only: get_name, get_choice, get_reference, get_word
   use deck_kinds, only: in_history
   use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
   use deck_properties, only: read_law
-  use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record
+  use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record, &
+    stop_record
   implicit none (type, external)
   private
-  public :: read_lump, read_joint, read_drive, read_spring, read_force
+  public :: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
 
 contains
 
@@ -96,4 +98,36 @@ contains
     call get_reference(deck, 'history', in_history, f%history)
     call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])
   end subroutine read_force
+
+  !> &stop
+  subroutine read_stop(deck, d, s)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(stop_record), intent(inout) :: s
+    call get_name(deck, s)
+    call get_choice(deck, 'type', s%type, [character(9) :: 'rotation', 'position', 'clearance'], required)
+    call read_marker(deck, d, '_a', s%a, required, point_kinds='position clearance', frame_kinds='rotation')
+    call read_marker(deck, d, '_b', s%b, .not. required, point_kinds='position clearance', frame_kinds='rotation')
+    call get(deck, 'direction', s%direction, kinds='position')
+    call get(deck, 'lower', s%lower, kinds='rotation position')
+    call get(deck, 'upper', s%upper, kinds='rotation position')
+    call get(deck, 'gap', s%upper, required, above=0.0_wp, kinds='clearance')
+    call get(deck, 'stiffness', s%stiffness, required, above=0.0_wp, hint='all stops yield, a hard one a little')
+    if (.not. deck%is_given('stiffness')) call deck%note_missing('stiffness', 'stiffness > 0 (N/m^n or Nm/rad^n); all stops '// &
+      'yield, a hard one a little')
+    call get(deck, 'exponent', s%exponent, least=1.0_wp, most=3.0_wp)
+    call get(deck, 'damping', s%damping, least=0.0_wp)
+    call get(deck, 'restitution', s%restitution, least=0.05_wp, most=1.0_wp)
+    if (deck%is_given('damping') .and. deck%is_given('restitution')) call deck%complain('restitution', 'damping and '// &
+      'restitution are both given, expected one of them: a restitution sets the damping')
+    if (deck%is_choice('rotation position')) then
+      if (.not. (deck%is_given('lower') .or. deck%is_given('upper'))) then
+        call deck%note_missing('upper', 'lower, upper or both')
+      else if (deck%is_set('lower') .and. deck%is_set('upper') .and. s%lower >= s%upper) then
+        call deck%complain('upper', 'upper='//to_text(s%upper)//' is not above lower='//to_text(s%lower)// &
+          ', expected lower < upper')
+      end if
+    end if
+    call forbid_rigid_pair(deck, d, s%a, s%b)
+  end subroutine read_stop
 end module deck_joints

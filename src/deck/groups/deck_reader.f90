@@ -6,7 +6,7 @@ module deck_reader
   use text, only: nearest_word, joined, quoted
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
-    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_sensor, in_static, in_modal, in_response
+    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_static, in_modal, in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful
@@ -17,7 +17,7 @@ module deck_reader
   use deck_properties, only: read_scene, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
   use deck_bodies, only: read_body
-  use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force
+  use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
   use deck_sensors, only: read_sensor
   use deck_analyses, only: read_static, read_modal, read_response, read_transient
   implicit none (type, external)
@@ -136,7 +136,7 @@ contains
       allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
       allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
       allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
-      allocate (d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
+      allocate (d%stops(numbers(in_stop)), d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
       source%body_known = .false.
     end subroutine allocate_records
 
@@ -181,6 +181,8 @@ contains
         call read_force(source, d, d%forces(number))
       case (in_spring)
         call read_spring(source, d, d%springs(number))
+      case (in_stop)
+        call read_stop(source, d, d%stops(number))
       case (in_sensor)
         call read_sensor(source, d, d%sensors(number))
       case (in_static)

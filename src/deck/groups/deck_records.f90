@@ -153,6 +153,19 @@ module deck_records
     type(law_record) :: law
   end type spring_record
 
+  !> &stop
+  type, extends(named_record), public :: stop_record
+    character(10) :: type = ''               !! 'rotation', 'position', 'clearance'
+    type(marker_record) :: a, b              !! rotation: node 0 is the body's frame
+    real(wp) :: direction = 0.0_wp           !! position [rad], from the section of marker b like a slider's
+    real(wp) :: lower = -huge(1.0_wp)        !! limits; huge ones are not given [m] or [rad]
+    real(wp) :: upper = huge(1.0_wp)         !! clearance: the gap [m] or [rad]
+    real(wp) :: stiffness = 0.0_wp           !! [N/m^n] or [N m/rad^n]
+    real(wp) :: exponent = 1.5_wp            !! n [-]
+    real(wp) :: damping = 0.0_wp             !! [s/m] or [s/rad]
+    real(wp) :: restitution = 1.0_wp         !! [-]
+  end type stop_record
+
   !> &sensor
   type, extends(named_record), public :: sensor_record
     character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'spring'
@@ -229,6 +242,7 @@ module deck_records
     type(history_record), allocatable :: histories(:)
     type(force_record), allocatable :: forces(:)
     type(spring_record), allocatable :: springs(:)
+    type(stop_record), allocatable :: stops(:)
     type(sensor_record), allocatable :: sensors(:)
     type(static_record) :: static
     type(modal_record) :: modal

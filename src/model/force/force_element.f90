@@ -10,6 +10,8 @@ module force_element
   private
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
+  integer, parameter, public :: by_position = -huge(1)   !! no discrete state is kept: an element takes it from its position
+  integer, parameter, public :: most_roots = 2           !! that an element watches at a time
 
   !> What an element may depend on beside the motion of its markers and its internal variables.
   type, public :: conditions
@@ -19,6 +21,8 @@ module force_element
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
+    integer :: state = by_position        !! discrete state of an element that switches
+    real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
   end type conditions
 
   !> What an element does at a state.
@@ -30,6 +34,13 @@ module force_element
     real(wp) :: input = 0.0_wp            !! power put in [W]
   end type element_action
 
+  !> What an element watches: each root is positive in the present state, its fall to zero is an event.
+  type, public :: watched_roots
+    real(wp) :: g(most_roots) = huge(1.0_wp)      !! values; huge: not watched [m], [rad] or [-]
+    real(wp) :: rate(most_roots) = 0.0_wp         !! their rates; huge: not known without accelerations [m/s], [rad/s] or [1/s]
+    real(wp) :: scale(most_roots) = 1.0_wp        !! what rounding of the value is small against [m], [rad] or [-]
+  end type watched_roots
+
   !> A spring, a load or anything else that acts by forces that follow from the state.
   type, abstract, extends(internal_state), public :: force_model
     character(32) :: name = ''
@@ -39,6 +50,9 @@ module force_element
     logical :: in_frame = .false.         !! its force on a keeps its direction in the axes of a's body
     real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
+    real(wp) :: size = 1.0_wp             !! the scene's size: what lengths are small against [m]
+    logical :: switches = .false.         !! it has discrete states, between which events lead
+    integer :: switch_number = 0          !! its number among the elements that switch
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
@@ -56,6 +70,10 @@ module force_element
     procedure :: unprestressed => no_prestress    !! what prestress that acts in part takes off the deformation
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
+    procedure :: roots => no_roots                !! what it watches in its present state
+    procedure :: switch => no_switch              !! its state after an event
+    procedure :: start_state => no_start_state    !! its state where no event has led to it
+    procedure :: state_word => no_word            !! a state in a word, for files
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -188,4 +206,44 @@ contains
     type(breakpoint), allocatable :: list(:)
     allocate (list(0))
   end function no_breakpoints
+
+  !> Most elements watch nothing.
+  pure subroutine no_roots(self, p, with, watched)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with          !! with its present state
+    type(watched_roots), intent(out) :: watched
+    watched = watched_roots()
+  end subroutine no_roots
+
+  !> Most elements have no states.
+  pure subroutine no_switch(self, p, with, which, state, memory)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with          !! with its present state
+    integer, intent(in) :: which                  !! the root that fell to zero
+    integer, intent(out) :: state                 !! the next one
+    real(wp), intent(out) :: memory               !! what it keeps from this event [m/s] or [rad/s]
+    state = with%state
+    memory = with%memory
+  end subroutine no_switch
+
+  !> Most elements have no states.
+  pure subroutine no_start_state(self, p, with, state, memory)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    integer, intent(out) :: state
+    real(wp), intent(out) :: memory               !! [m/s] or [rad/s]
+    state = by_position
+    memory = 0.0_wp
+  end subroutine no_start_state
+
+  !> Most elements have no states.
+  pure function no_word(self, state) result(word)
+    class(force_model), intent(in) :: self
+    integer, intent(in) :: state
+    character(:), allocatable :: word
+    word = 'none'
+  end function no_word
 end module force_element

@@ -1,0 +1,482 @@
+!> Stops: one-sided contacts that yield. A stop measures a quantity x between two markers: the angle between their sections, the
+!> position of a along a line through b, or the distance of both (a pin with clearance). Beyond a limit, by the penetration d, it
+!> pushes back with
+!>
+!>   F = K d^n (1 + chi d')                                   (Hunt & Crossley 1975)
+!>
+!> and never pulls. Where a restitution e is stated, chi = y/v0 with v0 = d' at touching and y solved for, so that two free masses
+!> part with e v0 (theory.md, section 10). States: open; touching; let go: still beyond the limit, but the factor 1 + chi d' is
+!> negative, so that nothing acts. Events lead from one to another; where no state is kept it follows from the position.
+module stops
+  use kinds, only: wp
+  use constraint, only: marker_stiffness
+  use force_element, only: force_model, conditions, element_action, watched_roots, by_position
+  use marker, only: marker_states, turn
+  use small_matrices, only: outer
+  implicit none (type, external)
+  private
+  public :: rebound_factor
+
+  integer, parameter, public :: stop_open = 0, stop_touching = 1, stop_let_go = 2   !! negative ones: of the lower limit
+
+  real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
+
+  !> A stop.
+  type, abstract, extends(force_model), public :: stop_model
+    real(wp) :: lower = -huge(1.0_wp)      !! limits of x; a huge one does not exist [m] or [rad]
+    real(wp) :: upper = huge(1.0_wp)       !! [m] or [rad]
+    real(wp) :: hardness = 0.0_wp          !! K [N/m^n] or [N m/rad^n]
+    real(wp) :: exponent = 1.5_wp          !! n [-]
+    real(wp) :: chi = 0.0_wp               !! damping, where it is stated [s/m] or [s/rad]
+    real(wp) :: rebound = 0.0_wp           !! y, where a restitution is stated [-]
+    real(wp) :: assembled = 0.0_wp         !! penetration in the assembled scene [m] or [rad]
+  contains
+    procedure(measure_quantity), deferred :: measure
+    procedure :: curvature => no_curvature
+    procedure :: contact
+    procedure :: factor
+    procedure :: slowest
+    procedure :: act => stop_act
+    procedure :: tangent => stop_tangent
+    procedure :: energy => stop_energy
+    procedure :: init_from_assembly => stop_settle
+    procedure :: roots => stop_roots
+    procedure :: opening_root => distance_to_limit
+    procedure :: switch => stop_switch
+    procedure :: start_state => stop_start
+    procedure :: state_word => stop_word
+  end type stop_model
+
+  !> Where a stop touches.
+  type, public :: stop_contact
+    integer :: state = stop_open
+    integer :: side = 0                    !! 1: the upper limit, -1: the lower one, 0: open
+    real(wp) :: depth = 0.0_wp             !! penetration; open: minus the distance to the nearest limit [m] or [rad]
+    real(wp) :: rate = 0.0_wp              !! its rate [m/s] or [rad/s]
+    real(wp) :: elastic = 0.0_wp           !! K d^n [N] or [N m]
+    real(wp) :: force = 0.0_wp             !! F [N] or [N m]
+    real(wp) :: g(6) = 0.0_wp              !! gradient of the penetration by x, y, section angle of a, then of b [-], [m]
+  end type stop_contact
+
+  abstract interface
+    !> The quantity, its rate and its gradient by x, y, section angle of marker a, then of b.
+    pure subroutine measure_quantity(self, p, x, xd, g)
+      import :: stop_model, marker_states, wp
+      class(stop_model), intent(in) :: self
+      type(marker_states), intent(in) :: p
+      real(wp), intent(out) :: x           !! [m] or [rad]
+      real(wp), intent(out) :: xd          !! [m/s] or [rad/s]
+      real(wp), intent(out) :: g(6)        !! global axes [-], [m]
+    end subroutine measure_quantity
+  end interface
+
+  !> Limits of the angle between two sections.
+  type, extends(stop_model), public :: rotation_stop
+  contains
+    procedure :: measure => angle_between
+    procedure :: acts_on => rotation_acts_on
+    procedure :: components => rotation_components
+  end type rotation_stop
+
+  !> Limits of the position of a along a line that passes through b and turns with its section.
+  type, extends(stop_model), public :: position_stop
+    real(wp) :: direction = 0.0_wp         !! from section b [rad]
+  contains
+    procedure :: measure => distance_along
+    procedure :: curvature => line_curvature
+    procedure :: acts_on => position_acts_on
+    procedure :: components => position_components
+    procedure :: rate_components => position_components
+  end type position_stop
+
+  !> A pin in a hole: the upper limit is the radial gap.
+  type, extends(stop_model), public :: clearance_stop
+  contains
+    procedure :: measure => distance_apart
+    procedure :: curvature => circle_curvature
+    procedure :: opening_root => clearance_root
+    procedure :: acts_on => clearance_acts_on
+    procedure :: components => clearance_components
+    procedure :: rate_components => clearance_components
+  end type clearance_stop
+
+contains
+
+  !> y of a restitution e: ln((1+y)/(1-ey)) = y(1+e), 0 for e = 1. With p(y) = (ln(1+y) - y)/y^2 + 1/2, which has no cancellation
+  !> left, it reads p(y) - e^2 p(-ey) = (1-e)(1+e)/2, and its left side grows from 0 to infinity between 0 and 1/e: bisection.
+  pure real(wp) function rebound_factor(e) result(y)   ! [-]
+    real(wp), intent(in) :: e              !! 0 < e <= 1 [-]
+    real(wp) :: low, high
+    low = 0.0_wp
+    high = 1/e
+    do
+      y = 0.5_wp*(low + high)
+      if (y <= low .or. y >= high) exit
+      if (p(y) - e**2*p(-e*y) < 0.5_wp*(1 - e)*(1 + e)) then
+        low = y
+      else
+        high = y
+      end if
+    end do
+    if (e >= 1.0_wp) y = 0.0_wp
+  contains
+    !> (ln(1+x) - x)/x^2 + 1/2 = x/3 - x^2/4 + ...
+    pure real(wp) function p(x)
+      real(wp), intent(in) :: x            !! > -1 [-]
+      integer :: k
+      if (abs(x) > 0.5_wp) then
+        p = (log(1 + x) - x)/x**2 + 0.5_wp
+        return
+      end if
+      p = 0.0_wp
+      do k = 60, 3, -1
+        p = merge(1.0_wp, -1.0_wp, mod(k, 2) == 1)/k + x*p
+      end do
+      p = p*x
+    end function p
+  end function rebound_factor
+
+  !> Where it touches, and what it does there. A state that is kept counts beyond what the position says, so that trials of a step
+  !> feel smooth forces; only a trial on this side of the limit feels none.
+  pure subroutine contact(self, p, with, c)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    type(stop_contact), intent(out) :: c
+    real(wp) :: x, xd, pressing
+    integer :: side
+    call self%measure(p, x, xd, c%g)
+    side = merge(1, -1, x - self%upper >= self%lower - x)
+    if (with%state /= by_position .and. with%state /= stop_open) side = sign(1, with%state)
+    c%depth = x - self%upper
+    if (side < 0) c%depth = self%lower - x
+    c%depth = c%depth - (1 - with%prestress)*self%assembled
+    c%rate = side*xd
+    c%g = side*c%g
+    pressing = self%factor(c%rate, with)
+    c%state = with%state
+    if (with%state == by_position) then
+      c%state = side*merge(stop_touching, stop_let_go, pressing >= 0.0_wp)
+      if (c%depth <= 0.0_wp) c%state = stop_open
+    end if
+    if (c%state == stop_open) return
+    c%side = side
+    c%elastic = self%hardness*max(c%depth, 0.0_wp)**self%exponent
+    if (abs(c%state) == stop_touching) c%force = c%elastic*pressing
+  end subroutine contact
+
+  !> 1 + chi d', with the speed at the present touching.
+  pure real(wp) function factor(self, rate, with)      ! [-]
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: rate           !! of the penetration [m/s] or [rad/s]
+    type(conditions), intent(in) :: with
+    factor = 1 + present_damping(self, with)*rate
+  end function factor
+
+  !> chi. A restitution says nothing of motions about a contact that no touching began: none there.
+  pure real(wp) function present_damping(self, with) result(chi)   ! [s/m] or [s/rad]
+    class(stop_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    chi = self%chi
+    if (self%rebound > 0.0_wp .and. with%memory > 0.0_wp) chi = self%rebound/with%memory
+  end function present_damping
+
+  !> The floor of the speed at touching.
+  pure real(wp) function slowest(self)                 ! [m/s] or [rad/s]
+    class(stop_model), intent(in) :: self
+    slowest = slowest_touch
+    if (.not. self%angular) slowest = slowest_touch*self%size
+  end function slowest
+
+  !> The force against the penetration; what damping takes, or what a contact loses that lets go.
+  pure subroutine stop_act(self, p, with, z, zd, zdd, x)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
+    real(wp), intent(inout) :: zdd(*)      !! left as they are [-]
+    type(element_action), intent(inout) :: x
+    type(stop_contact) :: c
+    call self%contact(p, with, c)
+    x%force = c%force
+    x%dissipated = (c%force - c%elastic)*c%rate
+    x%a = -c%force*c%g(1:3)
+    x%b = -c%force*c%g(4:6)
+  end subroutine stop_act
+
+  !> With the gradient g and second derivative H of the penetration d: k = F_d g g' + F_d' g (H q')' + F H, c = F_d' g g'.
+  !> At touching the stiffness is that of penetrations.
+  pure subroutine stop_tangent(self, p, with, part, force, k)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: part(2)        !! factors of stiffness and damping [-]
+    real(wp), intent(in) :: force          !! present force; the contact says it itself [N] or [N m]
+    type(marker_stiffness), intent(inout) :: k
+    type(stop_contact) :: c
+    real(wp) :: h(6, 6), motion(6), stiffness, damping
+    k%k = 0.0_wp
+    k%c = 0.0_wp
+    call self%contact(p, with, c)
+    if (abs(c%state) /= stop_touching) return
+    stiffness = part(1)*self%exponent*self%hardness*max(c%depth, 0.0_wp)**(self%exponent - 1)*self%factor(c%rate, with)
+    damping = part(2)*c%elastic*present_damping(self, with)
+    call self%curvature(p, h)
+    h = c%side*h
+    motion = [p%v(:, self%ia), p%rate(self%ia), p%v(:, self%ib), p%rate(self%ib)]
+    k%k = stiffness*outer(c%g, c%g) + damping*outer(c%g, matmul(h, motion)) + c%force*h
+    k%c = damping*outer(c%g, c%g)
+  end subroutine stop_tangent
+
+  !> K d^(n+1)/(n+1) [J].
+  pure real(wp) function stop_energy(self, p, z, zd) result(energy)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
+    type(stop_contact) :: c
+    call self%contact(p, conditions(), c)
+    energy = c%elastic*max(c%depth, 0.0_wp)/(self%exponent + 1)
+  end function stop_energy
+
+  !> The penetration of the assembled scene, from which prestress grows.
+  subroutine stop_settle(self, p, gap)
+    class(stop_model), intent(inout) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: gap            !! not used [m]
+    type(stop_contact) :: c
+    call self%contact(p, conditions(), c)
+    self%assembled = max(c%depth, 0.0_wp)
+  end subroutine stop_settle
+
+  !> Open: the distances to both limits. Touching or let go: the penetration, and the factor of the force.
+  pure subroutine stop_roots(self, p, with, watched)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    type(watched_roots), intent(out) :: watched
+    type(stop_contact) :: c
+    real(wp) :: x, xd, g(6)
+    if (with%state == stop_open) then
+      call self%measure(p, x, xd, g)
+      call self%opening_root(x, xd, watched)
+    else
+      call self%contact(p, with, c)
+      watched%g(1) = c%depth
+      watched%rate(1) = c%rate
+      if (present_damping(self, with) > 0.0_wp) then
+        watched%g(2) = self%factor(c%rate, with)*merge(1, -1, abs(with%state) == stop_touching)
+        watched%rate(2) = huge(1.0_wp)
+      end if
+    end if
+    watched%scale(1) = max(self%size, norm2(p%r(:, self%ia)), norm2(p%r(:, self%ib)))
+    if (self%angular) watched%scale(1) = max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
+    if (with%state == stop_open) watched%scale(2) = watched%scale(1)
+  end subroutine stop_roots
+
+  !> The distances to both limits.
+  pure subroutine distance_to_limit(self, x, xd, watched)
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: x              !! [m] or [rad]
+    real(wp), intent(in) :: xd             !! [m/s] or [rad/s]
+    type(watched_roots), intent(inout) :: watched
+    if (self%upper < huge(1.0_wp)) then
+      watched%g(1) = self%upper - x
+      watched%rate(1) = -xd
+    end if
+    if (self%lower > -huge(1.0_wp)) then
+      watched%g(2) = x - self%lower
+      watched%rate(2) = xd
+    end if
+  end subroutine distance_to_limit
+
+  !> (gap^2 - x^2)/(2 gap), smooth where pin and hole are concentric.
+  pure subroutine clearance_root(self, x, xd, watched)
+    class(clearance_stop), intent(in) :: self
+    real(wp), intent(in) :: x              !! [m]
+    real(wp), intent(in) :: xd             !! [m/s]
+    type(watched_roots), intent(inout) :: watched
+    watched%g(1) = 0.5_wp*(self%upper - x)*(1 + x/self%upper)
+    watched%rate(1) = -xd*x/self%upper
+  end subroutine clearance_root
+
+  !> Touching keeps the speed of it, at least the floor; a contact that lets go and presses again keeps that of its touching.
+  pure subroutine stop_switch(self, p, with, which, state, memory)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    integer, intent(in) :: which           !! the root that fell to zero
+    integer, intent(out) :: state
+    real(wp), intent(out) :: memory        !! [m/s] or [rad/s]
+    real(wp) :: x, xd, g(6)
+    integer :: side
+    memory = with%memory
+    if (with%state == stop_open) then
+      call self%measure(p, x, xd, g)
+      side = merge(1, -1, which == 1)
+      state = side*stop_touching
+      memory = max(side*xd, self%slowest())
+    else if (which == 1) then
+      state = stop_open
+      memory = 0.0_wp
+    else
+      state = sign(merge(stop_let_go, stop_touching, abs(with%state) == stop_touching), with%state)
+    end if
+  end subroutine stop_switch
+
+  !> The state of a position that no event has led to: beyond a limit, or on it and not leaving, it touches with the speed that it
+  !> has, at least the floor.
+  pure subroutine stop_start(self, p, with, state, memory)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    integer, intent(out) :: state
+    real(wp), intent(out) :: memory        !! [m/s] or [rad/s]
+    type(conditions) :: unknown
+    type(watched_roots) :: watched
+    type(stop_contact) :: c
+    unknown = with
+    unknown%state = stop_open
+    call self%roots(p, unknown, watched)
+    state = stop_open
+    memory = 0.0_wp
+    if (minval(watched%g) > 64*epsilon(1.0_wp)*watched%scale(1)) return
+    state = merge(1, -1, watched%g(1) <= watched%g(2))*stop_touching
+    unknown%state = state
+    call self%contact(p, unknown, c)
+    if (c%depth <= 64*epsilon(1.0_wp)*watched%scale(1) .and. c%rate < 0.0_wp) then
+      state = stop_open
+    else
+      memory = max(c%rate, self%slowest())
+    end if
+  end subroutine stop_start
+
+  !> A state in a word: `open`; the limit that it touches; `_free` where it has let go of it.
+  pure function stop_word(self, state) result(word)
+    class(stop_model), intent(in) :: self
+    integer, intent(in) :: state
+    character(:), allocatable :: word
+    word = 'upper'
+    if (state < 0) word = 'lower'
+    if (abs(state) == stop_let_go) word = word//'_free'
+    if (state == stop_open) word = 'open'
+  end function stop_word
+
+  !> Most quantities are linear in positions and angles.
+  pure subroutine no_curvature(self, p, h)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: h(6, 6)       !! second derivative of x [1/m], [-], [m]
+    h = 0.0_wp
+  end subroutine no_curvature
+
+  !> The angle of a minus that of b.
+  pure subroutine angle_between(self, p, x, xd, g)
+    class(rotation_stop), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: x             !! [rad]
+    real(wp), intent(out) :: xd            !! [rad/s]
+    real(wp), intent(out) :: g(6)          !! [-]
+    x = p%angle(self%ia) - p%angle(self%ib)
+    xd = p%rate(self%ia) - p%rate(self%ib)
+    g = [0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp]
+  end subroutine angle_between
+
+  !> It acts by moments.
+  pure function rotation_acts_on(self) result(yes)
+    class(rotation_stop), intent(in) :: self
+    logical :: yes(6)
+    yes = [.false., .false., .true., .false., .false., .true.]
+  end function rotation_acts_on
+
+  !> It joins the angles of both sections.
+  pure function rotation_components(self) result(list)
+    class(rotation_stop), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [3, 6]
+  end function rotation_components
+
+  !> n.(r_a - r_b), n at `direction` from section b.
+  pure subroutine distance_along(self, p, x, xd, g)
+    class(position_stop), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: x             !! [m]
+    real(wp), intent(out) :: xd            !! [m/s]
+    real(wp), intent(out) :: g(6)          !! global axes [-], [m]
+    real(wp) :: n(2), d(2), angle
+    angle = p%angle(self%ib) + self%direction
+    n = [cos(angle), sin(angle)]
+    d = p%r(:, self%ia) - p%r(:, self%ib)
+    x = dot_product(n, d)
+    g = [n, 0.0_wp, -n, dot_product(turn(n), d)]
+    xd = dot_product(n, p%v(:, self%ia) - p%v(:, self%ib)) + g(6)*p%rate(self%ib)
+  end subroutine distance_along
+
+  !> The line turns with section b.
+  pure subroutine line_curvature(self, p, h)
+    class(position_stop), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: h(6, 6)       !! [-], [m]
+    real(wp) :: n(2), angle
+    angle = p%angle(self%ib) + self%direction
+    n = [cos(angle), sin(angle)]
+    h = 0.0_wp
+    h(1:2, 6) = turn(n)
+    h(4:5, 6) = -turn(n)
+    h(6, 1:5) = h(1:5, 6)
+    h(6, 6) = -dot_product(n, p%r(:, self%ia) - p%r(:, self%ib))
+  end subroutine line_curvature
+
+  !> It acts by forces, and turns b.
+  pure function position_acts_on(self) result(yes)
+    class(position_stop), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .true., .true., .true.]
+  end function position_acts_on
+
+  !> It joins both positions and the angle of section b.
+  pure function position_components(self) result(list)
+    class(position_stop), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5, 6]
+  end function position_components
+
+  !> |r_a - r_b|, with the direction from b to a.
+  pure subroutine distance_apart(self, p, x, xd, g)
+    class(clearance_stop), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: x             !! [m]
+    real(wp), intent(out) :: xd            !! [m/s]
+    real(wp), intent(out) :: g(6)          !! global axes [-]
+    real(wp) :: e(2)
+    e = p%r(:, self%ia) - p%r(:, self%ib)
+    x = hypot(e(1), e(2))
+    e = e/max(x, tiny(1.0_wp))
+    xd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
+    g = [e, 0.0_wp, -e, 0.0_wp]
+  end subroutine distance_apart
+
+  !> The direction turns: 1/x across it.
+  pure subroutine circle_curvature(self, p, h)
+    class(clearance_stop), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(out) :: h(6, 6)       !! [1/m]
+    real(wp) :: x, xd, g(6)
+    call self%measure(p, x, xd, g)
+    g = [-g(2), g(1), 0.0_wp, g(2), -g(1), 0.0_wp]
+    h = outer(g, g)/max(x, tiny(1.0_wp))
+  end subroutine circle_curvature
+
+  !> It acts by forces.
+  pure function clearance_acts_on(self) result(yes)
+    class(clearance_stop), intent(in) :: self
+    logical :: yes(6)
+    yes = [.true., .true., .false., .true., .true., .false.]
+  end function clearance_acts_on
+
+  !> It joins both positions.
+  pure function clearance_components(self) result(list)
+    class(clearance_stop), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5]
+  end function clearance_components
+end module stops
