@@ -7,7 +7,8 @@ module modal_analysis
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
-  use mode_list, only: mode_set
+  use material_band, only: outside_band
+  use mode_list, only: mode_set, vibration_mode
   use pole_check, only: judge_completeness
   use posix, only: remove_file
   use scene_run, only: run_state, no_output
@@ -44,8 +45,22 @@ contains
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call no_output(run, fail)
     call modal_lines(modes, ds, run%d%modal%modes, text)
+    call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
     call mind_missing(run, modes, text, fail)
   end subroutine run_modal
+
+  !> Frequencies of the damped modes that oscillate [Hz].
+  function frequencies(modes) result(f)
+    type(mode_set), intent(in) :: modes
+    real(wp), allocatable :: f(:)    !! [Hz]
+    real(wp) :: x(9)
+    integer :: k
+    f = [real(wp) ::]
+    do k = 1, modes%count
+      x = mode_figures(modes, k)
+      if (modes%kind(k) == vibration_mode .and. x(4) > 0.0_wp) f = [f, x(4)]
+    end do
+  end function frequencies
 
   !> Fails where modes that were asked for are missing, warns where poles may be.
   subroutine mind_missing(run, modes, text, fail)

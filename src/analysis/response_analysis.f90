@@ -8,10 +8,12 @@ module response_analysis
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
+  use material_band, only: outside_band
   use evaluation_results, only: conditions_of
   use scene_run, only: run_state, no_output
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
+  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: joined, to_text
   use text_file, only: result_file
@@ -66,6 +68,8 @@ contains
     call text%figure(', points: ', 'points', k - 1)
     call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024, rest=' kB')
     call text%close()
+    call add_warnings(text, run%d%path, &
+                      outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))
   end subroutine run_response
 
   !> A drive whose row was left out as redundant cannot excite the linear system; nor can a constant rate be a small motion.

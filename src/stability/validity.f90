@@ -34,6 +34,7 @@ module validity
     procedure :: look
     procedure :: exchange
     procedure :: warnings
+    procedure :: elastic_frequency
   end type validity_watch
 
 contains
@@ -114,10 +115,8 @@ contains
         bent = max(f(deflection), f(rotation)*body%length)
         if (bent > 1.0e-13_wp*body%length .and. .not. thick_told) text = text//thickness(body, stage)
         carried = part_period*body%basis%carried
-        ! a start from rest looks faster than it is, and below rounding nothing moves: not in an equilibrium either
-        if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit &
-            .and. bent > 1.0e-13_wp*body%length .and. ev%t*carried >= 2*pi) then
-          moving = sqrt(f(accelerations)/f(rates))
+        if (ev%t*carried >= 2*pi) then       ! a start from rest looks faster than it is
+          moving = self%elastic_frequency(m, b)
           if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
@@ -132,6 +131,22 @@ contains
       text = text//sentence(body, stage, what, x, rest)
     end subroutine say
   end function warnings
+
+  !> Frequency of a flexible body's elastic motion, of its rates' mean squares; 0 where nothing moves but rounding: not in
+  !> an equilibrium either.
+  pure function elastic_frequency(self, m, b) result(moving)
+    class(validity_watch), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                         !! index of the body
+    real(wp) :: moving                               !! [rad/s]
+    real(wp) :: bent                                 ! [m]
+    associate (body => m%s%bodies(b), f => self%figures(:, b))
+      bent = max(f(deflection), f(rotation)*body%length)
+      moving = 0.0_wp
+      if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit .and. bent > 1.0e-13_wp*body%length) &
+        moving = sqrt(f(accelerations)/f(rates))
+    end associate
+  end function elastic_frequency
 
   !> Tells of every beam that is not slender: modes and responses bend them all.
   function thick_beams(m) result(text)

@@ -212,3 +212,24 @@ def test_modes_that_are_kept_are_in_use(run_deck, modes):
     if found:
         assert found[1] == "kept"
         assert float(found[2]) == pytest.approx(100 * expected, rel=0.02)
+
+
+def test_frequencies_outside_the_band_of_a_material(run_deck):
+    """`band`: known moduli end there. The cantilever swings at 3.5 Hz, its second mode at 22 Hz."""
+    swing = body("b", "axial=.false. reference='clamped'") + "&joint name='w' type='weld' body_a='b' node_a=1 /\n"
+    more = "&modal modes=2 /\n&force name='f' type='force' body='b' node=-1 fy=1e-3 /\n"
+    more += "&frequency_response input='f' from=1.0 to=50.0 points=50 spacing='linear' /\n"
+    for band, modes, points, moves in (
+        ("1,100", 0, 0, 0),
+        ("10,22.5", 1, 37, 1),
+        ("4,9 ghm_frequency_scale=2.5", 1, 37, 1),  # the same band
+        ("0.1,1", 2, 49, 1),
+    ):
+        terms = f"prony_alpha=0.01 prony_tau=0.01 band={band}"
+        run = run_deck((HEAD + swing + more + transient(1.5, 4.0e-4, 0.02)).replace(f"young={YOUNG}", f"young={YOUNG} {terms}"))
+        nouns = ("damped modes", "frequencies of the response")
+        counts = [re.search(rf"warning: (\d+) of \d+ {noun}, from", run.stderr) for noun in nouns]
+        assert [int(found[1]) if found else 0 for found in counts] == [modes, points], band
+        assert run.stderr.count('warning: the elastic motion of body "b"') == moves, band
+        assert (SILENT in run.summary) == (not moves), band
+        assert run.stderr.count('outside the band of material "m"') == bool(modes) + bool(points) + moves

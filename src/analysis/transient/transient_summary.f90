@@ -3,6 +3,7 @@ module transient_summary
   use kinds, only: wp
   use accuracy_words, only: accuracy_lines
   use errors, only: status_failed
+  use material_band, only: motion_outside_band
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
   use summary, only: add_warnings
@@ -101,7 +102,7 @@ contains
     integer, intent(in) :: status              !! of the run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
-    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '', run%vibrates())
+    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '', run%vibrates())//motion_outside_band(run)
     call add_warnings(text, run%d%path, warnings)
     if (len(warnings) > 0 .or. status == status_failed) return
     call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')

@@ -38,6 +38,10 @@ contains
       'material, expected ghm_alpha, ghm_zeta and ghm_omega, or prony_alpha and prony_tau')
     m%law%ghm_omega = scale*m%law%ghm_omega
     m%law%prony_tau = m%law%prony_tau/scale
+    call get_pair(deck, 'band', m%band)
+    if (deck%is_set('band') .and. .not. (m%band(1) > 0.0_wp .and. m%band(1) < m%band(2))) call deck%complain('band', &
+      'band has to be two positive frequencies in Hz, expected the lower one first')
+    m%band = scale*m%band
     call get(deck, 'rayleigh_mass', m%rayleigh_mass, least=0.0_wp)
     call get(deck, 'rayleigh_stiffness', m%rayleigh_stiffness, least=0.0_wp)
   end subroutine read_material

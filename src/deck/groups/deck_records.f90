@@ -27,6 +27,7 @@ module deck_records
     real(wp) :: density = 0.0_wp             !! [kg/m3]
     real(wp) :: young = 0.0_wp               !! static modulus E_R [Pa]
     type(law_record) :: law
+    real(wp) :: band(2) = 0.0_wp             !! where the modulus is known [Hz], ghm_frequency_scale already applied; 0: not stated
     real(wp) :: rayleigh_mass = 0.0_wp       !! [1/s]
     real(wp) :: rayleigh_stiffness = 0.0_wp  !! [s]
   end type material_record
