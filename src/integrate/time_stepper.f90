@@ -1,5 +1,8 @@
 !> What a transient sees of a method: it marches from one output time to the next, a few steps a call, and can be
 !> saved between two calls and restored, so that a restarted run repeats the uninterrupted one bit for bit.
+!>
+!> A method says how a step of any length is tried from the present state and how a tried one is accepted. A step that is refused
+!> leaves nothing behind: another length can be tried from the same state.
 module time_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -14,7 +17,7 @@ module time_stepper
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
-                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6
+                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7
 
   !> What a deck asks of the steps.
   type, public :: step_settings
@@ -27,6 +30,22 @@ module time_stepper
     logical, allocatable :: jumps(:)          !! whether accelerations jump there
   end type step_settings
 
+  !> Fixed steps: how far the present output interval is done.
+  type, public :: step_grid
+    integer(ip) :: done = 0                   !! whole steps
+    integer :: level = 0                      !! the step is divided into 2**level parts
+    integer :: part = 0                       !! parts of it done
+  end type step_grid
+
+  !> Roots at the present state, and an event there (`event_location`).
+  type, public :: root_watch
+    real(wp), allocatable :: g(:), rate(:), scale(:)   !! (roots) as `find_roots` says [any], [any/s], [any]
+    logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
+    logical :: pending = .false.              !! some have, and the system has not been told yet
+    integer :: recent = 0                     !! events since the time `since`
+    real(wp) :: since = 0.0_wp                !! [s]
+  end type root_watch
+
   !> A method with its state.
   type, abstract, public :: stepper
     type(step_settings) :: settings
@@ -37,14 +56,26 @@ module time_stepper
     real(wp) :: shortest = huge(1.0_wp)       !! accepted step [s]
     real(wp) :: longest = 0.0_wp              !! [s]
     real(wp) :: removed = 0.0_wp              !! energy that the method itself has taken out so far [J]
+    type(step_grid) :: grid
+    type(root_watch) :: roots
+    integer :: next_stop = 1                  !! first of the stops after t; found again after a restart
+    logical :: row_due = .false.              !! fixed: the output interval is done, but for a remainder that joins the next step
+    integer :: cause = trouble_none           !! why the last trial could not be made
     integer :: trouble = trouble_none         !! after `lost`
-    real(wp) :: tried = 0.0_wp                !! time that could not be reached [s]
+    real(wp) :: tried = 0.0_wp                !! end of the step that is tried [s]
     real(wp), allocatable :: y(:)             !! (n) state at t [unit of each unknown]
-    real(wp), allocatable :: trial(:)         !! (n) after `lost`: the state that was given up [unit of each unknown]
+    real(wp), allocatable :: trial(:)         !! (n) the end of the step tried, also after `lost` [unit of each unknown]
   contains
     procedure(begin_march), deferred :: begin
-    procedure(advance_march), deferred :: advance
+    procedure(make_attempt), deferred :: attempt
+    procedure(try_length), deferred :: try_step
+    procedure(take_trial), deferred :: accept_step
+    procedure(pass_event), deferred :: restart
+    procedure(read_row), deferred :: row
     procedure(exchange_march), deferred :: exchange
+    procedure :: advance
+    procedure :: refuse => lose_step
+    procedure :: pack_trial => trial_as_it_is
     procedure :: count_step
     procedure :: keep_lost_state
     procedure :: account => account_nothing
@@ -59,18 +90,44 @@ module time_stepper
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in) :: y(:)            !! (n) state [unit]
     end subroutine begin_march
-    !> Marches towards the output time `to`, at most `most` steps, tried ones counted. Outcome `reached`: y is the state at
-    !> `to`, on the manifold, and the system's last evaluation is the one at it. A call that paused is repeated with the same
-    !> times; nothing may depend on where the pauses are, or on what the system last evaluated before the call.
-    subroutine advance_march(self, system, from, to, most, y, outcome)
+    !> Tries a step and accepts it or not, or passes an event that the last one ended at. Sets `trouble` where the solution is lost.
+    subroutine make_attempt(self, system, from, to)
       import :: stepper, ode, wp
       class(stepper), intent(inout) :: self
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: from, to        !! last and next output time [s]
-      integer, intent(in) :: most
+    end subroutine make_attempt
+    !> Tries a step of size h from t to `tried`; ok is false where it cannot be made, for the reason `cause`.
+    subroutine try_length(self, system, h, ok)
+      import :: stepper, ode, wp
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      real(wp), intent(in) :: h               !! [s]
+      logical, intent(out) :: ok
+    end subroutine try_length
+    !> The step that was tried last becomes the state.
+    subroutine take_trial(self, system, h)
+      import :: stepper, ode, wp
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      real(wp), intent(in) :: h               !! its size [s]
+    end subroutine take_trial
+    !> Tells the system which roots have fallen at t, and starts anew from the state y that it leaves; ok is false where it cannot.
+    subroutine pass_event(self, system, ok)
+      import :: stepper, ode
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      logical, intent(out) :: ok
+    end subroutine pass_event
+    !> The state at an output time that the march has reached, with its evaluation; not ok: lost, as `trouble` says.
+    subroutine read_row(self, system, to, y, ok)
+      import :: stepper, ode, wp
+      class(stepper), intent(inout) :: self
+      class(ode), intent(inout) :: system
+      real(wp), intent(in) :: to              !! [s]
       real(wp), intent(inout) :: y(:)         !! (n) state [unit]
-      integer, intent(out) :: outcome         !! reached, paused or lost
-    end subroutine advance_march
+      logical, intent(out) :: ok
+    end subroutine read_row
     !> Saves or restores the march: exchange_common, then what the method has besides.
     subroutine exchange_march(self, a)
       import :: stepper, value_archive
@@ -81,10 +138,48 @@ module time_stepper
 
 contains
 
+  !> Marches towards the output time `to`, at most `most` attempts. Outcome `reached`: y is the state at `to`, on the manifold, and
+  !> the system's last evaluation is the one at it. A call that paused is repeated with the same times; nothing may depend on where
+  !> the pauses are, or on what the system last evaluated before the call.
+  subroutine advance(self, system, from, to, most, y, outcome)
+    class(stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! last and next output time [s]
+    integer, intent(in) :: most
+    real(wp), intent(inout) :: y(:)           !! (n) state [unit]
+    integer, intent(out) :: outcome           !! reached, paused or lost
+    integer :: attempt
+    logical :: ok
+    attempt = 0
+    outcome = paused
+    do while (self%t < to .and. .not. self%row_due)
+      if (attempt == most) return
+      attempt = attempt + 1
+      call self%attempt(system, from, to)
+      if (self%trouble /= trouble_none) outcome = lost
+      if (outcome == lost) return
+    end do
+    call self%row(system, to, y, ok)
+    self%row_due = .false.
+    outcome = merge(reached, lost, ok)
+  end subroutine advance
+
+  !> Without a remedy a fixed step that cannot be made loses the solution.
+  subroutine lose_step(self)
+    class(stepper), intent(inout) :: self
+    self%trouble = self%cause
+  end subroutine lose_step
+
+  !> The end of the step that was tried, in the system's layout: most methods have it in `trial`.
+  subroutine trial_as_it_is(self)
+    class(stepper), intent(inout) :: self
+  end subroutine trial_as_it_is
+
   !> Saves or restores what every method has.
   subroutine exchange_common(self, a)
     class(stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    integer :: k
     call a%exchange(self%t)
     call a%exchange(self%steps)
     call a%exchange(self%rejected)
@@ -92,6 +187,18 @@ contains
     call a%exchange(self%longest)
     call a%exchange(self%removed)
     call a%exchange(self%y)
+    call a%exchange(self%grid%done)
+    call a%exchange(self%grid%level)
+    call a%exchange(self%grid%part)
+    associate (r => self%roots)
+      call a%exchange(r%g, r%rate)
+      do k = 1, size(r%g)
+        call a%exchange(r%fallen(k))
+      end do
+      call a%exchange(r%pending)
+      call a%exchange(r%recent)
+      call a%exchange(r%since)
+    end associate
   end subroutine exchange_common
 
   !> Notes an accepted step that ended at t.
@@ -119,10 +226,9 @@ contains
   pure subroutine step_end(t, wanted, stops, next, h, ends, at_stop)
     real(wp), intent(in) :: t, wanted         !! [s]
     real(wp), intent(in) :: stops(:)          !! ascending; the last is the end of the run [s]
-    integer, intent(out) :: next              !! first stop after t
+    integer, intent(inout) :: next            !! first stop after t: before, one that is not behind it
     real(wp), intent(out) :: h, ends          !! step and its end [s]
     logical, intent(out) :: at_stop           !! whether the step ends at that stop
-    next = 1
     do while (stops(next) <= t .and. next < size(stops))
       next = next + 1
     end do

@@ -14,6 +14,7 @@ module checkpoint
   public :: write_checkpoint, read_checkpoint, remove_checkpoint
 
   character(*), parameter :: name = '/checkpoint'
+  character(*), parameter :: layout = ' values 2'            !! what is in an archive, to be counted up where that changes
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
   integer, parameter :: frame = 5                            !! words beside the values
 
@@ -44,7 +45,7 @@ contains
   !> What the program is: a checkpoint of another version or build could not be continued bit for bit.
   function program_digest() result(hash)
     integer(ip) :: hash
-    hash = digest(text_words(version//' '//compiler_version()//' '//compiler_options()))
+    hash = digest(text_words(version//layout//' '//compiler_version()//' '//compiler_options()))
   end function program_digest
 
   !> Reads a checkpoint into an archive; refuses one that is missing, damaged, of another program or another deck.

@@ -69,7 +69,8 @@ contains
     end select
   end subroutine make_stepper
 
-  !> Times that end a step, the breakpoints of histories and the end of the run, and whether accelerations jump there.
+  !> Times that end a step, the breakpoints of histories and the end of the run, and whether accelerations jump there. Fixed steps
+  !> end at breakpoints that the method's order feels; those by the error also at one that its estimate feels.
   subroutine stop_times(r, s, stops, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
@@ -77,7 +78,7 @@ contains
     logical, allocatable, intent(out) :: jumps(:)
     type(breakpoint), allocatable :: breakpoints(:)
     integer :: k
-    call scene_breakpoints(s, r%t_end, method_order(r%method), breakpoints)
+    call scene_breakpoints(s, r%t_end, method_order(r%method) - merge(0, 2, r%adaptive), breakpoints)
     stops = [(breakpoints(k)%time, k=1, size(breakpoints)), r%t_end]
     jumps = [(breakpoints(k)%order == 0, k=1, size(breakpoints)), .false.]
   end subroutine stop_times

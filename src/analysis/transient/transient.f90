@@ -4,8 +4,7 @@ module transient
   use kinds, only: wp, ip
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
-  use choose_stepper, only: make_stepper, method_order
-  use breakpoint_list, only: off_step
+  use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
@@ -43,7 +42,6 @@ module transient
     real(wp) :: last = 0.0_wp                  !! time of the last row [s]
     real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
     integer :: restarts = 0
-    character(:), allocatable :: warning       !! about breakpoints between steps
   contains
     procedure :: exchange
   end type transient_march
@@ -94,8 +92,6 @@ contains
       end if
       call group_unknowns(s, march%norm)
       march%outputs = step_count(0.0_wp, r%t_end, r%output_step)
-      march%warning = ''
-      if (.not. r%adaptive) march%warning = off_step(s, r%t_end, r%output_step, r%step, method_order(r%method))
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
       call refuse_uneven(run, 'transient', status_failed, fail)

@@ -49,7 +49,6 @@ contains
         call text%figure(' s (', 'bound_estimates', run%monitor%estimates, rest=' estimates)')
         if (.not. r%adaptive) call compare_step(run, text)
       end if
-      if (len(march%warning) > 0) call warn(run, march%warning, text)
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call accuracy_lines(run, march, status == status_failed, text)

@@ -11,12 +11,12 @@
 module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use event_location, only: begin_roots, find_event, next_fall, pass_event
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
   use step_control, only: step_controller
   use tableaux, only: tableau
-  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_size, &
-                          trouble_manifold, loss_of_accuracy
+  use time_stepper, only: stepper, step_end, exchange_common, trouble_size, trouble_manifold, loss_of_accuracy
   implicit none (type, external)
   private
 
@@ -42,9 +42,14 @@ module adaptive_pair
     real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step [unit]
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
     real(wp) :: dense_step = 0.0_wp           !! its size [s]
+    logical :: passes = .false.               !! the step that is tried reaches an output time
   contains
     procedure :: begin
-    procedure :: advance
+    procedure :: attempt
+    procedure :: try_step
+    procedure :: accept_step
+    procedure :: restart
+    procedure :: row
     procedure :: exchange
   end type adaptive_stepper
 
@@ -65,6 +70,7 @@ contains
     self%trial = y
     self%h = self%settings%first_step
     call self%norm%watch(y)
+    call begin_roots(self, system)
     call measure_noise(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
     call self%norm%watch_slopes(self%stages%k(:, 1), .false.)
@@ -91,115 +97,120 @@ contains
     end do
   end subroutine change_last_digits
 
-  !> Marches towards an output time (see `time_stepper`).
-  subroutine advance(self, system, from, to, most, y, outcome)
-    class(adaptive_stepper), intent(inout) :: self
-    class(ode), intent(inout) :: system
-    real(wp), intent(in) :: from, to          !! [s]
-    integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n) [unit]
-    integer, intent(out) :: outcome
-    integer :: attempt
-    attempt = 0
-    outcome = paused
-    do while (self%t < to)
-      if (attempt == most) return
-      attempt = attempt + 1
-      if (.not. self%h > 0.0_wp) call choose_step(self, system, to - from)
-      call one_step(self, system, to, outcome)
-      if (outcome == lost) return
-    end do
-    call output(self, system, to, y, outcome)
-  end subroutine advance
-
   !> The state at an output time within the last step.
-  subroutine output(self, system, to, y, outcome)
+  subroutine row(self, system, to, y, ok)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit]
-    integer, intent(out) :: outcome
+    logical, intent(out) :: ok
     real(wp) :: s
-    logical :: ok
-    outcome = reached
+    ok = .true.
     if (self%t > to) then
       s = (to - self%dense_start)/self%dense_step
       y = self%dense(:, 1) + s*(self%dense(:, 2) + (1 - s)*(self%dense(:, 3) + s*(self%dense(:, 4) + (1 - s)*self%dense(:, 5))))
       if (system%has_manifold) then                  ! the projection uses the factors of an evaluation at this very state
         call system%derivative(to, y, .false., self%error)
         call system%project(to, y, ok)
-        if (.not. ok) then
-          call self%keep_lost_state(to, y, trouble_manifold)
-          outcome = lost
-          return
-        end if
+        if (.not. ok) call self%keep_lost_state(to, y, trouble_manifold)
+        if (.not. ok) return
       end if
     else
       y = self%y
     end if
     call system%derivative(to, y, .false., self%error)
-  end subroutine output
+  end subroutine row
 
-  !> Tries one step; the outcome is changed where the solution is lost.
-  subroutine one_step(self, system, to, outcome)
+  !> Tries a step of the size that the last error asks for, or passes an event.
+  subroutine attempt(self, system, from, to)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
-    real(wp), intent(in) :: to                !! next output time [s]
-    integer, intent(inout) :: outcome
+    real(wp), intent(in) :: from, to          !! last and next output time [s]
     real(wp) :: h, wanted, err, larger
-    integer :: next
-    logical :: at_stop, ok
+    logical :: at_stop, at_event, ok
+    if (self%roots%pending) then
+      call pass_event(self, system)
+      return
+    end if
+    if (.not. self%h > 0.0_wp) call choose_step(self, system, to - from)
     wanted = min(self%h, self%settings%max_step)
-    call step_end(self%t, wanted, self%settings%stops, next, h, self%tried, at_stop)
+    call step_end(self%t, wanted, self%settings%stops, self%next_stop, h, self%tried, at_stop)
+    self%passes = self%tried >= to
     err = -1.0_wp                             ! the step is lost
-    call estimate_error(self, system, h, ok)
+    call self%try_step(system, h, ok)
     if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
     if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call allow_for_rounding(self, system, h, err)
+    at_event = .false.
+    if (err >= 0.0_wp .and. err <= 1.0_wp .and. system%roots > 0) then
+      call find_event(self, system, h, at_event, ok)
+      if (.not. ok) err = -1.0_wp
+    end if
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1
       self%h = self%control%refused(h, err)
+      if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
       if (self%h > max(16*spacing(self%t), least_step*self%settings%stops(size(self%settings%stops)))) return
-      outcome = lost
+      self%trouble = self%cause
       if (.not. err > 0.0_wp) return
       larger = huge(1.0_wp)
-      call estimate_error(self, system, 8*h, ok)
+      call self%try_step(system, 8*h, ok)
       if (ok) call measure_error(self, system, 8*h, epsilon(1.0_wp)*self%trial, larger)
       self%trouble = loss_of_accuracy(least_share*self%settings%tolerance, err, larger)
       return
     end if
-    if (self%tried >= to) call keep_dense(self, h)
-    self%y = self%trial
-    self%stages%k(:, 1) = self%last
-    call self%norm%watch(self%y)
-    call self%norm%watch_slopes(self%last, .false.)
-    call self%count_step(self%tried, h)
+    if (h > 0.0_wp) call self%accept_step(system, h)
+    if (at_event) return
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
     if (.not. at_stop) return
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
-    if (self%settings%jumps(next)) self%h = 0.0_wp
-    if (self%settings%jumps(next)) call self%control%restart()
-  end subroutine one_step
+    if (self%settings%jumps(self%next_stop)) self%h = 0.0_wp
+    if (self%settings%jumps(self%next_stop)) call self%control%restart()
+  end subroutine attempt
+
+  !> The trial becomes the state.
+  subroutine accept_step(self, system, h)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    if (self%passes) call keep_dense(self, h)
+    self%y = self%trial
+    self%stages%k(:, 1) = self%last
+    call self%norm%watch(self%y)
+    call self%norm%watch_slopes(self%last, .false.)
+    call self%count_step(self%tried, h)
+  end subroutine accept_step
+
+  !> Goes on after an event: the first step is chosen anew.
+  subroutine restart(self, system, ok)
+    class(adaptive_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    logical, intent(out) :: ok
+    call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
+    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    self%h = 0.0_wp
+    call self%control%restart()
+  end subroutine restart
 
   !> The stages of a step, its projected end and the error; not ok where the step is lost.
-  subroutine estimate_error(self, system, h, ok)
+  subroutine try_step(self, system, h, ok)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     self%trial = self%y
     call self%stages%step(system, self%t, h, self%trial, ok)
-    self%trouble = trouble_size
+    self%cause = trouble_size
     if (.not. ok) return
     call system%project(self%tried, self%trial, ok)
-    if (.not. ok .and. is_bounded(self%trial)) self%trouble = trouble_manifold
+    if (.not. ok .and. is_bounded(self%trial)) self%cause = trouble_manifold
     if (.not. ok) return
     call system%derivative(self%tried, self%trial, .true., self%last)
-    self%trouble = trouble_size
+    self%cause = trouble_size
     ok = is_bounded(self%last)
     if (ok) call self%stages%weighted(self%method%error, h, self%last, self%error)
-  end subroutine estimate_error
+  end subroutine try_step
 
   !> Where a step is refused again, measures how much of its error is rounding: the change of the estimate when the start changes in
   !> its last digits. Near positions where constraints become dependent rounding is amplified beyond any tolerance, and no
@@ -219,12 +230,12 @@ contains
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
     call system%project(self%t, self%y, ok)
     if (ok) call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
-    if (ok) call estimate_error(self, system, h, ok)
+    if (ok) call self%try_step(system, h, ok)
     rounding = self%error - rounding
     self%y = y
     self%stages%k(:, 1) = slope
     if (.not. ok) return
-    call estimate_error(self, system, h, again)
+    call self%try_step(system, h, again)
     if (again) call measure_error(self, system, h, max(abs(rounding), epsilon(1.0_wp)*abs(self%trial)), err)
   end subroutine allow_for_rounding
 
@@ -279,7 +290,7 @@ contains
     real(wp), intent(in) :: interval          !! between outputs, the longest first guess [s]
     real(wp) :: d0, d1, d2, h
     associate (k1 => self%stages%k(:, 1), rest => self%settings%stops(size(self%settings%stops)) - self%t)
-      h = min(interval, rest, self%settings%max_step)
+      h = min(interval, rest, self%settings%max_step, system%longest_step)
       d0 = self%norm%measure(self%y, self%y, h, self%settings%tolerance)
       d1 = self%norm%measure(k1, self%y, h, self%settings%tolerance)
       if (d1*h > 0.01_wp*d0 .and. d0 > 1.0e-5_wp) h = 0.01_wp*d0/d1
@@ -290,7 +301,7 @@ contains
       if (.not. is_bounded(self%last)) return
       self%error = self%last - k1
       d2 = self%norm%measure(self%error, self%y, h, self%settings%tolerance)
-      self%h = min(100*h, rest, self%settings%max_step)
+      self%h = min(100*h, rest, self%settings%max_step, system%longest_step)
       d1 = h*max(d1, d2)                      ! changes in a step of h, in tolerances: the reference's rule with h as unit of time
       if (d1 > tiny(d1)) self%h = min(self%h, h*(0.01_wp/d1)**(1.0_wp/self%method%order))
     end associate

@@ -1,23 +1,27 @@
-!> Explicit Runge-Kutta methods with a fixed step: equal steps in each output interval, times never accumulated.
+!> Explicit Runge-Kutta methods with a fixed step.
 module fixed_step
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use archive, only: value_archive
+  use event_location, only: begin_roots
+  use fixed_march, only: fixed_attempt
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
-  use step_counts, only: step_count
   use tableaux, only: tableau
-  use time_stepper, only: stepper, exchange_common, reached, paused, lost, trouble_size, trouble_manifold
+  use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold
   implicit none (type, external)
   private
 
   !> A tableau with its step.
   type, extends(stepper), public :: fixed_stepper
     type(tableau) :: method
-    integer(ip) :: done = 0                   !! steps done in the present interval
     type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
   contains
     procedure :: begin
-    procedure :: advance
+    procedure :: attempt
+    procedure :: try_step
+    procedure :: accept_step
+    procedure :: restart
+    procedure :: row
     procedure :: exchange
   end type fixed_stepper
 
@@ -33,68 +37,77 @@ contains
     self%t = t
     self%y = y
     self%trial = y
+    call begin_roots(self, system)
     call system%derivative(t, y, .false., self%stages%k(:, 1))
   end subroutine begin
 
-  !> Marches towards an output time (see `time_stepper`).
-  subroutine advance(self, system, from, to, most, y, outcome)
+  !> The next step or piece of one.
+  subroutine attempt(self, system, from, to)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
-    integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n) [unit]
-    integer, intent(out) :: outcome
-    integer(ip) :: n
-    integer :: attempt
-    real(wp) :: h
-    n = step_count(from, to, self%settings%step)
-    h = (to - from)/real(n, wp)
-    outcome = paused
-    do attempt = 1, most
-      self%tried = merge(to, from + real(self%done + 1, wp)*h, self%done + 1 == n)
-      call one_step(self, system, from + real(self%done, wp)*h, h, outcome)
-      if (outcome == lost) return
-      self%done = self%done + 1
-      call self%count_step(self%tried, h)
-      if (self%done < n) cycle
-      self%done = 0
-      y = self%y
-      outcome = reached
-      return
-    end do
-  end subroutine advance
+    call fixed_attempt(self, system, from, to)
+  end subroutine attempt
 
-  !> One step to self%tried with projection, and the derivative there.
-  subroutine one_step(self, system, t, h, outcome)
+  !> The stages of a step and its projected end.
+  subroutine try_step(self, system, h, ok)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
-    real(wp), intent(in) :: t, h              !! [s]
-    integer, intent(inout) :: outcome         !! set where the solution is lost
-    real(wp), allocatable :: old(:)           !! (n)
-    logical :: ok
+    real(wp), intent(in) :: h                 !! [s]
+    logical, intent(out) :: ok
     self%trial = self%y
-    call self%stages%step(system, t, h, self%trial, ok)
-    self%trouble = trouble_size
-    if (ok) then
-      call system%project(self%tried, self%trial, ok)
-      if (.not. ok) self%trouble = merge(trouble_manifold, trouble_size, is_bounded(self%trial))
-    end if
-    if (.not. ok) then
-      outcome = lost
-      return
-    end if
+    call self%stages%step(system, self%t, h, self%trial, ok)
+    self%cause = trouble_size
+    if (.not. ok) return
+    call system%project(self%tried, self%trial, ok)
+    if (.not. ok) self%cause = merge(trouble_manifold, trouble_size, is_bounded(self%trial))
+  end subroutine try_step
+
+  !> The trial becomes the state; the derivative there.
+  subroutine accept_step(self, system, h)
+    class(fixed_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), allocatable :: old(:)           !! (n)
     call move_alloc(self%y, old)              ! exchanged, not copied
     call move_alloc(self%trial, self%y)
     call move_alloc(old, self%trial)
     call system%derivative(self%tried, self%y, .false., self%stages%k(:, 1))
-  end subroutine one_step
+    call self%count_step(self%tried, h)
+  end subroutine accept_step
+
+  !> Goes on after an event.
+  subroutine restart(self, system, ok)
+    class(fixed_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    logical, intent(out) :: ok
+    call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
+    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+  end subroutine restart
+
+  !> The state, or the end of a step over what is left to the output time.
+  subroutine row(self, system, to, y, ok)
+    class(fixed_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: to                !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
+    logical, intent(out) :: ok
+    y = self%y
+    ok = .true.
+    if (.not. self%row_due) return
+    self%tried = to
+    call self%try_step(system, to - self%t, ok)
+    if (.not. ok) self%trouble = self%cause
+    if (.not. ok) return
+    y = self%trial
+    call system%derivative(to, y, .false., self%trial)
+  end subroutine row
 
   !> Saves or restores the march.
   subroutine exchange(self, a)
     class(fixed_stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_common(self, a)
-    call a%exchange(self%done)
     call a%exchange(self%stages%k(:, 1))
   end subroutine exchange
 end module fixed_step

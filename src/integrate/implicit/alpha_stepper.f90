@@ -24,9 +24,9 @@ module alpha_stepper
   contains
     procedure :: set_up
     procedure :: limit_first_step
-    procedure :: try_step
+    procedure :: solve_step
     procedure :: measure_step
-    procedure :: accept_step
+    procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
     procedure :: account
@@ -57,7 +57,7 @@ contains
   end subroutine limit_first_step
 
   !> Tries a step; where its size is new the method's variables change first.
-  subroutine try_step(self, system, h, ok)
+  subroutine solve_step(self, system, h, ok)
     class(alpha_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -74,7 +74,7 @@ contains
       call pack_ends(self%solver, self%dense(:, 1:2))
     end if
     call solve_trial(self%solver, system, self%tried, ok)
-  end subroutine try_step
+  end subroutine solve_step
 
   !> The estimated error. Next to singular positions the equations' accelerations amplify the rounding of positions without bound:
   !> a step is refused only where the method's own ones say the same.
@@ -94,7 +94,7 @@ contains
   end subroutine measure_step
 
   !> Accepts the trial step.
-  subroutine accept_step(self, system, h)
+  subroutine take_step(self, system, h)
     class(alpha_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -107,7 +107,7 @@ contains
     self%fresh = .false.
     if (self%passes) call pack_ends(self%solver, self%dense(:, 3:4))
     call self%end_step(system, h, self%solver%x(1:self%solver%nq))
-  end subroutine accept_step
+  end subroutine take_step
 
   !> The method's own state, whose rates are not projected.
   subroutine pack_state(self, tried, y)

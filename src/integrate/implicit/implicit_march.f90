@@ -1,16 +1,17 @@
 !> The march of an implicit method: fixed steps, of which one that fails is divided and tried again, or steps by the estimated error
-!> with continuous output; starting again where loads or drives jump; when a run is lost. A method says how a step is tried,
-!> accepted and measured, and which step follows from an error.
+!> with continuous output; starting again where loads or drives jump and after events; when a run is lost. A method says how a
+!> step is solved, taken and measured, and which step follows from an error.
 module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use event_location, only: begin_roots, find_event, next_fall, pass_event
+  use fixed_march, only: fixed_attempt
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
-  use step_counts, only: step_count
   use summary_text, only: summary_record
   use text, only: to_text
-  use time_stepper, only: stepper, step_end, exchange_common, reached, paused, lost, trouble_none, trouble_size, &
-                          trouble_manifold, trouble_iteration, trouble_shape, loss_of_accuracy
+  use time_stepper, only: stepper, step_end, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape, &
+                          loss_of_accuracy
   implicit none (type, external)
   private
   public :: exchange_march
@@ -34,9 +35,6 @@ module implicit_march
   !> A march with its state.
   type, abstract, extends(stepper), public :: implicit_stepper
     logical :: started = .false.              !! the method's own variables stand
-    integer(ip) :: done = 0                   !! fixed: whole steps done in the present interval
-    integer :: level = 0                      !! fixed: the step is divided into 2**level parts
-    integer :: part = 0                       !! fixed: parts of it done
     integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: hopeless = 0                   !! steps in a row from which the run would never end
     real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
@@ -48,14 +46,20 @@ module implicit_march
     real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
   contains
     procedure :: begin
-    procedure :: advance
+    procedure :: attempt
+    procedure :: try_step
+    procedure :: accept_step
+    procedure :: restart
+    procedure :: row
+    procedure :: refuse => divide_step
+    procedure :: pack_trial
     procedure :: end_step
     procedure :: account_failures
     procedure(take_system), deferred :: set_up
     procedure(take_system), deferred :: limit_first_step   !! makes self%h as small as accelerations of a start or jump ask for
-    procedure(solve_step), deferred :: try_step
+    procedure(solve_step), deferred :: solve_step
     procedure(estimate_step), deferred :: measure_step
-    procedure(take_step), deferred :: accept_step
+    procedure(take_step), deferred :: take_step
     procedure(pack_state), deferred :: pack_state
     procedure(interpolate_step), deferred :: interpolate
   end type implicit_stepper
@@ -67,7 +71,7 @@ module implicit_march
       class(implicit_stepper), intent(inout) :: self
       class(second_order_ode), intent(inout) :: system
     end subroutine take_system
-    !> Tries a step of size h from self%t to self%tried; ok is false where Newton's method fails.
+    !> Solves a step of size h from self%t to self%tried; ok is false where Newton's method fails.
     subroutine solve_step(self, system, h, ok)
       import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self
@@ -83,7 +87,7 @@ module implicit_march
       real(wp), intent(in) :: h               !! [s]
       real(wp), intent(out) :: error          !! 1: just allowed [-]
     end subroutine estimate_step
-    !> The trial becomes the state; calls `end_step`.
+    !> What was solved becomes the state; calls `end_step`.
     subroutine take_step(self, system, h)
       import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self
@@ -119,6 +123,8 @@ contains
     self%trial = y
     allocate (self%dense(size(y), 4), source=0.0_wp)
     call self%norm%watch(y)
+    self%cause = trouble_iteration
+    call begin_roots(self, system)
     select type (system)
     class is (second_order_ode)
       call self%set_up(system)
@@ -127,68 +133,85 @@ contains
     self%trial = y
   end subroutine begin
 
-  !> Marches towards an output time (see `time_stepper`).
-  subroutine advance(self, system, from, to, most, y, outcome)
+  !> Tries the next step and accepts it, or passes an event.
+  subroutine attempt(self, system, from, to)
     class(implicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
-    integer, intent(in) :: most
-    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    integer, intent(out) :: outcome
-    integer :: attempt
-    attempt = 0
-    outcome = paused
+    if (self%settings%adaptive) then
+      select type (system)
+      class is (second_order_ode)
+        call controlled_step(self, system, from, to)
+      end select
+    else
+      self%hopeless = merge(self%hopeless + 1, 0, self%grid%level >= hopeless_halvings)
+      call fixed_attempt(self, system, from, to)
+    end if
+  end subroutine attempt
+
+  !> Solves a step.
+  subroutine try_step(self, system, h, ok)
+    class(implicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    logical, intent(out) :: ok
+    ok = .false.
     select type (system)
     class is (second_order_ode)
-      do while (self%t < to)
-        if (attempt == most) return
-        attempt = attempt + 1
-        if (self%settings%adaptive) then
-          call controlled_step(self, system, from, to)
-        else
-          call fixed_step(self, system, from, to)
-        end if
-        if (self%trouble /= trouble_none) outcome = lost
-        if (outcome == lost) return
-      end do
-      call output(self, system, to, y, outcome)
+      call self%solve_step(system, h, ok)
     end select
-  end subroutine advance
+  end subroutine try_step
 
-  !> Tries one of the equal steps of an output interval, or a part of one that failed. One that fails is halved until it works, and
-  !> the parts grow again as far as they fit.
-  subroutine fixed_step(self, system, from, to)
+  !> The step that was solved becomes the state.
+  subroutine accept_step(self, system, h)
+    class(implicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    select type (system)
+    class is (second_order_ode)
+      call self%take_step(system, h)
+    end select
+  end subroutine accept_step
+
+  !> A fixed step that fails is halved until it works; the parts grow again as far as they fit.
+  subroutine divide_step(self)
+    class(implicit_stepper), intent(inout) :: self
+    self%rejected = self%rejected + 1
+    self%failures = self%failures + 1
+    self%grid%level = self%grid%level + 1
+    self%grid%part = 2*self%grid%part
+    if (self%grid%level > most_halvings .or. self%hopeless >= most_hopeless) call give_up(self, self%cause)
+  end subroutine divide_step
+
+  !> Goes on after an event, from the projected state.
+  subroutine restart(self, system, ok)
+    class(implicit_stepper), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    logical, intent(out) :: ok
+    ok = .false.
+    select type (system)
+    class is (second_order_ode)
+      call start_again(self, system, ok)
+    end select
+    if (ok) call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
+    self%h = 0.0_wp
+  end subroutine restart
+
+  !> The method starts anew from the projected state.
+  subroutine start_again(self, system, ok)
     class(implicit_stepper), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: from, to          !! [s]
-    integer(ip) :: n
-    real(wp) :: h
-    logical :: ok
-    n = step_count(from, to, self%settings%step)
-    h = (to - from)/real(n, wp)
-    self%tried = from + (real(self%done, wp) + real(self%part + 1, wp)/2**self%level)*h
-    if (self%part + 1 == 2**self%level .and. self%done + 1 == n) self%tried = to
-    h = h/2**self%level
-    self%hopeless = merge(self%hopeless + 1, 0, self%level >= hopeless_halvings)
-    call self%try_step(system, h, ok)
-    if (.not. ok) then
-      self%rejected = self%rejected + 1
-      self%failures = self%failures + 1
-      self%level = self%level + 1
-      self%part = 2*self%part
-      if (self%level > most_halvings .or. self%hopeless >= most_hopeless) call give_up(self, trouble_iteration)
-      return
-    end if
-    call self%accept_step(system, h)
-    self%part = self%part + 1
-    do while (self%level > 0 .and. mod(self%part, 2) == 0)
-      self%level = self%level - 1
-      self%part = self%part/2
-    end do
-    if (self%level > 0) return
-    self%part = 0
-    self%done = merge(0_ip, self%done + 1, self%done + 1 == n)
-  end subroutine fixed_step
+    logical, intent(out) :: ok
+    call self%pack_state(.false., self%y)
+    call system%report(self%t, self%y, ok)
+    self%started = .false.
+  end subroutine start_again
+
+  !> The end of the step that was solved.
+  subroutine pack_trial(self)
+    class(implicit_stepper), intent(inout) :: self
+    call self%pack_state(.true., self%trial)
+  end subroutine pack_trial
 
   !> Tries one step of the size that the last error asks for; one that is cut short by a stop does not shorten the next.
   subroutine controlled_step(self, system, from, to)
@@ -196,36 +219,47 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     real(wp) :: h, error, next, end
-    integer :: stop, trouble
-    logical :: at_stop, ok
+    integer :: trouble
+    logical :: at_stop, at_event, ok
+    if (self%roots%pending) then
+      call pass_event(self, system)
+      return
+    end if
     associate (s => self%settings)
       end = s%stops(size(s%stops))
       if (.not. self%h > 0.0_wp) then
-        self%h = min(to - from, s%max_step, end - self%t)
+        self%h = min(to - from, s%max_step, end - self%t, system%longest_step)
         if (s%first_step > 0.0_wp .and. self%steps == 0) then
           self%h = min(s%first_step, self%h)
         else
           call self%limit_first_step(system)
         end if
       end if
-      call step_end(self%t, min(self%h, s%max_step), s%stops, stop, h, self%tried, at_stop)
+      call step_end(self%t, min(self%h, s%max_step), s%stops, self%next_stop, h, self%tried, at_stop)
     end associate
     self%passes = self%tried >= to
     self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
     call self%try_step(system, h, ok)
     error = huge(1.0_wp)
     if (ok) call self%measure_step(system, h, error)
+    at_event = .false.
+    if (error <= 1.0_wp .and. system%roots > 0) then
+      call find_event(self, system, h, at_event, ok)
+      if (.not. ok) error = huge(1.0_wp)
+    end if
     if (error > 1.0_wp) then
       self%rejected = self%rejected + 1
       if (.not. ok) self%failures = self%failures + 1
       self%h = next_step(self, h, error)
+      if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
       if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
       trouble = trouble_iteration
       if (ok) call try_larger(self, system, h, error, trouble)
       call give_up(self, trouble)
       return
     end if
-    call self%accept_step(system, h)
+    if (h > 0.0_wp) call self%accept_step(system, h)
+    if (at_event) return
     next = next_step(self, h, error)
     self%h = merge(max(self%h, next), next, at_stop)
     if (.not. self%started) self%h = 0.0_wp
@@ -285,11 +319,9 @@ contains
       call give_up(self, trouble_shape)
       return
     end if
-    do k = 1, size(self%settings%stops)
+    do k = max(1, self%next_stop - 1), min(self%next_stop + 1, size(self%settings%stops))
       if (.not. self%settings%jumps(k) .or. abs(self%settings%stops(k) - self%t) > 1.0e-9_wp*h) cycle
-      call self%pack_state(.false., self%y)
-      call system%report(self%t, self%y, ok)
-      self%started = .false.
+      call start_again(self, system, ok)
     end do
   end subroutine end_step
 
@@ -302,22 +334,25 @@ contains
   end subroutine give_up
 
   !> The state at an output time, on the manifold and with its evaluation.
-  subroutine output(self, system, to, y, outcome)
+  subroutine row(self, system, to, y, ok)
     class(implicit_stepper), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
+    class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    integer, intent(out) :: outcome
-    logical :: ok
-    call self%pack_state(.false., y)
+    logical, intent(out) :: ok
+    ok = .true.
+    self%tried = to
+    if (self%row_due) call self%try_step(system, to - self%t, ok)   ! what is left to the output time
+    call self%pack_state(self%row_due .and. ok, y)
     if (self%t > to) call self%interpolate(to, y)
-    ok = is_bounded(y)
-    if (ok) call system%report(to, y, ok)
-    outcome = reached
-    if (ok .and. is_bounded(y)) return
-    call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
-    outcome = lost
-  end subroutine output
+    ok = ok .and. is_bounded(y)
+    select type (system)
+    class is (second_order_ode)
+      if (ok) call system%report(to, y, ok)
+    end select
+    ok = ok .and. is_bounded(y)
+    if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
+  end subroutine row
 
   !> Steps that had to be divided, and the end of the line about the method's work.
   subroutine account_failures(self, text)
@@ -335,9 +370,6 @@ contains
     type(value_archive), intent(inout) :: a
     call exchange_common(self, a)
     call a%exchange(self%started)
-    call a%exchange(self%done)
-    call a%exchange(self%level)
-    call a%exchange(self%part)
     call a%exchange(self%failures)
     call a%exchange(self%hopeless)
     call a%exchange(self%h)

@@ -21,9 +21,9 @@ module radau_stepper
   contains
     procedure :: set_up
     procedure :: limit_first_step
-    procedure :: try_step
+    procedure :: solve_step
     procedure :: measure_step
-    procedure :: accept_step
+    procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
     procedure :: account
@@ -80,14 +80,14 @@ contains
   end subroutine ready
 
   !> Tries a step.
-  subroutine try_step(self, system, h, ok)
+  subroutine solve_step(self, system, h, ok)
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     call ready(self, system)
     call solve_stages(self%stages, system, self%norm, self%t, h, self%settings%tolerance, ok)
-  end subroutine try_step
+  end subroutine solve_step
 
   !> The estimated error.
   subroutine measure_step(self, system, h, error)
@@ -123,7 +123,7 @@ contains
   end subroutine pack_stage
 
   !> The stages become the state: quadratures, the end put onto the constraints.
-  subroutine accept_step(self, system, h)
+  subroutine take_step(self, system, h)
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -165,7 +165,7 @@ contains
       call self%norm%watch(self%y)
       call self%end_step(system, h, s%q0)
     end associate
-  end subroutine accept_step
+  end subroutine take_step
 
   !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
   !> stiff forces.

@@ -11,9 +11,13 @@ module ode_system
   type, abstract, public :: ode
     integer :: n = 0                          !! unknowns
     logical :: has_manifold = .true.          !! `project` may move a state
+    integer :: roots = 0                      !! functions that are watched: positive, the fall of one to zero is an event
+    real(wp) :: longest_step = huge(1.0_wp)   !! that resolves what the last events began [s]
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project
+    procedure :: find_roots => no_roots
+    procedure :: resolve_events => no_events
   end type ode
 
   abstract interface
@@ -37,6 +41,29 @@ module ode_system
   end interface
 
 contains
+
+  !> Roots at a state: their values, their rates and what rounding of the values is small against. Huge values are not watched, huge
+  !> rates not known. Here: none.
+  subroutine no_roots(self, t, y, g, rate, scale)
+    class(ode), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: y(:)  !! (n) [unit of each unknown]
+    real(wp), intent(out) :: g(:), rate(:), scale(:)   !! (roots) [any], [any/s], [any]
+    g = huge(1.0_wp)
+    rate = huge(1.0_wp)
+    scale = 1.0_wp
+  end subroutine no_roots
+
+  !> What events change: the system's own states, and the state y where an event makes it jump. Not ok where events follow one
+  !> another without end. Here: nothing.
+  subroutine no_events(self, t, y, fallen, ok)
+    class(ode), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout), contiguous :: y(:) !! (n) [unit of each unknown]
+    logical, intent(in) :: fallen(:)          !! (roots) those that have fallen to zero
+    logical, intent(out) :: ok
+    ok = .true.
+  end subroutine no_events
 
   !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are tested, several
   !> at a time, which is faster than a search for the first that is not.

@@ -1,0 +1,297 @@
+!> Events: a step ends where a root of the system first falls to zero. The lengths of real steps from the present state are tried
+!> until one ends there to rounding, so that an event has the method's own order (theory.md, section 12). Which length comes next
+!> follows from the cubic Hermite interpolants of the roots between lengths that have been tried; a root that is positive at
+!> both ends of such an interval but dips to zero between them is found by the minimum of its interpolant.
+module event_location
+  use kinds, only: wp
+  use ode_system, only: ode
+  use time_stepper, only: stepper, trouble_events
+  implicit none (type, external)
+  private
+  public :: begin_roots, find_event, next_fall, pass_event
+
+  real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of its scale [-]
+  real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
+  integer, parameter :: most_trials = 80           !! each second one halves at least: more than the digits of a number
+  integer, parameter :: quick_trials = 6           !! after which each second one halves
+  real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
+  integer, parameter :: most_recent = 1000         !! events in that time
+
+  !> A length that has been tried, and the roots at its end.
+  type :: tried_length
+    real(wp) :: h = 0.0_wp                    !! [s]
+    real(wp), allocatable :: g(:), rate(:)    !! (roots) [any], [any/s]
+  end type tried_length
+
+contains
+
+  !> Roots at the state from which a march begins.
+  subroutine begin_roots(march, system)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    associate (r => march%roots, n => system%roots)
+      allocate (r%g(n), r%rate(n), r%scale(n), source=0.0_wp)
+      allocate (r%fallen(n), source=.false.)
+      if (n > 0) call system%find_roots(march%t, march%y, r%g, r%rate, r%scale)
+    end associate
+  end subroutine begin_roots
+
+  !> Whether a root falls within the step of length h that was tried. If so, h becomes the length of the step that ends there, which
+  !> is then the one tried last; 0: the event is at the present state. ok is false where a shorter step of length h cannot be made.
+  subroutine find_event(march, system, h, found, ok)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    real(wp), intent(inout) :: h              !! [s]
+    logical, intent(out) :: found, ok
+    type(tried_length) :: left
+    type(tried_length), allocatable :: right(:)   ! ends of intervals yet to be searched, the nearest one last
+    real(wp) :: whole, s, target, last
+    integer :: n, k, trials
+    logical :: falls
+    whole = h
+    target = march%tried
+    last = h
+    trials = 0
+    found = .false.
+    ok = .true.
+    left = tried_length(0.0_wp, march%roots%g, march%roots%rate)
+    allocate (right(most_trials + 1))
+    n = 1
+    call look(march, system, h, right(1))
+    do
+      call first_fall(left, right(n), rounding*march%roots%scale, s, k, falls)
+      if (k == 0) then
+        if (n == 1) exit
+        left = right(n)
+        n = n - 1
+        cycle
+      end if
+      found = falls .and. right(n)%h - left%h <= together*whole
+      if (.not. found .and. falls .and. left%h <= 0.0_wp) found = s <= together*whole
+      if (found .and. left%h <= 0.0_wp) last = 0.0_wp
+      if (trials == most_trials) found = falls
+      if (found .or. trials == most_trials) exit
+      if (trials >= quick_trials .and. mod(trials, 2) == 0) s = 0.5_wp*(right(n)%h - left%h)
+      trials = trials + 1
+      h = left%h + s
+      last = h
+      march%tried = march%t + h
+      call march%try_step(system, h, ok)
+      if (.not. ok) return
+      n = n + 1
+      call look(march, system, h, right(n))
+      call guess_rates(left, right(n), right(n - 1))
+      found = ends_event(march, left, right(n), k)
+      if (found) exit
+    end do
+    if (.not. found) then
+      march%roots%g = right(1)%g
+      march%roots%rate = right(1)%rate
+      if (abs(last - whole) <= 0.0_wp) return
+      h = whole                               ! a dip that is none: the whole step again
+      march%tried = target
+      call march%try_step(system, h, ok)
+      return
+    end if
+    h = last
+    if (h >= (1 - together)*whole) march%tried = target
+    if (abs(h - left%h) <= 0.0_wp) call flag(march, left, k, whole)
+    if (abs(h - left%h) > 0.0_wp) call flag(march, right(n), k, whole)
+    march%roots%pending = .true.
+  end subroutine find_event
+
+  !> Whether the step that was tried last ends at the fall of root k, and nothing falls before.
+  logical function ends_event(march, left, right, k) result(yes)
+    class(stepper), intent(in) :: march
+    type(tried_length), intent(in) :: left, right
+    integer, intent(in) :: k
+    real(wp) :: s
+    integer :: other
+    logical :: falls
+    yes = .false.
+    associate (tolerance => rounding*march%roots%scale)
+      if (abs(right%g(k)) > tolerance(k) .or. right%rate(k) > 0.0_wp .and. right%rate(k) < huge(1.0_wp)) return
+      call first_fall(left, right, tolerance, s, other, falls)
+    end associate
+    yes = other == 0
+  end function ends_event
+
+  !> Roots that have fallen where a step ends: root k, and those that are within rounding of it.
+  subroutine flag(march, at, k, whole)
+    class(stepper), intent(inout) :: march
+    type(tried_length), intent(in) :: at
+    integer, intent(in) :: k
+    real(wp), intent(in) :: whole             !! length of the step within which they fall [s]
+    associate (r => march%roots)
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(rounding*r%scale, -together*whole*at%rate)
+      r%fallen(k) = .true.
+      r%g = at%g
+      r%rate = at%rate
+    end associate
+  end subroutine flag
+
+  !> Roots at the end of the step that was tried.
+  subroutine look(march, system, h, at)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    type(tried_length), intent(inout) :: at
+    at%h = h
+    if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
+    call march%pack_trial()
+    call system%find_roots(march%tried, march%trial, at%g, at%rate, march%roots%scale)
+  end subroutine look
+
+  !> Rates that the system does not know: those of the parabola through three lengths.
+  pure subroutine guess_rates(left, at, right)
+    type(tried_length), intent(inout) :: left, at, right
+    real(wp) :: a, b
+    integer :: k
+    do k = 1, size(at%g)
+      if (at%rate(k) < huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
+      a = (at%g(k) - left%g(k))/(at%h - left%h)
+      b = (right%g(k) - at%g(k))/(right%h - at%h)
+      at%rate(k) = (a*(right%h - at%h) + b*(at%h - left%h))/(right%h - left%h)
+      left%rate(k) = 2*a - at%rate(k)
+      right%rate(k) = 2*b - at%rate(k)
+    end do
+  end subroutine guess_rates
+
+  !> Length after the left one at which a root first falls to zero by its interpolant, k = 0: none does. Where the interpolant alone
+  !> says so, falls is false and the length that of its minimum, to be tried; it is believed but for the depth of the dip itself.
+  pure subroutine first_fall(left, right, tolerance, s, k, falls)
+    type(tried_length), intent(in) :: left, right
+    real(wp), intent(in) :: tolerance(:)      !! (roots) what is zero [any]
+    real(wp), intent(out) :: s                !! [s]
+    integer, intent(out) :: k
+    logical, intent(out) :: falls             !! it has fallen at the right end
+    real(wp) :: h, g(0:1), d(0:1), x
+    integer :: i
+    h = right%h - left%h
+    s = huge(1.0_wp)
+    k = 0
+    falls = .false.
+    do i = 1, size(tolerance)
+      g = [left%g(i), right%g(i)]
+      if (maxval(g) >= huge(1.0_wp)) cycle
+      if (g(0) <= tolerance(i)) g(0) = 0.0_wp
+      d = h*min(huge(1.0_wp)/h, [left%rate(i), right%rate(i)])
+      if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp)) d = g(1) - g(0)
+      if (g(1) < -tolerance(i)) then
+        x = cubic_fall(g, d)
+        if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp) .and. g(0) <= 0.0_wp) x = 0.5_wp
+      else
+        x = doubtful_dip(g, d, tolerance(i))
+      end if
+      if (x > 1.0_wp .or. h*x >= s) cycle
+      s = h*x
+      k = i
+      falls = g(1) < -tolerance(i)
+    end do
+  end subroutine first_fall
+
+  !> Where a cubic first falls below zero, whose values at 0 and 1 are g >= 0 and g < 0, its slopes there d.
+  pure real(wp) function cubic_fall(g, d) result(x)   ! [-]
+    real(wp), intent(in) :: g(0:1), d(0:1)    !! [any]
+    real(wp) :: c(0:3), low, high, turns(2)
+    integer :: i
+    c = coefficients(g, d)
+    call extremes(c, turns)
+    low = 0.0_wp
+    high = 1.0_wp
+    do i = 1, 2                               ! the first falling part between extremes
+      if (turns(i) <= low .or. turns(i) >= 1.0_wp) cycle
+      high = turns(i)
+      if (value(c, high) < 0.0_wp) exit
+      low = high
+      high = 1.0_wp
+    end do
+    do i = 1, 60
+      x = 0.5_wp*(low + high)
+      if (value(c, x) >= 0.0_wp) then
+        low = x
+      else
+        high = x
+      end if
+    end do
+    if (high < 2.0_wp**(-50)) x = 0.0_wp
+  end function cubic_fall
+
+  !> Where a cubic that is not negative at 0 and 1 has a minimum so low that it may be negative; 2: nowhere.
+  pure real(wp) function doubtful_dip(g, d, tolerance) result(x)   ! [-]
+    real(wp), intent(in) :: g(0:1), d(0:1)    !! [any]
+    real(wp), intent(in) :: tolerance         !! [any]
+    real(wp) :: c(0:3), turns(2), least, depth
+    integer :: i
+    x = 2.0_wp
+    c = coefficients(g, d)
+    call extremes(c, turns)
+    do i = 1, 2
+      if (turns(i) <= 0.0_wp .or. turns(i) >= 1.0_wp) cycle
+      if (2*c(2) + 6*c(3)*turns(i) < 0.0_wp) cycle   ! a maximum
+      least = value(c, turns(i))
+      depth = min(g(0), g(1)) - least
+      if (depth > tolerance .and. least < depth) x = turns(i)
+    end do
+  end function doubtful_dip
+
+  !> Coefficients of a cubic by its values and slopes at 0 and 1 [any].
+  pure function coefficients(g, d) result(c)
+    real(wp), intent(in) :: g(0:1), d(0:1)    !! [any]
+    real(wp) :: c(0:3)
+    c = [g(0), d(0), 3*(g(1) - g(0)) - 2*d(0) - d(1), 2*(g(0) - g(1)) + d(0) + d(1)]
+  end function coefficients
+
+  !> A cubic's value [any].
+  pure real(wp) function value(c, x)
+    real(wp), intent(in) :: c(0:3), x         !! [any], [-]
+    value = c(0) + x*(c(1) + x*(c(2) + x*c(3)))
+  end function value
+
+  !> Where a cubic's slope is zero, ascending; -1: nowhere [-].
+  pure subroutine extremes(c, x)
+    real(wp), intent(in) :: c(0:3)            !! [any]
+    real(wp), intent(out) :: x(2)             !! [-]
+    real(wp) :: root, q
+    x = -1.0_wp
+    root = c(2)**2 - 3*c(1)*c(3)
+    if (root < 0.0_wp) return
+    q = -(c(2) + sign(sqrt(root), c(2)))
+    if (abs(q) > 0.0_wp) x(1) = c(1)/q
+    if (abs(q) < abs(3*c(3))*1.0e6_wp) x(2) = q/(3*c(3))
+    if (x(1) > x(2)) x = x([2, 1])
+  end subroutine extremes
+
+  !> How long a step of length h that was tried and is refused may be, as far as roots show: to the first fall within it [s].
+  real(wp) function next_fall(march, system, h) result(s)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    type(tried_length) :: left, right
+    integer :: k
+    logical :: falls
+    left = tried_length(0.0_wp, march%roots%g, march%roots%rate)
+    call look(march, system, h, right)
+    call first_fall(left, right, rounding*march%roots%scale, s, k, falls)
+    if (.not. s > together*h) s = huge(1.0_wp)
+  end function next_fall
+
+  !> Lets the system pass the event at the present state; the march starts anew. The solution is lost where events follow one another
+  !> without end.
+  subroutine pass_event(march, system)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    logical :: ok
+    associate (r => march%roots, stops => march%settings%stops)
+      r%pending = .false.
+      if (march%t - r%since > shortest_share*stops(size(stops))) then
+        r%since = march%t
+        r%recent = 0
+      end if
+      r%recent = r%recent + 1
+      call march%restart(system, ok)
+      if (.not. ok .or. r%recent > most_recent) march%trouble = trouble_events
+      call system%find_roots(march%t, march%y, r%g, r%rate, r%scale)
+    end associate
+  end subroutine pass_event
+end module event_location
