@@ -2,7 +2,7 @@
 !> velocities with the least mass-weighted change, redundant constraints and degrees of freedom counted.
 module assembly
   use kinds, only: wp
-  use assembly_reports, only: assembly_report
+  use assembly_reports, only: assembly_report, add_warning
   use errors, only: failure, status_bad_input
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -61,7 +61,8 @@ contains
     call count_freedoms(self, ev, q, v, report)
   end subroutine assemble
 
-  !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name.
+  !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name;
+  !> tells what is worth it of the others.
   subroutine require_directions(self, ev, gap, report, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
@@ -82,6 +83,8 @@ contains
         text = f%fault(ev%p, gap)
         if (len(text) > 0 .and. report%culprit == 0) report%culprit = size(self%s%constraints) + k
         if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
+        text = f%warning(ev%p)
+        if (len(text) > 0) call add_warning(report, trim(f%group)//' "'//trim(f%name)//'" '//text)
       end associate
     end do
   end subroutine require_directions

@@ -101,7 +101,7 @@ contains
       end associate
     end subroutine pair
 
-    !> Where a sensor measures; those of joints, drives and springs at their marker a.
+    !> Where a sensor measures; those of joints, drives, springs and stops at their marker a.
     type(marker_record) function measured(k) result(at)
       integer, intent(in) :: k                 !! sensor
       associate (r => d%sensors(k))
@@ -109,6 +109,7 @@ contains
         if (r%joint > 0) at = d%joints(r%joint)%a
         if (r%drive > 0) at = d%drives(r%drive)%a
         if (r%spring > 0) at = d%springs(r%spring)%a
+        if (r%stop > 0) at = d%stops(r%stop)%a
         if (r%element > 0) at%node = m%s%bodies(at%body)%en(1, r%element)
       end associate
     end function measured

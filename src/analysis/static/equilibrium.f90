@@ -21,10 +21,13 @@ module equilibrium
   use scene_run, only: run_state, relax
   implicit none (type, external)
   private
-  public :: find_equilibrium, equilibrium_report
+  public :: find_equilibrium, find_contacts, equilibrium_report
 
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
+  integer, parameter :: most_relaxed = 400           !! steps of find_contacts
+  real(wp), parameter :: farthest = 1.0e-6_wp        !! what a displacement counts there beside a turn: bodies may come from afar [-]
+  real(wp), parameter :: landing = 50.0_wp            !! most that a step may raise the residual there: it ends where a contact begins [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
@@ -34,6 +37,7 @@ module equilibrium
     real(wp) :: residual = 0.0_wp                    !! largest residual over the largest force [-]
     real(wp) :: noise = 0.0_wp                       !! what rounding of the elastic forces alone may give of it [-]
     real(wp) :: gap = 0.0_wp                         !! largest |Phi| over the size [-]
+    real(wp) :: force = 0.0_wp                       !! largest residual [N]
     integer :: steps = 0
     logical :: converged = .false.
   end type equilibrium_report
@@ -67,7 +71,7 @@ contains
       if (.not. all(abs(dx) < huge(1.0_wp))) return
       start = run%y
       before = report%residual + report%gap
-      length = min(1.0_wp, largest_turn/max(largest_motion(run, dx), tiny(1.0_wp)))
+      length = min(1.0_wp, largest_turn/max(largest_motion(run, dx, 1.0_wp), tiny(1.0_wp)))
       do tries = 0, most_halvings
         run%y = start
         call move(run, length*dx)
@@ -81,15 +85,56 @@ contains
     end do
   end subroutine find_equilibrium
 
+  !> Brings bodies to the stops that hold them: masses that creep, each step from rest (implicit steps of tau, T = M/tau^2 + K).
+  !> The steps grow while the residual does not rise, up to Newton's own (pseudo-transient continuation, Kelley & Keyes 1998).
+  !> A step may not more than double the residual, so that it ends where a contact begins.
+  subroutine find_contacts(run, options, tolerance, report)
+    type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: options  !! the loads that act
+    real(wp), intent(in) :: tolerance                !! [-]
+    type(equilibrium_report), intent(inout) :: report
+    type(stiffness_system) :: ds
+    complex(wp), allocatable :: r(:)
+    real(wp), allocatable :: start(:), dx(:)
+    real(wp) :: rate                                 ! 1/tau [1/s]
+    type(equilibrium_report) :: before
+    integer :: k
+    call equations(run, options, ds, r, report)
+    rate = sqrt(maxval([tiny(1.0_wp), abs(run%sys%ev%a)])/(largest_turn*run%sys%m%s%size))
+    do k = 1, most_relaxed
+      report%steps = k
+      if (caught_signal() > 0) return
+      before = report
+      start = run%y
+      call ds%set(cmplx(rate, 0.0_wp, wp), 0.0_wp)
+      call ds%factor()
+      call ds%solve(r)
+      dx = real(r(1:ds%n), wp)
+      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run, dx, farthest) <= largest_turn) then
+        call move(run, dx)
+        call equations(run, options, ds, r, report)
+        if (report%force <= landing*before%force .and. report%gap <= max(2*before%gap, closed)) then
+          if (report%residual <= tolerance .and. report%gap <= closed) return
+          rate = rate*min(0.5_wp, max(0.1_wp, report%force/before%force))
+          cycle
+        end if
+      end if
+      rate = 3*rate
+      run%y = start
+      call equations(run, options, ds, r, report)
+    end do
+  end subroutine find_contacts
+
   !> Largest motion of a frame: relative to the size, or in radians.
-  pure real(wp) function largest_motion(run, dx) result(motion)
+  pure real(wp) function largest_motion(run, dx, part) result(motion)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: dx(:)   !! (nq) [m, rad]
+    real(wp), intent(in) :: part    !! what a displacement counts beside a turn [-]
     integer :: b, i
     motion = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
       i = run%sys%m%s%qo(b)
-      motion = max(motion, norm2(dx(i + 1:i + 2))/run%sys%m%s%size, abs(dx(i + 3)))
+      motion = max(motion, part*norm2(dx(i + 1:i + 2))/run%sys%m%s%size, abs(dx(i + 3)))
     end do
   end function largest_motion
 
@@ -178,7 +223,8 @@ contains
     scale = maxval([least_force, largest_force(run%sys%m, run%sys%ev), abs(weight*force)])
     x = ds%times(cmplx(abs(ds%k), 0.0_wp, wp), x)
     report%noise = 8*epsilon(1.0_wp)*maxval([0.0_wp, weight*real(x(1:ds%n), wp)])/scale
-    report%residual = maxval([0.0_wp, abs(weight*force)])/scale
+    report%force = maxval([0.0_wp, abs(weight*force)])
+    report%residual = report%force/scale
     report%gap = 0.0_wp
     if (run%sys%m%s%rows > 0) report%gap = maxval(abs(run%sys%ev%rows%phi))/size_s
   end subroutine measure

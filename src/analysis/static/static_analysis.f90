@@ -4,13 +4,13 @@ module static_analysis
   use kinds, only: wp
   use column_names, only: motion_names, motion_row
   use dynamic_stiffness, only: stiffness_system
-  use equilibrium, only: find_equilibrium, equilibrium_report
+  use equilibrium, only: find_contacts, find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
   use errors, only: failure, status_failed, status_bad_input
   use evaluation_settings, only: evaluation_options
   use linear_state, only: linear_system_with, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
-  use force_element, only: element_action, stage_static
+  use force_element, only: by_position, element_action, held, stage_static
   use interruption, only: stop_if_signalled
   use natural_modes, only: natural_subspace, rounding_level
   use scene_run, only: run_state, no_output
@@ -28,18 +28,39 @@ module static_analysis
 
 contains
 
-  !> Refuses a scene in which joints, drives, springs and elasticity leave a motion without any stiffness; names the bodies.
+  !> Refuses a scene in which joints, drives, springs, stops and elasticity leave a motion without any stiffness; names the bodies.
   subroutine refuse_free_bodies(run, fail)
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
+    character(:), allocatable :: names
+    names = names_of(run, free_bodies(run, held))
+    if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
+      'drives, springs or elastic bodies that hold every body by more than rounding')
+  end subroutine refuse_free_bodies
+
+  !> The names of chosen bodies, a blank before each.
+  function names_of(run, chosen) result(names)
+    type(run_state), intent(in) :: run
+    logical, intent(in) :: chosen(:)
+    character(:), allocatable :: names
+    integer :: b
+    names = ''
+    do b = 1, size(chosen)
+      if (chosen(b)) names = names//' "'//trim(run%sys%m%s%bodies(b)%name)//'"'
+    end do
+  end function names_of
+
+  !> The bodies that can move without any stiffness, with stops held or as they stand.
+  function free_bodies(run, stops) result(free)
+    type(run_state), intent(inout) :: run
+    integer, intent(in) :: stops             !! `held` or `by_position`
+    logical, allocatable :: free(:)
     type(evaluation_options) :: unloaded
     type(element_action), allocatable :: action(:)
     type(stiffness_system) :: ds
     type(linear_mechanism) :: lin
     real(wp), allocatable :: omega2(:), x(:, :), y(:), a(:), lambda(:)
-    logical, allocatable :: free(:)
-    character(:), allocatable :: names
-    integer :: j, b
+    integer :: j
     logical :: ok
     associate (m => run%sys%m, ev => run%sys%ev)
       unloaded = run%sys%options
@@ -53,7 +74,9 @@ contains
       do j = 1, size(action)
         if (.not. m%s%forces(j)%item%in_all_directions()) action(j) = element_action()
       end do
+      ev%switches%state = stops
       call linear_system_with(m, ev, y, a, lambda, action, ds, lin)
+      ev%switches%state = by_position
     end associate
     call even_masses(run, ds)
     call natural_subspace(ds, 4, .false., omega2, x, ok)
@@ -61,13 +84,7 @@ contains
     do j = 1, merge(size(omega2), 0, ok)
       if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)
     end do
-    names = ''
-    do b = 1, size(free)
-      if (free(b)) names = names//' "'//trim(run%sys%m%s%bodies(b)%name)//'"'
-    end do
-    if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
-      'drives, springs or elastic bodies that hold every body by more than rounding')
-  end subroutine refuse_free_bodies
+  end function free_bodies
 
   !> Gives every body the same mass, distributed as before. Whether a motion is free does not depend on masses, but with very
   !> uneven masses rounding would hide it.
@@ -107,9 +124,13 @@ contains
     type(equilibrium_report) :: report
     type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
-    real(wp) :: factor                               ! of the loads [-]
+    logical :: loose(size(run%sys%m%s%bodies))       ! held by stops alone
+    logical :: stops                                 ! there are some
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
+    stops = size(run%sys%m%s%switching) > 0
+    loose = .false.
+    if (stops) loose = free_bodies(run, by_position)
     run%sys%options%stage = stage_static
     call watch%begin(run%sys%m)
     do k = 1, size(run%sys%m%s%bodies)               ! elastic coordinates are at rest
@@ -123,14 +144,17 @@ contains
     do k = 1, run%d%static%load_steps
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
-      factor = real(k, wp)/run%d%static%load_steps
-      part = fraction_of(run%sys%options, factor)
-      call find_equilibrium(run, part, run%d%static%tolerance, report)
+      part = fraction_of(run%sys%options, real(k, wp)/run%d%static%load_steps)
+      call find_place(run, part, any(loose), report)
       steps = steps + report%steps
+      if (report%converged .and. stops) call require_held(run, loose, fail)
+      if (fail%happened()) exit
       if (.not. report%converged) then
         call stop_if_signalled('static analysis', fail)
         if (fail%happened()) exit
         call refuse_uneven(run, 'static analysis', status_failed, fail)
+        if (fail%happened()) exit
+        if (any(loose)) call require_held(run, loose, fail)
         if (fail%happened()) exit
         call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(k)//' of '// &
           to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
@@ -153,6 +177,50 @@ contains
     call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
+
+  !> Equilibrium under a part of the loads. Bodies that only stops hold come to these first, and so do those for which Newton's
+  !> method finds nothing.
+  subroutine find_place(run, part, loose, report)
+    type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: part     !! of the loads
+    logical, intent(in) :: loose                     !! only stops hold some body
+    type(equilibrium_report), intent(out) :: report
+    real(wp), allocatable :: start(:)
+    integer :: steps, attempt
+    start = run%y
+    steps = 0
+    do attempt = merge(2, 1, loose), merge(2, 1, size(run%sys%m%s%switching) > 0)
+      run%y = start
+      if (attempt == 2) call find_contacts(run, part, run%d%static%tolerance, report)
+      steps = steps + report%steps
+      call find_equilibrium(run, part, run%d%static%tolerance, report)
+      report%steps = report%steps + steps
+      steps = report%steps
+      if (report%converged) exit
+    end do
+  end subroutine find_place
+
+  !> Refuses a state in which bodies that only stops can hold are held by none, with the names of the stops that are open.
+  subroutine require_held(run, loose, fail)
+    type(run_state), intent(inout) :: run
+    logical, intent(in) :: loose(:)                  !! (bodies) only stops can hold it
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: free, open
+    logical, allocatable :: moves(:)
+    integer :: k
+    if (.not. any(loose)) return
+    moves = free_bodies(run, by_position)
+    free = names_of(run, loose .and. moves)
+    if (len(free) == 0) return
+    open = ''
+    do k = 1, size(run%sys%m%s%switching)
+      associate (f => run%sys%m%s%forces(run%sys%m%s%switching(k))%item)
+        if (.not. run%sys%ev%action(run%sys%m%s%switching(k))%force > 0.0_wp) open = open//' "'//trim(f%name)//'"'
+      end associate
+    end do
+    call fail%raise(status_failed, 'static: no stop holds'//free//': what acts there pushes it away from every stop, or '// &
+      'along it; open:'//open//'; expected loads towards a stop, or something else that holds it')
+  end subroutine require_held
 
   !> Warns of an unstable equilibrium.
   subroutine tell_growth(run, text)

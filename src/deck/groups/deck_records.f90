@@ -169,11 +169,12 @@ module deck_records
 
   !> &sensor
   type, extends(named_record), public :: sensor_record
-    character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'spring'
+    character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'stop'
     type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
     integer :: joint = 0                     !! reaction: index of the joint, or
     integer :: drive = 0                     !! reaction: index of the drive
     integer :: spring = 0                    !! spring: index
+    integer :: stop = 0                      !! stop: index
     integer :: element = 0                   !! internal: element number of marker%body
     integer :: index = 0                     !! coordinate: number of the elastic coordinate of marker%body, >= 1 (upper
                                              !! bound is checked where the body's coordinates are known)

@@ -4,7 +4,7 @@ module deck_sensors
   use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
-  use deck_kinds, only: in_joint, in_drive, in_spring
+  use deck_kinds, only: in_joint, in_drive, in_spring, in_stop
   use deck_geometry, only: removed_coordinates
   use deck_marker, only: read_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
@@ -26,7 +26,7 @@ contains
     type(sensor_record), intent(inout) :: s
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
-      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring'], &
+      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop'], &
       required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic, &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
@@ -34,6 +34,7 @@ contains
     call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
     call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction')
     call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
+    call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
     if (deck%is_choice(angles) .and. any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &

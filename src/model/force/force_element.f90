@@ -11,6 +11,7 @@ module force_element
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: by_position = -huge(1)   !! no discrete state is kept: an element takes it from its position
+  integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
   integer, parameter, public :: most_roots = 2           !! that an element watches at a time
 
   !> What an element may depend on beside the motion of its markers and its internal variables.
@@ -69,6 +70,7 @@ module force_element
     procedure :: init_from_assembly => no_settling !! takes free lengths and angles from the assembled markers
     procedure :: unprestressed => no_prestress    !! what prestress that acts in part takes off the deformation
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
+    procedure :: warning => no_warning            !! what is worth telling of it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
     procedure :: roots => no_roots                !! what it watches in its present state
     procedure :: switch => no_switch              !! its state after an event
@@ -198,6 +200,14 @@ contains
     character(:), allocatable :: text
     text = ''
   end function no_fault
+
+  !> Most elements begin as the deck says.
+  pure function no_warning(self, p) result(text)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    character(:), allocatable :: text
+    text = ''
+  end function no_warning
 
   !> Most elements do not depend on time.
   pure function no_breakpoints(self, until) result(list)

@@ -10,9 +10,10 @@
 module stops
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: force_model, conditions, element_action, watched_roots, by_position
+  use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held
   use marker, only: marker_states, turn
   use small_matrices, only: outer
+  use text, only: to_text
   implicit none (type, external)
   private
   public :: rebound_factor
@@ -20,6 +21,7 @@ module stops
   integer, parameter, public :: stop_open = 0, stop_touching = 1, stop_let_go = 2   !! negative ones: of the lower limit
 
   real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
+  real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which a stop that is not touched is stated [size or rad]
 
   !> A stop.
   type, abstract, extends(force_model), public :: stop_model
@@ -29,17 +31,21 @@ module stops
     real(wp) :: exponent = 1.5_wp          !! n [-]
     real(wp) :: chi = 0.0_wp               !! damping, where it is stated [s/m] or [s/rad]
     real(wp) :: rebound = 0.0_wp           !! y, where a restitution is stated [-]
-    real(wp) :: assembled = 0.0_wp         !! penetration in the assembled scene [m] or [rad]
+    real(wp) :: assembled = 0.0_wp         !! penetration of the assembled scene, negative: of the lower limit [m] or [rad]
   contains
     procedure(measure_quantity), deferred :: measure
     procedure :: curvature => no_curvature
     procedure :: contact
+    procedure :: slopes
     procedure :: factor
     procedure :: slowest
+    procedure :: example
+    procedure :: stiffness_at
     procedure :: act => stop_act
     procedure :: tangent => stop_tangent
     procedure :: energy => stop_energy
     procedure :: init_from_assembly => stop_settle
+    procedure :: warning => starts_beyond
     procedure :: roots => stop_roots
     procedure :: opening_root => distance_to_limit
     procedure :: switch => stop_switch
@@ -95,6 +101,7 @@ module stops
     procedure :: measure => distance_apart
     procedure :: curvature => circle_curvature
     procedure :: opening_root => clearance_root
+    procedure :: in_all_directions => always
     procedure :: acts_on => clearance_acts_on
     procedure :: components => clearance_components
     procedure :: rate_components => clearance_components
@@ -147,10 +154,10 @@ contains
     integer :: side
     call self%measure(p, x, xd, c%g)
     side = merge(1, -1, x - self%upper >= self%lower - x)
-    if (with%state /= by_position .and. with%state /= stop_open) side = sign(1, with%state)
+    if (all(with%state /= [by_position, held, stop_open])) side = sign(1, with%state)
     c%depth = x - self%upper
     if (side < 0) c%depth = self%lower - x
-    c%depth = c%depth - (1 - with%prestress)*self%assembled
+    c%depth = c%depth - (1 - with%prestress)*max(side*self%assembled, 0.0_wp)
     c%rate = side*xd
     c%g = side*c%g
     pressing = self%factor(c%rate, with)
@@ -159,6 +166,7 @@ contains
       c%state = side*merge(stop_touching, stop_let_go, pressing >= 0.0_wp)
       if (c%depth <= 0.0_wp) c%state = stop_open
     end if
+    if (c%state == held) c%state = stop_open
     if (c%state == stop_open) return
     c%side = side
     c%elastic = self%hardness*max(c%depth, 0.0_wp)**self%exponent
@@ -188,6 +196,20 @@ contains
     if (.not. self%angular) slowest = slowest_touch*self%size
   end function slowest
 
+  !> A penetration to state a stop by that is not touched.
+  pure real(wp) function example(self)                 ! [m] or [rad]
+    class(stop_model), intent(in) :: self
+    example = example_depth
+    if (.not. self%angular) example = example_depth*self%size
+  end function example
+
+  !> n K d^(n-1).
+  pure real(wp) function stiffness_at(self, depth) result(k)   ! [N/m] or [N m/rad]
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    k = self%exponent*self%hardness*max(depth, 0.0_wp)**(self%exponent - 1)
+  end function stiffness_at
+
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)
     class(stop_model), intent(in) :: self
@@ -214,19 +236,41 @@ contains
     real(wp), intent(in) :: force          !! present force; the contact says it itself [N] or [N m]
     type(marker_stiffness), intent(inout) :: k
     type(stop_contact) :: c
-    real(wp) :: h(6, 6), motion(6), stiffness, damping
+    real(wp) :: h(6, 6), turning(6), stiffness, damping
     k%k = 0.0_wp
     k%c = 0.0_wp
     call self%contact(p, with, c)
+    if (with%state == held) then
+      k%k = self%stiffness_at(self%example())*outer(c%g, c%g)
+      turning = [-c%g(2), c%g(1), 0.0_wp, -c%g(5), c%g(4), 0.0_wp]     ! across its direction
+      if (self%in_all_directions()) k%k = k%k + self%stiffness_at(self%example())*outer(turning, turning)
+      return
+    end if
     if (abs(c%state) /= stop_touching) return
-    stiffness = part(1)*self%exponent*self%hardness*max(c%depth, 0.0_wp)**(self%exponent - 1)*self%factor(c%rate, with)
-    damping = part(2)*c%elastic*present_damping(self, with)
+    call self%slopes(p, with, c, stiffness, damping, turning)
     call self%curvature(p, h)
-    h = c%side*h
-    motion = [p%v(:, self%ia), p%rate(self%ia), p%v(:, self%ib), p%rate(self%ib)]
-    k%k = stiffness*outer(c%g, c%g) + damping*outer(c%g, matmul(h, motion)) + c%force*h
-    k%c = damping*outer(c%g, c%g)
+    k%k = part(1)*stiffness*outer(c%g, c%g) + part(2)*damping*outer(c%g, turning) + c%side*c%force*h
+    k%c = part(2)*damping*outer(c%g, c%g)
   end subroutine stop_tangent
+
+  !> Derivatives of the force by penetration and by its rate, and H q', those of the rate by the markers' motion.
+  pure subroutine slopes(self, p, with, c, stiffness, damping, turning)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    type(stop_contact), intent(in) :: c
+    real(wp), intent(out) :: stiffness, damping   !! [N/m], [N s/m] or [N m/rad], [N m s/rad]
+    real(wp), intent(out) :: turning(6)           !! [1/s], [m/s]
+    real(wp) :: h(6, 6)
+    stiffness = 0.0_wp
+    damping = 0.0_wp
+    turning = 0.0_wp
+    if (abs(c%state) /= stop_touching) return
+    stiffness = self%stiffness_at(c%depth)*self%factor(c%rate, with)
+    damping = c%elastic*present_damping(self, with)
+    call self%curvature(p, h)
+    turning = c%side*matmul(h, [p%v(:, self%ia), p%rate(self%ia), p%v(:, self%ib), p%rate(self%ib)])
+  end subroutine slopes
 
   !> K d^(n+1)/(n+1) [J].
   pure real(wp) function stop_energy(self, p, z, zd) result(energy)
@@ -245,8 +289,27 @@ contains
     real(wp), intent(in) :: gap            !! not used [m]
     type(stop_contact) :: c
     call self%contact(p, conditions(), c)
-    self%assembled = max(c%depth, 0.0_wp)
+    self%assembled = c%side*c%depth
   end subroutine stop_settle
+
+  !> Limits that exclude the assembled position are told with all values.
+  pure function starts_beyond(self, p) result(text)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    character(:), allocatable :: text
+    type(stop_contact) :: c
+    character(:), allocatable :: unit
+    real(wp) :: x, xd, g(6)
+    text = ''
+    call self%contact(p, conditions(), c)
+    if (.not. c%depth > 64*epsilon(1.0_wp)*self%size) return
+    call self%measure(p, x, xd, g)
+    unit = merge(' rad', ' m  ', self%angular)
+    text = 'begins beyond its limit: it measures '//to_text(x)//trim(unit)//', allowed is'
+    if (self%lower > -huge(1.0_wp)) text = text//' from '//to_text(self%lower)
+    if (self%upper < huge(1.0_wp)) text = text//' up to '//to_text(self%upper)
+    text = text//', and it pushes with '//to_text(self%hardness*c%depth**self%exponent)//trim(merge(' N m', ' N  ', self%angular))
+  end function starts_beyond
 
   !> Open: the distances to both limits. Touching or let go: the penetration, and the factor of the force.
   pure subroutine stop_roots(self, p, with, watched)
@@ -450,7 +513,8 @@ contains
     real(wp) :: e(2)
     e = p%r(:, self%ia) - p%r(:, self%ib)
     x = hypot(e(1), e(2))
-    e = e/max(x, tiny(1.0_wp))
+    if (x > 0.0_wp) e = e/x
+    if (.not. x > 0.0_wp) e = [1.0_wp, 0.0_wp]
     xd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
     g = [e, 0.0_wp, -e, 0.0_wp]
   end subroutine distance_apart
@@ -465,6 +529,12 @@ contains
     g = [-g(2), g(1), 0.0_wp, g(2), -g(1), 0.0_wp]
     h = outer(g, g)/max(x, tiny(1.0_wp))
   end subroutine circle_curvature
+
+  !> Its direction turns with the pin.
+  pure logical function always(self)
+    class(clearance_stop), intent(in) :: self
+    always = .true.
+  end function always
 
   !> It acts by forces.
   pure function clearance_acts_on(self) result(yes)

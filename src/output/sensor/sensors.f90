@@ -16,6 +16,7 @@ module sensors
   use section_sensor, only: section_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
   use spring_sensor, only: spring_sensor_model
+  use stop_sensor, only: stop_sensor_model
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
@@ -97,6 +98,10 @@ contains
       item = section_sensor_model(element=r%element)
       suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
       if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) suffixes = suffixes(:4)   ! no shape, no stress
+    case ('stop')
+      item = stop_sensor_model(element=m%s%switching(r%stop))
+      suffixes = [character(suffix_length) :: '.f[N]', '.gap[m]', '.state[-]']
+      if (m%s%forces(m%s%switching(r%stop))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.gap[rad]']
     case default
       item = spring_sensor_model(element=r%spring)
       suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']

@@ -1,0 +1,91 @@
+"""Stops: where they hold bodies in equilibrium, how these vibrate on them, what is told of a start beyond a limit."""
+
+import numpy as np
+import pytest
+from biela.histories import read
+from scipy.optimize import brentq
+
+G, MASS = 9.81, 2.0
+UP = "direction=1.5707963267948966"
+BALL = "&body name='b{k}' kind='rigid' mass=2.0 inertia=0.01 position=0.0,{y} /\n&joint name='g{k}' type='prismatic' body_a='b{k}' " + UP + " /\n"
+SCENE = f"&scene gravity=0.0,-{G} /\n"
+FLOOR = f"&stop name='floor' type='position' body_a='b1' {UP} lower=0.0 stiffness=1.0e8 restitution=0.5 /\n"
+SENSE = "&sensor name='p' quantity='position' body='b1' /\n&sensor name='s' quantity='stop' stop='floor' /\n"
+
+
+def test_a_stack_of_bodies_that_only_stops_hold_finds_its_place(run_deck):
+    """Each stop carries the weight of all above it; the lowest mode is that of the chain of the tangents."""
+    deck = SCENE + "".join(BALL.format(k=k, y=0.1 * k + 0.05 * k**2) for k in (1, 2, 3)) + FLOOR + SENSE
+    exponents, hardness = {2: 1.0, 3: 3.0}, {2: 1.0e6, 3: 1.0e10}
+    for k in (2, 3):
+        deck += f"&stop name='s{k}' type='position' body_a='b{k}' body_b='b{k - 1}' {UP} lower=0.02 exponent={exponents[k]} "
+        deck += f"stiffness={hardness[k]} /\n&sensor name='s{k}' quantity='stop' stop='s{k}' /\n"
+    run = run_deck(deck + "&static load_steps=2 /\n&modal modes=3 /\n")
+    static = read(run.folder, "static")
+    tangents = []
+    for name, weights, n, k in (("s", 3, 1.5, 1e8), ("s2", 2, 1.0, 1e6), ("s3", 1, 3.0, 1e10)):
+        depth = (weights * MASS * G / k) ** (1 / n)
+        assert static[f"{name}.f"][-1] == pytest.approx(weights * MASS * G, rel=1e-8)
+        assert static[f"{name}.gap"][-1] == pytest.approx(-depth, rel=1e-7)
+        assert static[f"{name}.state"][-1] == -1
+        tangents.append(n * k * depth ** (n - 1))
+    a, b, c = tangents
+    omega2 = np.linalg.eigvalsh(np.array([[a + b, -b, 0], [-b, b + c, -c], [0, -c, c]]) / MASS)
+    modes = read(run.folder, "modes")
+    np.testing.assert_allclose(modes["undamped_frequency"], np.sqrt(omega2) / (2 * np.pi), rtol=1e-7)
+    np.testing.assert_allclose(modes["damping_ratio"], 0.0, atol=1e-12)  # a restitution is of impacts
+    assert static["newton_steps"].max() < 150
+
+
+@pytest.mark.parametrize("height", [1e-6, 500.0])
+def test_the_height_of_the_fall_does_not_matter(run_deck, height):
+    static = read(run_deck(SCENE + BALL.format(k=1, y=height) + FLOOR + SENSE + "&static load_steps=1 /\n").folder, "static")
+    assert static["p.y"][-1] == pytest.approx(-((MASS * G / 1e8) ** (2 / 3)), rel=1e-9)
+
+
+def test_bodies_that_no_stop_holds_are_named(run_deck):
+    deck = SCENE + BALL.format(k=1, y=0.1) + FLOOR.replace("lower=0.0", "upper=0.2") + "&static /\n"
+    assert 'no stop holds "b1"' in run_deck(deck, expect=1).stderr
+    across = deck.replace("type='prismatic'", "type='slider'")
+    assert 'left free to move: "b1"' in run_deck(across.replace(f"'b1' {UP} upper", "'b1' upper"), expect=2, name="across").stderr
+
+
+def test_a_beam_between_its_stops_and_the_response_about_them(run_deck):
+    """A cantilever pushed onto two stops: flexibility and contact in series; the response to a force is that of the tangents."""
+    load, hardness, gap, damping = 300.0, 1.0e7, 0.01, 0.3
+    deck = f"""&material name='steel' density=7850.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='arm' kind='beam' length=1.0 elements=4 material='steel' section='s' reference='clamped' MODES /
+&joint name='w' type='weld' body_a='arm' node_a=1 /
+&stop name='end' type='position' body_a='arm' node_a=-1 point_b=1.0,0.0 {UP} lower=-{gap} upper={gap} stiffness={hardness}
+  exponent=2.0 damping={damping} /
+&force name='p' type='force' body='arm' node=-1 fy=-{load} /
+&sensor name='s' quantity='stop' stop='end' /
+&sensor name='tip' quantity='deflection' body='arm' node=-1 /
+&static load_steps=3 /
+&frequency_response from=1.0e-3 to=1.0 points=2 input='p' /
+"""
+    beam = 3 * 2.1e11 * 0.02 * 0.01**3 / 12
+    depth = brentq(lambda d: beam * (gap + d) + hardness * d**2 - load, 0.0, 0.1, xtol=1e-16)
+    tangent = 2 * hardness * depth
+    for modes in ("", "modes=2 static_shapes=.true."):
+        run = run_deck(deck.replace("MODES", modes), name="b" + modes[:5].replace("=", ""))
+        static, response = read(run.folder, "static"), read(run.folder, "frequency_response")
+        assert static["s.f"][-1] == pytest.approx(hardness * depth**2, rel=1e-7)
+        assert static["tip.v"][-1] == pytest.approx(-gap - depth, rel=1e-8)
+        omega = 2 * np.pi * 1e-3
+        expected = tangent + 1j * omega * hardness * depth**2 * damping
+        found = response["s.f.re"][0] + 1j * response["s.f.im"][0]
+        assert found == pytest.approx(load * expected / (expected + beam), rel=1e-6)
+        assert response["s.gap.re"][0] == pytest.approx(-load / (tangent + beam), rel=1e-6)
+
+
+def test_a_start_beyond_a_limit_is_told_with_all_values_and_grows_with_the_loads(run_deck):
+    deck = SCENE + "&body name='rod' kind='rigid' mass=2.0 inertia=0.1 com=0.5,0.0 /\n&joint name='j' type='revolute' body_a='rod' /\n"
+    deck += "&stop name='t' type='rotation' body_a='rod' upper=-0.01 lower=-0.3 stiffness=1.0e5 exponent=2.0 /\n"
+    run = run_deck(deck + "&sensor name='s' quantity='stop' stop='t' /\n&static load_steps=4 /\n")
+    assert run.figures["warnings"] == [
+        'stop "t" begins beyond its limit: it measures 0 rad, allowed is from -0.3 up to -0.01, and it pushes with 10 N m'
+    ]
+    static = read(run.folder, "static")
+    np.testing.assert_allclose(static["s.f"], static["load"] * MASS * G * 0.5 * np.cos(0.3 - static["s.gap"]), rtol=1e-9)
