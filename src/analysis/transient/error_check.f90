@@ -188,6 +188,7 @@ contains
     call a%exchange(self%error, self%low, self%high)
     call self%balance%exchange(a)
     call self%method%exchange(a)
+    call self%sys%exchange_switches(a)
     call a%exchange(self%sys%ev%evaluations)
     call a%exchange(self%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange

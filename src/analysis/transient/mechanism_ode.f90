@@ -2,10 +2,12 @@
 !> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp
+  use archive, only: value_archive
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: evaluation
+  use force_element, only: most_roots
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use complex_newton_condensation, only: condense_complex => condense
@@ -20,6 +22,7 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
+  use switching, only: event_list, start_states, watch_roots, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
   implicit none (type, external)
@@ -32,6 +35,7 @@ module mechanism_ode
     type(mechanism_model) :: m                !! constant once assembled
     type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
+    type(event_list) :: events                !! of elements that switch
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
@@ -58,6 +62,10 @@ module mechanism_ode
     procedure :: rates                        !! of the state with other options
     procedure :: derivative
     procedure :: project => mechanism_project
+    procedure :: start_switching
+    procedure :: find_roots
+    procedure :: resolve_events
+    procedure :: exchange_switches
   end type mechanism_system
 
 contains
@@ -107,6 +115,52 @@ contains
       if (ok) ok = is_bounded(y(1:2*nq))
     end associate
   end subroutine mechanism_project
+
+  !> Elements that switch take their states from a position that no event has led to; from now on they keep them.
+  subroutine start_switching(self, t, y)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    self%ev%t = t
+    self%ev%options = self%options
+    associate (nq => self%m%s%nq)
+      call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
+    end associate
+    self%roots = most_roots*size(self%m%s%switching)
+  end subroutine start_switching
+
+  !> Roots of the elements that switch.
+  subroutine find_roots(self, t, y, g, rate, scale)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(out) :: g(:), rate(:), scale(:)   !! (roots) [any], [any/s], [any]
+    associate (nq => self%m%s%nq)
+      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g, rate, scale)
+    end associate
+  end subroutine find_roots
+
+  !> Events change states alone.
+  subroutine resolve_events(self, t, y, fallen, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: fallen(:)        !! (roots)
+    logical, intent(out) :: ok
+    associate (nq => self%m%s%nq)
+      call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), fallen, self%events, ok)
+    end associate
+  end subroutine resolve_events
+
+  !> Saves or restores states and events that have not been told.
+  subroutine exchange_switches(self, a)
+    class(mechanism_system), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    if (self%roots == 0) return
+    call exchange_states(self%ev, a)
+    call a%exchange(self%longest_step)
+    call self%events%exchange(a)
+  end subroutine exchange_switches
 
   !> Makes ready for an implicit method.
   subroutine start_implicit(self, stages)

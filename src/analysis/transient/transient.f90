@@ -96,6 +96,7 @@ contains
       call run%watch%begin(run%sys%m)
       call refuse_uneven(run, 'transient', status_failed, fail)
       if (fail%happened()) return
+      call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
@@ -287,6 +288,7 @@ contains
     call a%exchange(self%saved)
     call a%exchange(run%y)
     call self%method%exchange(a)
+    call run%sys%exchange_switches(a)
     call a%exchange(self%norm%largest)
     call self%files%exchange(a)
     call self%balance%exchange(a)

@@ -1,0 +1,157 @@
+!> Discrete states of force elements along a run: what roots they watch, what their events change, and a list of the events since it
+!> was last emptied (theory.md, section 12).
+module switching
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use evaluation_results, only: evaluation, conditions_of
+  use force_element, only: conditions, most_roots, watched_roots
+  use marker_motion, only: set_frames, marker_kinematics
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: start_states, watch_roots, pass_events, exchange_states
+
+  real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of its scale [-]
+
+  !> An event of one element.
+  type, public :: switch_event
+    real(wp) :: t = 0.0_wp                    !! [s]
+    integer :: element = 0                    !! its number among those that switch
+    integer :: from = 0, to = 0               !! its states before and after
+    real(wp) :: memory = 0.0_wp               !! what it keeps of this event: a stop the speed at touching [m/s] or [rad/s]
+  end type switch_event
+
+  !> The events since the list was last emptied.
+  type, public :: event_list
+    integer :: count = 0
+    type(switch_event), allocatable :: items(:)
+  contains
+    procedure :: add
+    procedure :: exchange
+  end type event_list
+
+contains
+
+  !> States of a position that no event has led to.
+  subroutine start_states(m, ev, q, v)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    integer :: i
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    associate (s => m%s%switching, x => ev%switches)
+      do i = 1, size(s)
+        call m%s%forces(s(i))%item%start_state(ev%p, conditions_of(m, ev, s(i)), x%state(i), x%memory(i))
+      end do
+    end associate
+  end subroutine start_states
+
+  !> Roots of all elements in their present states, at a state of motion.
+  subroutine watch_roots(m, ev, q, v, g, rate, scale)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(out) :: g(:), rate(:), scale(:) !! (roots) `watched_roots` [any], [any/s], [any]
+    type(watched_roots) :: x
+    integer :: i, n
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    associate (s => m%s%switching)
+      do i = 1, size(s)
+        call m%s%forces(s(i))%item%roots(ev%p, conditions_of(m, ev, s(i)), x)
+        n = most_roots*(i - 1)
+        g(n + 1:n + most_roots) = x%g
+        rate(n + 1:n + most_roots) = x%rate
+        scale(n + 1:n + most_roots) = x%scale
+      end do
+    end associate
+  end subroutine watch_roots
+
+  !> Switches the elements whose roots have fallen, and then those whose new roots are negative, until none is. ok is false where that
+  !> does not end.
+  subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    logical, intent(in) :: fallen(:)          !! (roots)
+    type(event_list), intent(inout) :: list
+    logical, intent(out) :: ok
+    real(wp), dimension(size(fallen)) :: g, rate, scale   ! [any], [any/s], [any]
+    logical :: down(size(fallen))
+    integer :: pass, i, k
+    down = fallen
+    call watch_roots(m, ev, q, v, g, rate, scale)
+    do pass = 1, 4*size(m%s%switching)
+      do i = 1, size(m%s%switching)
+        k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
+        if (k > 0) call switch_one(m, ev, t, i, k, list)
+      end do
+      call watch_roots(m, ev, q, v, g, rate, scale)
+      down = g < -rounding*scale
+      ok = .not. any(down)
+      if (ok) return
+    end do
+  end subroutine pass_events
+
+  !> One element's event.
+  subroutine switch_one(m, ev, t, i, which, list)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    integer, intent(in) :: i                  !! the element's number among those that switch
+    integer, intent(in) :: which              !! its root
+    type(event_list), intent(inout) :: list
+    type(switch_event) :: event
+    event = switch_event(t, i, ev%switches%state(i))
+    associate (k => m%s%switching(i))
+      call m%s%forces(k)%item%switch(ev%p, conditions_of(m, ev, k), which, event%to, event%memory)
+    end associate
+    ev%switches%state(i) = event%to
+    ev%switches%memory(i) = event%memory
+    call list%add(event)
+  end subroutine switch_one
+
+  !> Appends an event.
+  pure subroutine add(self, event)
+    class(event_list), intent(inout) :: self
+    type(switch_event), intent(in) :: event
+    if (.not. allocated(self%items)) allocate (self%items(16))
+    if (self%count == size(self%items)) self%items = [self%items, self%items]
+    self%count = self%count + 1
+    self%items(self%count) = event
+  end subroutine add
+
+  !> Saves or restores the list.
+  subroutine exchange(self, a)
+    class(event_list), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    type(switch_event) :: event
+    integer :: k, n
+    n = self%count
+    call a%exchange(n)
+    if (.not. a%saving) self%count = 0
+    do k = 1, n
+      if (a%damaged) return
+      if (a%saving) event = self%items(k)
+      call a%exchange(event%t)
+      call a%exchange(event%element)
+      call a%exchange(event%from)
+      call a%exchange(event%to)
+      call a%exchange(event%memory)
+      if (.not. a%saving) call self%add(event)
+    end do
+  end subroutine exchange
+
+  !> Saves or restores the states of all elements.
+  subroutine exchange_states(ev, a)
+    type(evaluation), intent(inout) :: ev
+    type(value_archive), intent(inout) :: a
+    integer :: i
+    do i = 1, size(ev%switches%state)
+      call a%exchange(ev%switches%state(i))
+    end do
+    call a%exchange(ev%switches%memory)
+  end subroutine exchange_states
+end module switching
