@@ -68,8 +68,8 @@ contains
     end associate
   end subroutine watch_roots
 
-  !> Switches the elements whose roots have fallen, and then those whose new roots are negative, until none is. ok is false where that
-  !> does not end.
+  !> Switches the elements whose roots have fallen, and then those with a root that is negative and falls on, until none is. ok is
+  !> false where that does not end. Roots that rise from below zero are rounding: that of an element that has just switched.
   subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -89,7 +89,7 @@ contains
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
       call watch_roots(m, ev, q, v, g, rate, scale)
-      down = g < -rounding*scale
+      down = g < -rounding*scale .and. rate < 0.0_wp
       ok = .not. any(down)
       if (ok) return
     end do

@@ -203,6 +203,7 @@ contains
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row)
+      run%sys%events%count = 0
       march%last = t
       if (r%motion_step > 0.0_wp) then
         every = max(1_ip, nint(r%motion_step/r%output_step, ip))
