@@ -124,7 +124,7 @@ contains
         call number_terms(s, s%forces(k)%item)
       end do
     end do
-    s%ny = 2*s%nq + s%nz + s%nzd + 2
+    s%ny = 2*s%nq + s%nz + s%nzd + 2 + size(s%switching)
   end subroutine number_internal
 
   !> Gives the internal variables of one segment or force element the next numbers.

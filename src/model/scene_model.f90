@@ -1,7 +1,7 @@
 !> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand
 !> in the state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal
 !> variables: those of second order, bodies then springs, and those of first order), z' of those of second order, then dissipated
-!> energy and work.
+!> energy, work, and what each element that switches dissipates.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
@@ -31,7 +31,7 @@ module scene_model
     integer :: nz = 0                           !! internal variables
     integer :: nzd = 0                          !! those of second order, which come first and have rates in the state
     integer :: rows = 0                         !! constraint rows
-    integer :: ny = 0                           !! length of the state: 2 nq + nz + nzd + 2
+    integer :: ny = 0                           !! length of the state
     real(wp), allocatable :: q0(:)              !! (nq) the deck's positions [m, rad]
     real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities [m/s, rad/s]
     logical, allocatable :: stated(:)           !! (nq) whether the deck states the velocity

@@ -44,7 +44,8 @@ contains
     self%count = merge(3, 2, with_motion)
     call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
-               'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]')
+               'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
+               trim(merge(' stops[J]', '         ', size(m%s%switching) > 0)))
     if (with_motion) call begin(motion, 'body frames and node positions against time', &
                                 joined([character(64) :: 't[s]', motion_names(m)], ' '))
   contains

@@ -11,7 +11,7 @@ module evaluation_results
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: evaluation, set_up_evaluation, conditions_of
+  public :: evaluation, set_up_evaluation, conditions_of, powers_of
 
   !> The bodies' frames.
   type :: frame_results
@@ -134,4 +134,17 @@ contains
     with%state = ev%switches%state(i)
     with%memory = ev%switches%memory(i)
   end function conditions_of
+
+  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches.
+  pure subroutine powers_of(m, ev, power)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(out) :: power(:)           !! (2 + switching elements) [W]
+    integer :: k
+    power(1) = ev%dissipated_power
+    power(2) = ev%input_power
+    do k = 1, size(m%s%switching)
+      power(2 + k) = ev%action(m%s%switching(k))%dissipated
+    end do
+  end subroutine powers_of
 end module evaluation_results

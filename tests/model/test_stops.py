@@ -89,3 +89,15 @@ def test_a_start_beyond_a_limit_is_told_with_all_values_and_grows_with_the_loads
     ]
     static = read(run.folder, "static")
     np.testing.assert_allclose(static["s.f"], static["load"] * MASS * G * 0.5 * np.cos(0.3 - static["s.gap"]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5", "radau", "generalized_alpha"])
+def test_what_a_stop_dissipates_is_a_column_and_closes_the_balance(run_deck, method):
+    """Two stops share the loss; nothing else dissipates."""
+    deck = SCENE + BALL.format(k=1, y=0.05) + FLOOR.replace("restitution=0.5", "exponent=2.0 damping=0.5")
+    deck += f"&stop name='roof' type='position' body_a='b1' {UP} upper=0.04 stiffness=1.0e5 exponent=3.0 damping=2.0 /\n"
+    energy = run_deck(deck + f"&transient t_end=0.2 method='{method}' step=5.0e-5 output_step=1.0e-2 /\n").energy
+    assert list(energy.names)[-1] == "stops"
+    np.testing.assert_allclose(energy["stops"], energy["dissipated"], rtol=1e-12)
+    assert energy["stops"][-1] > 0.1
+    assert np.abs(energy["residual"]).max() < (2e-3 if method == "generalized_alpha" else 3e-5)

@@ -1,12 +1,12 @@
 !> The mechanism as integrators see it: first-order equations for explicit methods, second-order ones for implicit methods. State:
-!> q, v, z, z' (of second order), dissipated energy, work (layout in `scene_model`).
+!> q, v, z, z' (of second order), dissipated energy, work, energies lost in stops (layout in `scene_model`).
 module mechanism_ode
   use kinds, only: wp
   use archive, only: value_archive
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
-  use evaluation_results, only: evaluation
+  use evaluation_results, only: evaluation, powers_of
   use force_element, only: most_roots
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
@@ -96,8 +96,7 @@ contains
       dy(2*nq + 1:2*nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
       dy(2*nq + nzd + 1:2*nq + nz) = ev%zdd(nzd + 1:)
       dy(2*nq + nz + 1:2*nq + nz + nzd) = ev%zdd(1:nzd)
-      dy(2*nq + nz + nzd + 1) = ev%dissipated_power
-      dy(2*nq + nz + nzd + 2) = ev%input_power
+      call powers_of(m, ev, dy(2*nq + nz + nzd + 1:))
     end associate
   end subroutine rates
 
@@ -171,6 +170,7 @@ contains
     self%nz = self%m%s%nz
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
+    self%quadratures = 2 + size(self%m%s%switching)
     self%redundant = self%m%redundant
     self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
@@ -289,7 +289,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
-    real(wp), intent(out) :: power(2)         !! dissipated, put in [W]
+    real(wp), intent(out) :: power(:)         !! as `powers_of` [W]
     associate (m => self%m, ev => self%ev)
       ev%options = at_side(self%options, .true.)
       call set_frames(m, ev, q)
@@ -317,7 +317,7 @@ contains
     logical, intent(in) :: end_of_step
     real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
     real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
-    real(wp), intent(out) :: powers(2)        !! dissipated, put in [W]
+    real(wp), intent(out) :: powers(:)        !! as `powers_of` [W]
     type(evaluation_options) :: options
     logical :: ok
     options = at_side(self%options, end_of_step)
@@ -332,7 +332,7 @@ contains
     a(self%nq + 1:) = self%ev%zdd
     call relaxation_rates(self%t, self%m, self%ev, q, self%closed_rates, zd, a(self%nq + 1:))
     lambda = self%ev%lambda
-    powers = [self%ev%dissipated_power, self%ev%input_power]
+    call powers_of(self%m, self%ev, powers)
   end subroutine accelerations
 
   !> A state put onto the constraints, with its evaluation.

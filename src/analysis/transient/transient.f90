@@ -202,7 +202,7 @@ contains
       if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
-      call files%write_row(t, march%balance%row)
+      call files%write_row(t, march%balance%row(:merge(8, 7, size(run%sys%m%s%switching) > 0)))
       run%sys%events%count = 0
       march%last = t
       if (r%motion_step > 0.0_wp) then

@@ -21,7 +21,7 @@ contains
     real(wp), intent(in) :: t1                !! end of the step [s]
     logical, intent(in) :: own                !! by the method's own accelerations
     real(wp), intent(inout), contiguous :: e(:)   !! (n) error [unit of each unknown]
-    real(wp) :: powers(2)
+    real(wp) :: powers(system%quadratures)    ! [W]
     associate (m => self%error, nq => self%nq)
       if (own) then
         call differences(self, self%vd1, self%vd, m%before_own, e)

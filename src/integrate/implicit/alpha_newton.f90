@@ -299,7 +299,7 @@ contains
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
-    real(wp) :: powers(2)
+    real(wp) :: powers(system%quadratures)    ! [W]
     integer :: i
     associate (nq => self%nq, s => self%now)
       call system%powers(t1, self%x1(1:nq), self%v1(1:nq), self%lambda1, self%x1(nq + 1:), self%v1(nq + 1:), powers)

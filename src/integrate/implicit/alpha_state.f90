@@ -31,8 +31,8 @@ module alpha_state
 
   !> Energies.
   type, public :: energy_sums
-    real(wp) :: sums(2) = 0.0_wp             !! dissipated, put in [J]
-    real(wp) :: powers(2) = 0.0_wp           !! the same [W]
+    real(wp), allocatable :: sums(:)         !! (quadratures) dissipated, put in, and others [J]
+    real(wp), allocatable :: powers(:)       !! the same [W]
     real(wp) :: removed = 0.0_wp             !! what the method itself took [J]
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work space of that [m, rad] and per second
   end type energy_sums
@@ -72,7 +72,7 @@ contains
     self%nzd = system%nzd
     n = self%nq + self%nz
     allocate (self%x(n), self%v(n), self%vd(n), self%lag(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
-              self%energy%pairs(n, 4), source=0.0_wp)
+              self%energy%pairs(n, 4), self%energy%sums(system%quadratures), self%energy%powers(system%quadratures), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:2), &
               self%gain(self%nz), self%resolved(self%nz), self%jerk(self%nq), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
@@ -86,11 +86,11 @@ contains
     same_step = abs(h - self%now%h) <= 1.0e-9_wp*h
   end function same_step
 
-  !> Positions and rates, or rates and accelerations, with two quadratures or their rates, in the system's layout.
+  !> Positions and rates, or rates and accelerations, with quadratures or their rates, in the system's layout.
   pure subroutine pack(self, x, v, sums, y)
     type(alpha_solver), intent(in) :: self
     real(wp), intent(in) :: x(:), v(:)       !! (nq + nz) [m, rad] and per second
-    real(wp), intent(in) :: sums(2)          !! dissipated, put in [J] or [W]
+    real(wp), intent(in) :: sums(:)          !! (quadratures) [J] or [W]
     real(wp), intent(inout) :: y(:)          !! (n) [unit of each unknown]
     associate (nq => self%nq, nz => self%nz, nzd => self%nzd)
       y(1:nq) = x(1:nq)

@@ -84,7 +84,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: error            !! [-]
     call error_vector(self%solver, system, self%tried, .false., self%error)
-    call pack(self%solver, self%solver%x1, self%solver%v1, [0.0_wp, 0.0_wp], self%trial)
+    call pack(self%solver, self%solver%x1, self%solver%v1, self%solver%energy%sums, self%trial)
     error = self%norm%measure(self%error, self%trial, h, aim*self%settings%tolerance)
     if (error > 1.0_wp) then
       call error_vector(self%solver, system, self%tried, .true., self%error)

@@ -89,7 +89,7 @@ contains
       end associate
       allocate (self%work)
       associate (w => self%work)
-        allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(2*nq + nz + self%nzd + 2), source=0.0_wp)
+        allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(system%n), source=0.0_wp)
         allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%r_real(nq), w%gap_real(rows), &
                   w%dlambda(rows))
         w%r_part = 0.0_wp
@@ -106,7 +106,7 @@ contains
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                !! [s]
-    real(wp) :: powers(2), a(self%nq + self%nz)
+    real(wp) :: powers(system%quadratures), a(self%nq + self%nz)
     call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%last_lambda(:, 3), powers)
     self%residuals = self%residuals + 1
     self%a0 = a(1:self%nq)

@@ -127,9 +127,9 @@ contains
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    real(wp) :: power(2, 3)                   ! [W]
+    real(wp) :: power(system%quadratures, 3)  ! [W]
     integer :: i, n
-    n = size(self%y)
+    n = size(self%y) - system%quadratures + 1
     associate (s => self%stages)
       do i = 1, 3
         call system%powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
@@ -139,7 +139,7 @@ contains
       self%dense_times = [self%t, h]
       do i = 1, 3
         call pack_stage(self, i, self%dense(:, i + 1))
-        self%dense(n - 1:, i + 1) = self%y(n - 1:) + h*matmul(power, s%method%a(i, :))
+        self%dense(n:, i + 1) = self%y(n:) + h*matmul(power, s%method%a(i, :))
       end do
       self%removed = self%removed + removed_energy(s, system)
       self%end_a(:, 1) = s%a0

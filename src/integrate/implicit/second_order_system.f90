@@ -19,6 +19,7 @@ module second_order_system
     integer :: nz = 0                         !! internal variables
     integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
     integer :: rows = 0                       !! constraint rows
+    integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
     logical :: redundant = .false.            !! constraints depend on each other everywhere
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
@@ -151,7 +152,7 @@ module second_order_system
       real(wp), intent(in), contiguous :: q(:), v(:)        !! (nq) [m, rad] and per second
       real(wp), intent(in), contiguous :: lambda(:)         !! (rows) [N]
       real(wp), intent(in), contiguous :: z(:), zd(:)       !! (nz) [m, rad] and per second
-      real(wp), intent(out) :: power(2)       !! dissipated, put in [W]
+      real(wp), intent(out) :: power(:)       !! (quadratures) [W]
     end subroutine find_powers
     !> x1^T M x2 + x3^T M x4 of q and z, and x1^T C x4 of z of first order, with the masses at the positions q, where the last
     !> powers were asked for.
@@ -174,7 +175,7 @@ module second_order_system
       logical, intent(in) :: end_of_step
       real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
       real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
-      real(wp), intent(out) :: powers(2)      !! dissipated, put in [W]
+      real(wp), intent(out) :: powers(:)      !! (quadratures) [W]
     end subroutine evaluate_state
     !> Puts a state onto the constraints and evaluates it there.
     subroutine report_state(self, t, y, ok)

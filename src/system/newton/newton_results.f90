@@ -7,7 +7,7 @@ module newton_results
   use dynamics, only: set_frames, marker_kinematics, applied_forces
   use elastic_operators, only: add_product, elastic_mass => mass_product
   use condensed_terms, only: term_product
-  use evaluation_results, only: evaluation
+  use evaluation_results, only: evaluation, powers_of
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -115,7 +115,7 @@ contains
     real(wp), intent(in), contiguous :: v(:)                  !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: lambda(:)                         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)           !! (nz) [m, rad] and per second
-    real(wp), intent(out) :: power(2)                         !! dissipated, put in [W]
+    real(wp), intent(out) :: power(:)                         !! as `powers_of` [W]
     integer :: k, b, i, n
     ev%dissipated_power = 0.0_wp
     ev%input_power = 0.0_wp
@@ -140,7 +140,7 @@ contains
       i = m%s%constraints(k)%item%first
       ev%input_power = ev%input_power + lambda(i)*ev%rows%phi_t(i)
     end do
-    power = [ev%dissipated_power, ev%input_power]
+    call powers_of(m, ev, power)
   end subroutine find_powers
 
   !> x1^T M x2 + x3^T M x4 of coordinates (frames' origins in global axes) and internal variables, whose mass is alpha inertia D,
