@@ -3,10 +3,11 @@ _biela() {
   local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}
   case $before in
     --output|-o) COMPREPLY=($(compgen -d -- "$word")); return ;;
+    --set) compopt -o nospace 2>/dev/null; return ;;
     --jobs|-j) COMPREPLY=($(compgen -W "1 2 4 8 16 $(nproc 2>/dev/null)" -- "$word")); return ;;
   esac
   if [[ $word == -* ]]; then
-    COMPREPLY=($(compgen -W "--check --json --jobs --output --restart --quiet --version --help" -- "$word"))
+    COMPREPLY=($(compgen -W "--check --flat --json --jobs --output --restart --set --quiet --version --help" -- "$word"))
   else
     compopt -o filenames 2>/dev/null
     COMPREPLY=($(compgen -f -X '!*.nml' -- "$word") $(compgen -d -- "$word"))

@@ -1,5 +1,5 @@
-!> The command line: biela [--check [--json]] [--jobs N] [--output DIR] [--restart] [--quiet] DECK.nml ..., --version, --help;
-!> a deck named - is read from standard input.
+!> The command line: biela [--check [--json]] [--flat] [--jobs N] [--output DIR] [--restart] [--set NAME=VALUE] [--quiet]
+!> DECK.nml ..., --version, --help; a deck named - is read from standard input.
 module command_line
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
@@ -13,8 +13,8 @@ module command_line
   private
   public :: command, parse_arguments, print_ending
 
-  character(10), parameter :: known(8) = [character(10) :: '--check', '--jobs', '--json', '--output', '--restart', '--quiet', &
-                                          '--version', '--help']
+  character(10), parameter :: known(10) = [character(10) :: '--check', '--flat', '--jobs', '--json', '--output', '--restart', &
+                                           '--set', '--quiet', '--version', '--help']
 
   !> What the user asked for; decks is not allocated where there is nothing to run.
   type :: command
@@ -29,12 +29,13 @@ contains
   subroutine parse_arguments(asked, status)
     type(command), intent(out) :: asked
     integer, intent(out) :: status
-    character(:), allocatable :: word, decks(:)
-    integer :: k, n
+    character(:), allocatable :: word, decks(:), settings(:)
+    integer :: k, n, set
     status = status_ok
     asked%options%output = ''
     n = 0
-    allocate (character(longest()) :: decks(command_argument_count()))
+    set = 0
+    allocate (character(longest()) :: decks(command_argument_count()), settings(command_argument_count()))
     k = 0
     do while (k < command_argument_count() .and. status == status_ok)
       k = k + 1
@@ -44,6 +45,13 @@ contains
         asked%options%check = .true.
       case ('--json')
         asked%options%json = .true.
+      case ('--flat')
+        asked%options%flat = .true.
+      case ('--set')
+        k = k + 1
+        set = set + 1
+        if (k <= command_argument_count()) settings(set) = argument(k)
+        if (k > command_argument_count()) call complain('--set needs NAME=VALUE', status)
       case ('--restart')
         asked%options%restart = .true.
       case ('--quiet')
@@ -73,11 +81,14 @@ contains
     end do
     if (asked%jobs > 1 .and. asked%options%check) call complain('--jobs goes without --check', status)
     if (asked%options%json .and. .not. asked%options%check) call complain('--json goes with --check', status)
+    if (asked%options%flat .and. (asked%options%check .or. asked%options%restart .or. asked%jobs > 1 .or. n > 1 .or. &
+                                  len(asked%options%output) > 0)) call complain('--flat goes with one deck and --set alone', status)
     if (n == 0) call complain('no deck given', status)
     if (count(decks(1:n) == '-') > 1) call complain('standard input (-) holds one deck', status)
     if (n > 1 .and. len(asked%options%output) > 0) call complain('--output goes with one deck', status)
     if (status /= status_ok) return
     asked%decks = decks(1:n)
+    asked%options%settings = settings(1:set)
     if (.not. asked%options%check) call warn_of_one_name(asked%decks, asked%jobs, status)
   end subroutine parse_arguments
 
@@ -183,6 +194,8 @@ contains
       '                                 input, with results in results/stdin/'//lf// &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
       '  biela --check --json DECK.nml  the same as JSON, with all positions of the assembled scene'//lf// &
+      '  biela --set L=0.3 DECK.nml     with that value of the parameter L; may stand several times'//lf// &
+      '  biela --flat DECK.nml          print the deck as one text: parts in their places, numbers for expressions'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &

@@ -38,6 +38,8 @@ module run_deck
     logical :: json = .false.                 !! the check's figures instead of its words
     logical :: restart = .false.
     logical :: quiet = .false.
+    logical :: flat = .false.                 !! print the deck as one text without expressions
+    character(:), allocatable :: settings(:)  !! NAME=VALUE of parameters
     character(:), allocatable :: output       !! folder, empty: results/<deck name>
   end type run_options
 
@@ -51,14 +53,18 @@ contains
     type(fault_list) :: faults
     type(failure) :: fail
     type(stability_advice) :: advice
-    character(:), allocatable :: words
+    character(:), allocatable :: words, flat
     type(summary_record) :: text
     integer :: k
     status = status_bad_input
-    call read_deck(path, run%d, faults)
-    if (faults%count == 0) call prepare_run(run, faults, fail)
+    call read_deck(path, run%d, faults, options%settings, flat)
+    if (faults%count == 0 .and. .not. options%flat) call prepare_run(run, faults, fail)
     if (faults%count > 0) then
       call faults%print()
+      return
+    end if
+    if (options%flat) then
+      call print_words(path, flat, status)
       return
     end if
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
@@ -85,10 +91,7 @@ contains
     if (options%check) then
       words = readable(text%words%all())
       if (options%json) words = text%json()//new_line('a')
-      status = status_ok
-      if (write_bytes(standard_output, words)) return
-      call tell(path//': the check cannot be written to standard output')
-      status = status_no_output
+      call print_words(path, words, status)
       return
     end if
     run%quiet = options%quiet
@@ -104,12 +107,22 @@ contains
     status = run_in_folder(run, text)
   end function run_one_deck
 
+  !> Writes to standard output what the command line asks for in place of a run.
+  subroutine print_words(path, words, status)
+    character(*), intent(in) :: path, words
+    integer, intent(out) :: status
+    status = status_ok
+    if (write_bytes(standard_output, words)) return
+    call tell(path//': standard output cannot be written')
+    status = status_no_output
+  end subroutine print_words
+
   !> Reads the checkpoint that a restart needs, before anything is written.
   subroutine read_restart(run, fail)
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
     if (run%d%transient%present) then
-      call read_checkpoint(run%folder, run%d%text, run%saved, fail)
+      call read_checkpoint(run%folder, run%d%text, run%d%settings, run%saved, fail)
     else
       call fail%raise(status_bad_input, 'the deck has no transient that --restart could continue')
     end if

@@ -31,10 +31,20 @@ contains
     call loose_bodies(d)
     call doubled_constraints(d)
     call lost_dwells(d)
+    if (check) call idle_parameters(d)
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
     call tell(d%path//': warning: no analysis (&static, &modal, &frequency_response, &transient): the mechanism is '// &
               'assembled, nothing else')
   end subroutine warn_of_slips
+
+  !> Parameters that no expression names.
+  subroutine idle_parameters(d)
+    type(deck), intent(in) :: d
+    integer :: k
+    do k = 1, size(d%parameters)
+      if (.not. d%parameters(k)%used) call warn(d%parameters(k)%at, 'no expression uses it')
+    end do
+  end subroutine idle_parameters
 
   !> Forces and lumps that keep their default of 0.
   subroutine idle_parts(d)

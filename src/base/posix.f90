@@ -4,13 +4,14 @@ module posix
   use kinds, only: ip
   use readable_text, only: one_line
   use text, only: lower
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_ptr, c_size_t, c_f_pointer
+  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_long, c_ptr, c_size_t, c_associated, &
+    c_f_pointer
   implicit none (type, external)
   private
   public :: make_folder, lock_file, replace_file, remove_file, remove_scratch, is_terminal, sync_file, sync_folder, close_lock
   public :: create_file, extend_file, cut_file, write_bytes, close_file, file_size, drop_lock, tell, c_open, c_close
   public :: standard_input, standard_output, standard_error, nameless_file, read_back, open_to_read, read_bytes, size_of
-  public :: reason, host_name, c_getpid
+  public :: reason, host_name, current_folder, c_getpid
 
   integer, parameter :: lock_exclusive_now = 6      !! LOCK_EX + LOCK_NB
   integer, parameter :: read_only = 0, read_write = 2   !! O_RDONLY, O_RDWR
@@ -72,6 +73,13 @@ module posix
       character(kind=c_char), intent(out) :: name(*)
       integer(c_size_t), value :: room
     end function c_gethostname
+    !> getcwd(3): the current folder, a null pointer where it cannot be told.
+    type(c_ptr) function c_getcwd(path, room) bind(c, name='getcwd')
+      import :: c_char, c_ptr, c_size_t
+      ! allow(C072): a buffer of any length is filled
+      character(kind=c_char), intent(out) :: path(*)
+      integer(c_size_t), value :: room
+    end function c_getcwd
     !> strerror(3): the words for it, a C string.
     type(c_ptr) function c_strerror(number) bind(c, name='strerror')
       import :: c_int, c_ptr
@@ -384,6 +392,15 @@ contains
     letters = repeat(c_null_char, len(letters))
     if (c_gethostname(letters, len(letters, c_size_t)) == 0) name = letters(:index(letters//c_null_char, c_null_char) - 1)
   end function host_name
+
+  !> The current folder with a closing slash; empty where the system does not tell.
+  function current_folder() result(path)
+    character(:), allocatable :: path
+    character(4096, c_char) :: letters
+    path = ''
+    letters = repeat(c_null_char, len(letters))
+    if (c_associated(c_getcwd(letters, len(letters, c_size_t)))) path = letters(:index(letters//c_null_char, c_null_char) - 1)//'/'
+  end function current_folder
 
   !> Why the last call of the system failed, in its words: `no such file or directory`.
   function reason() result(words)

@@ -24,7 +24,7 @@ def shortened(tmp_path):
         shutil.copytree(ROOT / "input", tmp_path / "input", dirs_exist_ok=True)
         for path in (tmp_path / "input").rglob("*.nml"):
             text = path.read_text(encoding="utf-8")
-            path.write_text(re.sub(r"(?<=\bt_end=)\S+", lambda word: repr(part * float(word[0])), text), encoding="utf-8")
+            path.write_text(re.sub(r"(?<=\bt_end=)\S+", lambda word: f"{{{part}*({word[0].strip('{}')})}}", text), encoding="utf-8")
         return tmp_path / "input" / f"{name}.nml"
 
     return shorten

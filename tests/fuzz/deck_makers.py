@@ -20,10 +20,13 @@ JOINTS = ["revolute", "weld", "slider", "prismatic", "distance"]
 WILD = re.findall(
     r"\S+",
     """0 -0.0 -1 1 2 3 1e-300 1e-40 1e-30 1e-20 1e-12 1e-5 1e6 1e12 1e15 1e20 1e30 1e40 1e100 1e200 1e300 1e308 -1e308 1e400 nan
-    inf 2147483647 2147483648 -2147483648 9223372036854775807 1e-9 0.1 .true. .false. 'rod' '' 3* 2*0.5 99*1""",
+    inf 2147483647 2147483648 -2147483648 9223372036854775807 1e-9 0.1 .true. .false. 'rod' '' 3* 2*0.5 99*1 {1/0} {10^60*1e60}
+    {-1} {0.5} {1e-40^4} {exp(1e9)} {2^2^2^2^2^2} {tan(pi/2)} {-8^0.5} {(-8)^0.5} {one/zero} {nosuch} {one 3*{7} {1.}{2.}""",
 )
 PIECES = re.findall(
-    r"\S+", "& / ' \" = , ! 3* 99* nan 1e400 - . ; $ &end (1) 1.0x -1 0 'rod' &body kind='frame' &static/ \x00 \x7f é"
+    r"\S+",
+    "& / ' \" = , ! 3* 99* nan 1e400 - . ; $ {one { } {1^ ** ^-1} &parameter set='one=2' prefix='p' &end (1) 1.0x -1 0 'rod' &body "
+    "kind='frame' &static/ \x00 \x7f é",
 )
 ASSIGNMENT = re.compile(r"(\w+)\s*=\s*('[^'\n]*'|[^\s',/]+)((?:,[^\s,/]+)*)")
 NUMBER = re.compile(r"(?<![\w.'])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w'])")
@@ -140,7 +143,8 @@ def history(dice: random.Random, name: str) -> str:
         "kind='table' time=0,0.01,0.02,0.5 value=0,1,0.5,0"
         + dice.choice(
             ["", " interpolation='pchip'", " interpolation='linear'", " ends='rest'", " ends='natural'", " periodic=.true."]
-        ),
+        )
+        + maybe(dice, 0.3, f" time_scale={some(dice, -2, 2)} value_scale=-0.5 time_shift={dice.uniform(-1, 1):.2f}"),
         "kind='pulse' value=2 start=0.003 finish=0.007",
         f"kind='sum' histories='h0','h1' factors=1,{dice.uniform(-2, 2):.2f}",
         "kind='sequence' histories='h0','h1' durations=0.01,0.02" + dice.choice(["", " periodic=.true.", " start=0.005"]),
@@ -247,6 +251,17 @@ def language(dice: random.Random) -> str:
     return text + "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
 
 
+def expressed(dice: random.Random, text: str) -> str:
+    """Return a deck with expressions of the same values in the places of some numbers, and now and then a repeated part."""
+    forms = ["{{{0}*one}}", "{{({0})/one^2 + zero}}", "{{-(-{0})}}", "{{min({0},one*{0})}}", "{{{0}*cos(zero)}}"]
+    quoted = re.split(r"('[^'\n]*')", text)
+    for k in range(0, len(quoted), 2):
+        quoted[k] = NUMBER.sub(lambda found: dice.choice(forms).format(found[0]) if dice.random() < 0.3 else found[0], quoted[k])
+    text = "".join(quoted) + "&parameter name='zero' value={one-1} /\n&parameter name='one' value={exp(0)} /\n"
+    part = f"&include file='{ROOT}/tests/fuzz/part.nml' prefix='{{}}' set='mass={some(dice, -2, 1)}','arm=one/4' /\n"
+    return text + "".join(part.format(prefix) for prefix in dice.choice([[], ["p_"], ["p_", "q-"]]))
+
+
 def drawn(dice: random.Random) -> str:
     """Return a whole deck that somebody might have written."""
     kind = dice.random()
@@ -257,7 +272,8 @@ def drawn(dice: random.Random) -> str:
         text = "&scene gravity=0,-9.81 /\n" + text + random_scenes.sensors(text)
     else:
         text = dice.choice(list(scenes.ALL.values())).replace(scenes.TRANSIENT, "")
-    return text + analyses(dice, text)
+    text += analyses(dice, text)
+    return expressed(dice, text) if dice.random() < 0.25 else text
 
 
 def odd(dice: random.Random, deck: str) -> str:

@@ -1,6 +1,7 @@
 !> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the
-!> deck's text, the number of values, the values, a digest of all before. It is written under another name and renamed when it
-!> and the results that it counts on are on the disk, so that at any moment there is a complete one or none.
+!> deck's text, the number of values, the values, the parameters that the command line set, a digest of all before.
+!> It is written under another name and renamed when it and the results that it counts on are on the disk, so that at any moment
+!> there is a complete one or none.
 module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words
@@ -21,15 +22,18 @@ module checkpoint
 contains
 
   !> Writes the values of an archive.
-  subroutine write_checkpoint(folder, deck_text, a, ok)
+  subroutine write_checkpoint(folder, deck_text, settings, a, ok)
     character(*), intent(in) :: folder, deck_text
+    character(*), intent(in) :: settings                   !! `! --set NAME=VALUE`, a line each
     type(value_archive), intent(in) :: a
     logical, intent(out) :: ok
-    integer(ip), allocatable :: words(:)
-    integer :: handle
-    allocate (words(a%count + frame))
+    integer(ip), allocatable :: words(:), set(:)
+    integer :: handle, k
+    set = [(int(iachar(settings(k:k)), ip), k=1, len(settings))]
+    allocate (words(a%count + size(set) + frame))
     words(1:4) = [mark, program_digest(), digest(text_words(deck_text)), a%count]
     words(5:4 + a%count) = a%words(1:a%count)
+    words(5 + a%count:size(words) - 1) = set
     words(size(words)) = digest(words(1:size(words) - 1))
     handle = create_file(folder//name//'.new')
     ok = handle >= 0
@@ -49,8 +53,9 @@ contains
   end function program_digest
 
   !> Reads a checkpoint into an archive; refuses one that is missing, damaged, of another program or another deck.
-  subroutine read_checkpoint(folder, deck_text, a, fail)
+  subroutine read_checkpoint(folder, deck_text, settings, a, fail)
     character(*), intent(in) :: folder, deck_text
+    character(*), intent(in) :: settings                   !! `! --set NAME=VALUE`, a line each
     type(value_archive), intent(inout) :: a
     type(failure), intent(inout) :: fail
     integer(ip), allocatable :: words(:)
@@ -73,7 +78,7 @@ contains
     end if
     open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
     if (status == 0) read (unit, iostat=status) head
-    if (status == 0 .and. head(4) == bytes/8 - frame) then
+    if (status == 0 .and. head(4) >= 0 .and. head(4) <= bytes/8 - frame) then
       allocate (words(bytes/8), stat=status)
       if (status == 0) read (unit, pos=1, iostat=status) words
     end if
@@ -88,12 +93,39 @@ contains
       call refuse('is damaged: its checksum does not fit')
     else if (words(2) /= program_digest()) then
       call refuse('was written by another version or build of biela')
+    else if (saved_settings() /= settings) then
+      call refuse('was written with '//listed(saved_settings())//', this run has '//listed(settings))
     else if (words(3) /= digest(text_words(deck_text))) then
       call refuse('belongs to another deck, or the deck has been changed since')
     else
-      call a%begin_restoring(words(5:size(words) - 1))
+      call a%begin_restoring(words(5:4 + head(4)))
     end if
   contains
+    !> The parameters that the command line of the checkpoint set.
+    function saved_settings() result(text)
+      character(size(words) - frame - int(head(4))) :: text
+      integer :: k
+      do k = 1, len(text)
+        text(k:k) = achar(iand(int(words(4 + head(4) + k)), 127))
+      end do
+    end function saved_settings
+
+    !> Parameters in one line: `L=0.3 and h=2`.
+    function listed(lines) result(text)
+      character(*), intent(in) :: lines      !! `! --set NAME=VALUE`, a line each
+      character(:), allocatable :: text
+      integer :: first, length
+      text = ''
+      first = 1
+      do while (first < len(lines))
+        length = index(lines(first:), new_line('a'))
+        if (len(text) > 0) text = text//' '
+        text = text//lines(first + 2:first + length - 2)
+        first = first + length
+      end do
+      if (len(text) == 0) text = 'no --set'
+    end function listed
+
     !> Says what is wrong with the checkpoint.
     subroutine refuse(what)
       character(*), intent(in) :: what

@@ -273,7 +273,7 @@ contains
       march%saved = march%method%t
       call a%begin_saving()
       call march%exchange(run, a)
-      call write_checkpoint(run%folder, run%d%text, a, ok)
+      call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
     end if
     if (.not. ok) call no_output(run, fail)
   end subroutine save

@@ -19,6 +19,7 @@ module deck_histories
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
   integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
+  real(wp), parameter :: largest = 1.0e60_wp     !! of the times and values of a table [s], [unit of what it drives]
   integer, parameter :: finest_part = 256        !! shortest part of a periodic history, in roundings of its beginning
 
 contains
@@ -27,6 +28,7 @@ contains
   subroutine read_history(deck, h)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(inout) :: h
+    real(wp) :: time_scale, value_scale, time_shift     ! of a table [-], [-], [s]
     call get_name(deck, h)
     h%kind = 'polynomial'
     call get_choice(deck, 'kind', h%kind, [character(10) :: 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', &
@@ -62,6 +64,12 @@ contains
       integer, allocatable :: columns(:)
       logical :: here
       allocate (character(0) :: file)
+      time_scale = 1.0_wp
+      value_scale = 1.0_wp
+      time_shift = 0.0_wp
+      call get(deck, 'time_scale', time_scale, above=0.0_wp, kinds='table')
+      call get(deck, 'value_scale', value_scale, kinds='table')
+      call get(deck, 'time_shift', time_shift, kinds='table')
       call get(deck, 'file', file, kinds='table')
       call get_list(deck, 'columns', columns, kinds='table')
       here = .not. deck%is_given('file')
@@ -73,7 +81,7 @@ contains
       if (here) then
         call same_length(deck, 'time', size(h%time), 'value', size(h%values))
         if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
-        if (deck%is_set('time')) call check_times('time', 'time', h%time)
+        if (deck%is_set('time')) call take_points('time', 'time')
       else if (deck%is_given('time') .or. deck%is_given('value')) then
         call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
       else
@@ -104,24 +112,27 @@ contains
       if (len(problem) > 0) then
         call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
       else
-        call check_times('file', 'time (column '//to_text(columns(1))//')', h%time)
+        call take_points('file', 'time (column '//to_text(columns(1))//')')
       end if
     end subroutine read_table_file
 
-    !> A table needs two points or more, in order of time.
-    subroutine check_times(name, what, time)
+    !> Scales and shifts the points of a table. It needs two or more, in order of time.
+    subroutine take_points(name, what)
       character(*), intent(in) :: name       !! variable that is to blame
       character(*), intent(in) :: what       !! the times, in words
-      real(wp), intent(in) :: time(:)        !! [s]
       integer :: k
-      if (size(time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
-      do k = 2, size(time)
-        if (time(k) > time(k - 1)) cycle
-        call deck%complain(name, what//' is not ordered: value '//to_text(k)//', '//to_text(time(k))// &
-          ', is not later than value '//to_text(k - 1)//', '//to_text(time(k - 1))//', expected increasing times')
+      h%time = time_scale*h%time + time_shift
+      h%values = value_scale*h%values
+      if (any(abs(h%time) > largest) .or. any(abs(h%values) > largest)) call deck%complain(name, 'scaled times or values are '// &
+        'beyond '//to_text(largest)//', expected time_scale, time_shift and value_scale that keep them below')
+      if (size(h%time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
+      do k = 2, size(h%time)
+        if (h%time(k) > h%time(k - 1)) cycle
+        call deck%complain(name, what//' is not ordered: value '//to_text(k)//', '//to_text(h%time(k))// &
+          ', is not later than value '//to_text(k - 1)//', '//to_text(h%time(k - 1))//', expected increasing times')
         return
       end do
-    end subroutine check_times
+    end subroutine take_points
 
     !> Conditions at the ends of a table have to suit its interpolation, and a periodic table has to close.
     subroutine check_ends()

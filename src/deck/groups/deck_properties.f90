@@ -1,17 +1,40 @@
-!> Readers of &scene, &material and &section.
+!> Readers of &parameter, &scene, &material and &section.
 module deck_properties
   use kinds, only: wp, pi
-  use text, only: to_text, joined
+  use expression, only: is_reserved
+  use text, only: to_text, joined, lower, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
   use deck_lists, only: get_list
+  use deck_parameters, only: parameter_value
   use deck_words, only: get_name, get_choice
-  use deck_records, only: law_record, scene_record, material_record, section_record
+  use deck_records, only: law_record, parameter_record, scene_record, material_record, section_record
   implicit none (type, external)
   private
-  public :: read_scene, read_material, read_section, read_law
+  public :: read_parameter, read_scene, read_material, read_section, read_law
 
 contains
+
+  !> &parameter: its name has to be one that expressions can state.
+  subroutine read_parameter(deck, r, p)
+    class(deck_source), intent(inout) :: deck
+    type(parameter_record), intent(inout) :: r
+    type(parameter_value), intent(in) :: p       !! its value
+    character(:), allocatable :: name
+    call get_name(deck, r)
+    call get(deck, 'value', r%value, required)
+    r%value = p%value
+    r%set = p%source /= p%group
+    r%used = p%used
+    if (r%name == '') return
+    name = deck%peek('name')
+    if (is_reserved(name)) then
+      call deck%complain('name', 'name='//quoted(name)//' means something else in expressions, expected another name')
+    else if (index(name, '-') > 0 .or. scan(lower(name(1:1)), 'abcdefghijklmnopqrstuvwxyz') == 0) then
+      call deck%complain('name', 'name='//quoted(name)//' cannot stand in expressions, expected a letter, then letters, '// &
+        'digits and _')
+    end if
+  end subroutine read_parameter
 
   !> &scene
   subroutine read_scene(deck, scene)

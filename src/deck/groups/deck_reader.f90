@@ -3,10 +3,11 @@
 module deck_reader
   use kinds, only: wp
   use growing_text, only: text_buffer
-  use text, only: nearest_word, joined, quoted
+  use text, only: nearest_word, joined, quoted, exact_text
   use errors, only: fault_list
-  use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_scene, in_material, in_section, &
-    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_static, in_modal, in_response
+  use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_parameter, in_scene, in_material, &
+    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_static, in_modal, &
+    in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful
@@ -14,7 +15,9 @@ module deck_reader
   use deck_words, only: valid_name
   use deck_records, only: deck
   use counting_sort, only: sort_by_number
-  use deck_properties, only: read_scene, read_material, read_section
+  use deck_flat, only: flat_text
+  use deck_parameters, only: compute_values, parameter_value
+  use deck_properties, only: read_parameter, read_scene, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
@@ -27,11 +30,14 @@ module deck_reader
 contains
 
   !> Reads the deck of a file. It must not be used if there are faults.
-  subroutine read_deck(path, d, faults)
+  subroutine read_deck(path, d, faults, settings, flat)
     character(*), intent(in) :: path               !! file name as the user gave it
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
+    character(*), intent(in), optional :: settings(:)          !! NAME=VALUE of parameters that the command line sets
+    character(:), allocatable, intent(out), optional :: flat   !! the deck as one text without expressions
     type(deck_source) :: source
+    type(parameter_value), allocatable :: p(:)
     type(text_buffer) :: text
     integer, allocatable :: list(:)                ! groups in reading order
     character(:), allocatable :: problem
@@ -41,23 +47,28 @@ contains
     d%path = path
     d%name = deck_name(path)
     allocate (list(0))
-    call read_source(source, path, 0, list, problem)
+    call read_source(source, path, 0, '', list, problem)
     if (len(problem) > 0) then
       call faults%add(path, 0, '', 'cannot be read: '//problem//', expected a deck file')
       return
     end if
     do k = 1, source%parts%source_count
+      if (source%parts%sources(k)%original < k) cycle
       if (k > 1) call text%add('! '//source%parts%sources(k)%path//achar(10))
       call text%add(source%parts%sources(k)%text)
     end do
     call classify()
+    call compute_values(source, pack(list, kinds == in_parameter), path, p, settings)
     call allocate_records()
     call read_groups()
     call check_inertia()
     call check_histories(source, d%histories, d%transient%t_end)
-    d%text = text%all()//table_files(d%histories)
+    call list_settings()
+    d%text = text%all()//table_files(d%histories)//d%settings
     if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults()
+    if (present(flat)) flat = ''
+    if (present(flat) .and. faults%count == 0) flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
   contains
     !> Finds the kind of every group, counts them and registers the names.
     subroutine classify()
@@ -95,7 +106,7 @@ contains
       integer, intent(in) :: group    !! the group
       character(:), allocatable :: name, problem
       integer :: earlier
-      name = source%peek('name')
+      name = full_name()
       call valid_name(name, problem)
       if (len(problem) > 0) then
         source%names(kind)%complete = .false.
@@ -105,6 +116,13 @@ contains
       if (earlier > 0) call source%complain('name', 'name='//quoted(name)//' is taken by the '// &
         trim(group_names(kind))//' in '//source%location_of(earlier)//', expected another name')
     end subroutine register
+
+    !> Name of the open group with the prefix of its part; empty where it has none.
+    function full_name() result(name)
+      character(:), allocatable :: name
+      name = source%peek('name')
+      if (len(name) > 0) name = source%prefix()//name
+    end function full_name
 
     !> Reports the open group as unknown. References to names that it may have defined raise no further faults.
     subroutine unknown_group(group)
@@ -118,7 +136,7 @@ contains
       else if (len(word) > 0) then
         call source%complain('', 'unknown group, expected one of '//joined(group_names, ', '))
       end if
-      name = source%peek('name')
+      name = full_name()
       call valid_name(name, problem)
       do kind = 1, group_kinds
         if (near > 0 .and. near /= kind) cycle
@@ -133,6 +151,7 @@ contains
     !> One record for every group that repeats.
     subroutine allocate_records()
       d%scene%title = ''
+      allocate (d%parameters(numbers(in_parameter)))
       allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
       allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
       allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
@@ -161,6 +180,8 @@ contains
       integer, intent(in) :: kind       !! kind of the group
       integer, intent(in) :: number     !! which one of its kind
       select case (kind)
+      case (in_parameter)
+        call read_parameter(source, d%parameters(number), p(number))
       case (in_scene)
         call read_scene(source, d%scene)
       case (in_material)
@@ -195,6 +216,16 @@ contains
         call read_transient(source, d%transient)
       end select
     end subroutine read_group
+
+    !> The parameters that the command line sets, with their values.
+    subroutine list_settings()
+      integer :: k
+      d%settings = ''
+      do k = 1, size(p)
+        if (p(k)%source == 0) d%settings = d%settings//'! --set '//trim(d%parameters(k)%name)//'='// &
+          exact_text(d%parameters(k)%value)//achar(10)
+      end do
+    end subroutine list_settings
 
     !> A rigid body needs inertia about its mass centre, its own or that of lumps.
     subroutine check_inertia()

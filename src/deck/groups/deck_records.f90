@@ -6,6 +6,13 @@ module deck_records
   implicit none (type, external)
   private
 
+  !> &parameter
+  type, extends(named_record), public :: parameter_record
+    real(wp) :: value = 0.0_wp               !! [any]
+    logical :: set = .false.                 !! the command line or an &include sets it, not its own group
+    logical :: used = .false.                !! an expression names it
+  end type parameter_record
+
   !> &scene
   type, public :: scene_record
     type(origin) :: at
@@ -234,6 +241,8 @@ module deck_records
     character(:), allocatable :: path        !! as the user named it
     character(:), allocatable :: name        !! file name without folder and `.nml`
     character(:), allocatable :: text        !! the deck's text and that of its included files, for the summary
+    character(:), allocatable :: settings    !! NAME=VALUE of parameters that the command line sets, a line each
+    type(parameter_record), allocatable :: parameters(:)
     type(scene_record) :: scene
     type(material_record), allocatable :: materials(:)
     type(section_record), allocatable :: sections(:)

@@ -1,10 +1,11 @@
 !> A deck as text, with one of its groups open: the names and values of the group as they are written, and its faults.
 module deck_cursor
+  use kinds, only: wp
   use readable_text, only: printable
   use text, only: lower, to_text, quoted
   use errors, only: fault_list
   use deck_origin, only: origin
-  use deck_syntax, only: syntax, value_token, string_value, null_value, group_subject
+  use deck_syntax, only: syntax, value_token, string_value, null_value, expression_value, group_subject
   implicit none (type, external)
   private
 
@@ -28,6 +29,8 @@ module deck_cursor
     procedure :: values
     procedure :: written
     procedure :: raw
+    procedure :: file
+    procedure :: prefix
     procedure :: add_fault
   end type group_cursor
 
@@ -147,6 +150,9 @@ contains
       t = quoted(printable(self%word(token), 40))
     case (null_value)
       t = 'nothing'
+    case (expression_value)
+      t = printable(self%raw(token%first, token%last), 80)
+      if (token%number < huge(1.0_wp)) t = t//' = '//to_text(token%number)
     case default
       t = printable(self%raw(token%first, token%last), 40)
     end select
@@ -159,6 +165,19 @@ contains
     character(:), allocatable :: t
     t = self%parts%sources(self%parts%groups(self%current)%file)%text(first:last)
   end function raw
+
+  !> Number of the file that the open group stands in.
+  pure integer function file(self)
+    class(group_cursor), intent(in) :: self
+    file = self%parts%groups(self%current)%file
+  end function file
+
+  !> What belongs in front of the names that the open group defines.
+  pure function prefix(self)
+    class(group_cursor), intent(in) :: self
+    character(:), allocatable :: prefix
+    prefix = self%parts%sources(self%file())%prefix
+  end function prefix
 
   !> Appends a fault of the open group.
   subroutine add_fault(self, line, message)

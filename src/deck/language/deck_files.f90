@@ -1,10 +1,11 @@
 !> The files of a deck: reads them, splits them into groups, follows &include, and keeps the groups in reading order.
 module deck_files
   use whole_file, only: read_file
-  use text, only: nearest_word, quoted, to_text
+  use readable_text, only: printable
+  use text, only: lower, nearest_word, quoted, to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get
-  use deck_kinds, only: group_names, group_number, in_include
+  use deck_kinds, only: group_names, group_number, in_include, name_characters
   use deck_lexer, only: split_groups
   use deck_paths, only: beside
   implicit none (type, external)
@@ -12,26 +13,30 @@ module deck_files
   public :: read_source
 
   integer, parameter :: deepest = 5000      !! files that include each other: each takes its part of the stack
+  integer, parameter :: most_files = 10000  !! of a deck: parts of parts could be without number
 
 contains
 
   !> Reads a file and the files that it includes, and appends their groups. Groups of an included file stand where its &include is.
-  recursive subroutine read_source(deck, path, parent, list, problem)
+  recursive subroutine read_source(deck, path, parent, prefix, list, problem)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: path                       !! file, relative to the current folder
     integer, intent(in) :: parent                          !! number of the file that includes it, 0: none
+    character(*), intent(in) :: prefix                     !! of the names that it defines
     integer, allocatable, intent(inout) :: list(:)         !! receives the groups other than &include, in reading order
     character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
     character(:), allocatable :: content
     integer :: file, next, last, faults, j, k
     call read_file(path, content, problem, handed=parent == 0)
     if (len(problem) > 0) return
-    call deck%parts%add_source(path, content, parent)
+    call deck%parts%add_source(path, content, parent, prefix)
     file = deck%parts%source_count
     next = deck%parts%group_count + 1
     faults = deck%faults%count
     call split_groups(deck, file)
     last = deck%parts%group_count
+    deck%parts%sources(file)%first_group = next
+    deck%parts%sources(file)%last_group = last
     if (parent > 0 .and. deck%faults%count > faults .and. .not. any_known(deck, next, last)) then
       problem = 'it holds no group of a deck'               ! a file of another kind; nothing of it is shown
       deck%faults%count = faults
@@ -65,13 +70,22 @@ contains
     integer, intent(in) :: number                 !! the group
     integer, intent(in) :: file                   !! number of its file
     integer, allocatable, intent(inout) :: list(:)
-    character(:), allocatable :: name, path, problem
+    character(:), allocatable :: name, path, prefix, problem
+    integer :: settings
     allocate (character(0) :: name)
+    allocate (character(0) :: prefix)
     if (deck%parts%groups(number)%readable) then
       call deck%open(number)
       call get(deck, 'file', name, required)
       if (deck%is_set('file') .and. len(name) == 0) call deck%complain('file', 'file='''' is empty, expected the '// &
         'name of a deck file')
+      call get(deck, 'prefix', prefix)
+      call deck%look_up('set', expected='', assignment=settings)      ! read with the parameters
+      if (verify(lower(prefix), name_characters) > 0) then
+        call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' has a character that names may not have, '// &
+          'expected letters, digits, _ and -')
+        name = ''
+      end if
       call deck%close()
     end if
     if (len(name) == 0) then
@@ -79,9 +93,10 @@ contains
       return
     end if
     path = beside(deck%parts%sources(file)%path, name)
-    call check_repeated(deck, path, file, problem)
+    call check_repeated(deck, path, file, prefix, problem)
     if (len(problem) == 0) then
-      call read_source(deck, path, file, list, problem)
+      deck%parts%groups(number)%included = deck%parts%source_count + 1
+      call read_source(deck, path, file, prefix, list, problem)
       if (len(problem) > 0) problem = ' cannot be read: '//problem//', expected a deck file beside this one'
       if (len(problem) > 0) deck%names%complete = .false.
     end if
@@ -89,21 +104,31 @@ contains
     if (len(problem) > 0) call deck%complain('file', 'file='//quoted(name)//problem)
   end subroutine follow
 
-  !> A file may be read once only; one that includes itself would never end.
-  subroutine check_repeated(deck, path, file, problem)
+  !> A file may be read once for each prefix; one that includes itself would never end.
+  subroutine check_repeated(deck, path, file, prefix, problem)
     class(deck_source), intent(in) :: deck
     character(*), intent(in) :: path                       !! file to be read
     integer, intent(in) :: file                            !! number of the file that includes it
+    character(*), intent(in) :: prefix                     !! of its names
     character(:), allocatable, intent(out) :: problem      !! empty if it may be read
-    integer :: k
+    character(:), allocatable :: names                     ! prefix of its names
+    integer :: first, k
     problem = ''
     if (deck%parts%sources(file)%depth >= deepest) problem = ' is included too deep, expected at most '//to_text(deepest)// &
       ' files within each other'
-    if (deck%parts%source_of(path) == 0) return
-    problem = ' is included before, expected every file once'
+    if (deck%parts%source_count >= most_files) problem = ' is one file too many, expected at most '//to_text(most_files)
+    first = deck%parts%source_of(path)
+    if (first == 0) return
+    names = deck%parts%sources(file)%prefix//prefix
+    k = first
+    do while (k > 0)
+      if (deck%parts%sources(k)%prefix == names) problem = ' is included before with the '// &
+        'same names, expected every file once, or another prefix'
+      k = deck%parts%sources(k)%copy
+    end do
     k = file
     do while (k > 0)
-      if (k == deck%parts%source_of(path)) problem = ' includes itself, expected files that do not lead back to themselves'
+      if (deck%parts%sources(k)%original == first) problem = ' includes itself, expected files that do not lead back to themselves'
       k = deck%parts%sources(k)%parent
     end do
   end subroutine check_repeated

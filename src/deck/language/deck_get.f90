@@ -5,8 +5,8 @@ module deck_get
   use kinds, only: wp
   use text, only: lower, to_text, quoted
   use deck_input, only: deck_source
-  use deck_numbers, only: read_real, read_integer
-  use deck_syntax, only: value_token, bare_value, string_value, null_value
+  use deck_numbers, only: read_real, read_integer, whole_number
+  use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
   private
   public :: get, get_pair, real_of, integer_of, text_of, range_text, in_range, counted
@@ -170,7 +170,7 @@ contains
     end if
     if (deck%tokens(assignment) == 1) then
       associate (only => deck%token(assignment, 1))
-        expected = expected//'; '//to_text(only%repeats)//'* is a repeat count, expressions are not computed'
+        expected = expected//'; '//to_text(only%repeats)//'* is a repeat count, an expression stands in braces: {2*pi}'
       end associate
     end if
     call deck%complain(name, name//' has '//counted(deck%values(assignment))//', '//expected)
@@ -187,6 +187,8 @@ contains
     if (token%form == string_value) call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected// &
       ' without quotes')
     if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected '//expected)
+    if (token%form == expression_value) call deck%complain(name, name//'='//deck%written(token)// &
+      ' is a number, expected '//expected)
   end subroutine check_bare
 
   !> Checks that a value is text in quotes.
@@ -200,6 +202,8 @@ contains
     if (token%form == bare_value) call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//lead// &
       quoted(deck%written(token)))
     if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected text in quotes')
+    if (token%form == expression_value) call deck%complain(name, name//'='//deck%written(token)//' is a number, expected text '// &
+      'in quotes')
   end subroutine text_of
 
   !> A real number from one value.
@@ -210,10 +214,13 @@ contains
     real(wp), intent(out) :: x                 !! 0 if it is not good [as the variable]
     logical, intent(out) :: good
     character(:), allocatable :: problem
-    x = 0.0_wp
+    x = token%number
+    good = token%form == expression_value
+    if (good) return
     call check_bare(deck, name, token, 'a number', good)
     if (.not. good) return
     call read_real(deck%word(token), x, problem)
+    if (index(problem, ' 1.5e-3') > 0) problem = problem//' or {2*pi}'
     call check_word(deck, name, token, problem, good)
   end subroutine real_of
 
@@ -226,9 +233,14 @@ contains
     logical, intent(out) :: good
     character(:), allocatable :: problem
     n = 0
-    call check_bare(deck, name, token, 'a whole number', good)
-    if (.not. good) return
-    call read_integer(deck%word(token), n, problem)
+    if (token%form == expression_value) then
+      call whole_number(token%number, n, problem)
+      if (len(problem) == 0) deck%parts%values(token%position)%number = n
+    else
+      call check_bare(deck, name, token, 'a whole number', good)
+      if (.not. good) return
+      call read_integer(deck%word(token), n, problem)
+    end if
     call check_word(deck, name, token, problem, good)
   end subroutine integer_of
 

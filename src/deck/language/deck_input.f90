@@ -5,7 +5,7 @@ module deck_input
   use readable_text, only: printable
   use text, only: lower, to_text, nearest_word, quoted
   use deck_kinds, only: group_kinds
-  use deck_names, only: name_table
+  use deck_names, only: name_table, not_there
   use deck_cursor, only: group_cursor
   use deck_known, only: variable_list
   use deck_syntax, only: longest, bad_value, unknown, elsewhere, taken, usable
@@ -24,6 +24,8 @@ module deck_input
     character(longest), private :: choice = ''          ! its value
     logical :: choice_known = .true.           !! it is known what applies
   contains
+    procedure :: find => find_name
+    procedure :: nearest => nearest_name
     procedure :: open => open_group
     procedure :: close => close_group
     procedure :: look_up
@@ -40,6 +42,44 @@ module deck_input
   end type deck_source
 
 contains
+
+  !> What a name in a file stands for: in the part that the file belongs to, else in the part around it, level by level.
+  subroutine find_name(self, file, kind, name, number, part)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: file                !! number of the file
+    integer, intent(in) :: kind                !! what it should name
+    character(*), intent(in) :: name           !! as written there
+    integer, intent(out) :: number             !! of the named thing, or not_there or doubtful
+    integer, intent(out), optional :: part     !! number of a file of the part in which it was found
+    integer :: level, found
+    number = not_there
+    level = file
+    do while (level > 0 .and. number <= not_there)
+      found = self%names(kind)%find(self%parts%sources(level)%prefix//name)
+      if (found /= not_there) number = found
+      if (present(part)) part = level
+      level = self%parts%sources(level)%outer
+    end do
+  end subroutine find_name
+
+  !> The known name nearest to a misspelt one, as it would be written in a file; empty if none is near.
+  subroutine nearest_name(self, file, kind, name, best)
+    class(deck_source), intent(inout) :: self
+    integer, intent(in) :: file                !! number of the file
+    integer, intent(in) :: kind                !! what it should name
+    character(*), intent(in) :: name           !! as written there
+    character(:), allocatable, intent(out) :: best
+    integer :: level
+    best = ''
+    level = file
+    do while (level > 0 .and. len(best) == 0)
+      associate (prefix => self%parts%sources(level)%prefix)
+        call self%names(kind)%nearest(prefix//name, best)
+        if (index(best, lower(prefix)) == 1) best = best(len(prefix) + 1:)
+      end associate
+      level = self%parts%sources(level)%outer
+    end do
+  end subroutine nearest_name
 
   !> Opens a group.
   subroutine open_group(self, number)

@@ -5,23 +5,25 @@ module deck_kinds
   private
   public :: group_number
 
-  integer, parameter, public :: in_include = 1, in_scene = 2, in_material = 3, in_section = 4, in_history = 5, &
-    in_body = 6, in_lump = 7, in_joint = 8, in_drive = 9, in_force = 10, in_spring = 11, in_stop = 12, &
-    in_sensor = 13, in_static = 14, in_modal = 15, in_response = 16, in_transient = 17
-  integer, parameter, public :: group_kinds = 17
+  integer, parameter, public :: in_include = 1, in_parameter = 2, in_scene = 3, in_material = 4, in_section = 5, &
+    in_history = 6, in_body = 7, in_lump = 8, in_joint = 9, in_drive = 10, in_force = 11, in_spring = 12, in_stop = 13, &
+    in_sensor = 14, in_static = 15, in_modal = 16, in_response = 17, in_transient = 18
+  integer, parameter, public :: group_kinds = 18
 
   !> The word after `&`.
-  character(18), parameter, public :: group_names(group_kinds) = [character(18) :: 'include', 'scene', 'material', &
-    'section', 'history', 'body', 'lump', 'joint', 'drive', 'force', 'spring', 'stop', 'sensor', 'static', &
+  character(18), parameter, public :: group_names(group_kinds) = [character(18) :: 'include', 'parameter', 'scene', &
+    'material', 'section', 'history', 'body', 'lump', 'joint', 'drive', 'force', 'spring', 'stop', 'sensor', 'static', &
     'modal', 'frequency_response', 'transient']
 
+  integer :: k
+
   !> Groups that stand in a deck at most once.
-  logical, parameter, public :: is_single(group_kinds) = [.false., .true., .false., .false., .false., .false., &
-    .false., .false., .false., .false., .false., .false., .false., .true., .true., .true., .true.]
+  logical, parameter, public :: is_single(group_kinds) = &
+    [(any(k == [in_scene, in_static, in_modal, in_response, in_transient]), k=1, group_kinds)]
 
   !> Groups with a name that is unique among the groups of their kind.
-  logical, parameter, public :: is_named(group_kinds) = [.false., .false., .true., .true., .true., .true., &
-    .false., .true., .true., .true., .true., .true., .true., .false., .false., .false., .false.]
+  logical, parameter, public :: is_named(group_kinds) = &
+    [(.not. (is_single(k) .or. k == in_include .or. k == in_lump), k=1, group_kinds)]
 
   !> What a name may consist of, in lower case.
   character(*), parameter, public :: name_characters = 'abcdefghijklmnopqrstuvwxyz0123456789_-'

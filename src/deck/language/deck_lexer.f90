@@ -7,7 +7,8 @@ module deck_lexer
   use deck_cursor, only: group_cursor
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer
-  use deck_syntax, only: group, setting, value_token, bare_value, string_value, null_value, bad_value, shown
+  use deck_syntax, only: group, setting, value_token, bare_value, string_value, expression_value, null_value, &
+    bad_value, shown
   implicit none (type, external)
   private
   public :: split_groups
@@ -15,7 +16,7 @@ module deck_lexer
   character(*), parameter :: digits = '0123456789'
   integer, parameter :: most_repeats = 10000000   !! a larger repeat count is a slip of the pen
   character(*), parameter :: lf = achar(10), tab = achar(9), single = '''', double = '"'
-  character(*), parameter :: word_end = ' ,;=/!&'//single//double//tab//lf   !! characters that end a word
+  character(*), parameter :: word_end = ' ,=/!&'//single//double//tab//lf   !! characters that end a word
 
   !> A position in the text of one file.
   type :: scanner
@@ -26,7 +27,6 @@ module deck_lexer
     integer :: line = 1              !! its line
     integer :: slash_line = 0        !! line of the last closing slash
     logical :: open = .false.        !! an assignment takes values
-    logical :: semicolon = .false.   !! a semicolon of the group was reported
     logical :: expecting = .false.   !! a value is due: after `=` and after a comma
   end type scanner
 
@@ -49,7 +49,6 @@ contains
         call read_group()
         cycle
       end if
-      if (next() == '$') s%position = s%position + 1
       word = word_ahead()
       if (group_number(word) > 0) then
         call deck%faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
@@ -71,7 +70,6 @@ contains
       s%position = new%last + 1
       s%open = .false.
       s%expecting = .false.
-      s%semicolon = .false.
       call deck%parts%add_group(new)
       deck%current = deck%parts%group_count
       if (len(word) == 0) then
@@ -86,6 +84,7 @@ contains
         end if
         if (next() == '/') then
           s%slash_line = s%line
+          deck%parts%groups(deck%current)%slash = s%position
           s%position = s%position + 1
           exit
         else if (next() == '&') then
@@ -111,10 +110,6 @@ contains
         call deck%parts%add_assignment(setting(first=s%position, last=s%position - 1, line=s%line, equals=.true.))
         s%open = .true.
         s%expecting = .true.
-      case (';')
-        if (.not. s%semicolon) call deck%add_fault(s%line, '; does not separate anything, expected a blank, a comma or a new line')
-        s%semicolon = .true.
-        s%position = s%position + 1
       case (single, double)
         call read_string(1)
       case default
@@ -132,10 +127,7 @@ contains
       i = first
       do
         if (s%text(i:i) == lf) then
-          if (deck%parts%groups(deck%current)%readable) call deck%add_fault(s%line, 'a quote is not closed on its line: '// &
-            quote//printable(s%text(first:i - 1), shown)//', expected a closing '//quote)
-          deck%parts%groups(deck%current)%readable = .false.
-          s%position = i
+          call not_closed('quote', first - 1, quote)
           return
         end if
         if (s%text(i:i) == quote) then
@@ -147,6 +139,18 @@ contains
       s%position = i + 1
       call append_value(value_token(form=string_value, first=first, last=i - 1, repeats=repeats, line=s%line))
     end subroutine read_string
+
+    !> Reports a quote or a brace that is not closed on its line; what else the group says cannot be trusted.
+    subroutine not_closed(what, first, closing)
+      character(*), intent(in) :: what, closing
+      integer, intent(in) :: first               !! where it opens
+      integer :: last
+      last = first + index(s%text(first:), lf) - 2
+      if (deck%parts%groups(deck%current)%readable) call deck%add_fault(s%line, 'a '//what//' is not closed on its line: '// &
+        printable(s%text(first:last), shown)//', expected a closing '//closing)
+      deck%parts%groups(deck%current)%readable = .false.
+      s%position = last + 1
+    end subroutine not_closed
 
     !> Reads a word: the name of a variable if an equals sign follows, a value otherwise.
     subroutine read_word()
@@ -171,7 +175,7 @@ contains
       end if
     end subroutine read_word
 
-    !> Takes a word without quotes as a value, its repeat count split off.
+    !> Takes a word without quotes or an expression in braces as a value, its repeat count split off.
     subroutine read_bare(word, first, line)
       character(*), intent(in) :: word           !! the word, the scanner stands behind it
       integer, intent(in) :: first               !! its first character
@@ -197,6 +201,14 @@ contains
               return
             end if
           end if
+        end if
+      end if
+      if (new%form == bare_value .and. s%text(new%first:new%first) == '{') then
+        if (index(s%text(new%first:new%last), '}') == 0) then
+          call not_closed('brace', new%first, '}')
+          return
+        else if (index(s%text(new%first:new%last), '}') == new%last - new%first + 1) then
+          new%form = expression_value
         end if
       end if
       call append_value(new)
@@ -302,7 +314,8 @@ contains
       s%position = s%position + index(s%text(s%position:), lf) - 1
     end subroutine skip_line
 
-    !> The word at the scanner's position, with a subscript in brackets if it has one; may be empty.
+    !> The word at the scanner's position, with a subscript in brackets if it has one; may be empty. Whatever stands in braces
+    !> on one line belongs to it.
     pure function word_ahead() result(word)
       character(:), allocatable :: word
       integer :: last, bracket, closing
@@ -313,6 +326,16 @@ contains
         closing = scan(s%text(last + 1:), ')'//lf//'='//single//double)
         if (s%text(last + closing:last + closing) == ')') last = last + closing
       end if
+      bracket = s%position
+      do while (index(s%text(bracket:last), '{') > 0)
+        closing = scan(s%text(last + 1:), '}'//lf)
+        if (index(s%text(bracket:last), '}') == 0) then
+          if (s%text(last + closing:last + closing) == lf) exit
+          last = last + closing
+        end if
+        bracket = bracket + index(s%text(bracket:last), '}')
+        last = bracket + scan(s%text(bracket:), word_end) - 2
+      end do
       word = s%text(s%position:last)
     end function word_ahead
 

@@ -5,12 +5,37 @@ module deck_numbers
   use text, only: lower
   implicit none (type, external)
   private
-  public :: read_real, read_integer
+  public :: read_real, read_integer, whole_number, check_range
 
   character(*), parameter :: digits = '0123456789'
+  character(*), parameter :: out_of_range = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
+  character(*), parameter :: out_of_integers = 'is out of range, expected a whole number up to 2147483647'
   integer, parameter :: decades = 60     !! magnitudes from 1e-60 to below 1e60: products of a few stay finite
 
 contains
+
+  !> A whole number from the value of an expression. `problem` is empty if it is one but for rounding.
+  pure subroutine whole_number(x, n, problem)
+    real(wp), intent(in) :: x                            !! [-]
+    integer, intent(inout) :: n                          !! unchanged if there is a problem
+    character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
+    problem = ''
+    if (abs(x) > real(huge(n), wp)) then
+      problem = out_of_integers
+    else if (abs(x - anint(x)) > 1.0e-9_wp) then
+      problem = 'is no whole number, expected one'
+    else
+      n = nint(x)
+    end if
+  end subroutine whole_number
+
+  !> Whether a finite number may stand in a deck. `problem` is empty if it may.
+  pure subroutine check_range(x, problem)
+    real(wp), intent(in) :: x                            !! [any]
+    character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
+    problem = ''
+    if (abs(x) >= 10.0_wp**decades .or. (abs(x) > 0.0_wp .and. abs(x) < 10.0_wp**(-decades))) problem = out_of_range
+  end subroutine check_range
 
   !> A real number; integers count as reals. `problem` is empty if it is one.
   pure subroutine read_real(word, x, problem)
@@ -28,7 +53,7 @@ contains
       if (index(core, 'nan(') == 1) core = 'nan'
       if (any(core == [character(8) :: 'nan', 'inf', 'infinity'])) problem = 'is not finite, expected a finite number'
     else if (.not. zero .and. abs(decade) >= decades .and. decade /= -decades) then
-      problem = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
+      problem = out_of_range
     else if (zero) then
       x = 0.0_wp
     else
@@ -97,7 +122,7 @@ contains
     if (is_integer .and. abs(value) <= huge(n)) then
       n = int(value)
     else if (is_integer) then
-      problem = 'is out of range, expected a whole number up to 2147483647'
+      problem = out_of_integers
     else
       call analyse(word, number, zero, decade)
       problem = 'is not a number, expected a whole number'

@@ -1,6 +1,7 @@
 !> The parts of a deck as written, before their meaning is read: values, assignments and groups, each with its position
 !> in the text. Plain arrays that grow by doubling; a deck of any size is read in linear time.
 module deck_syntax
+  use kinds, only: wp
   use readable_text, only: printable
   use text, only: lower, word_hash
   use deck_kinds, only: name_characters
@@ -15,7 +16,8 @@ module deck_syntax
   integer, parameter, public :: bare_value = 1      !! a number, a logical, or a word without quotes
   integer, parameter, public :: string_value = 2    !! text in quotes
   integer, parameter, public :: null_value = 3      !! nothing between two commas
-  integer, parameter, public :: bad_value = 4       !! unusable, its fault already reported
+  integer, parameter, public :: expression_value = 4   !! an expression in braces
+  integer, parameter, public :: bad_value = 5       !! unusable, its fault already reported
 
   integer, parameter, public :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   !! what became of an assignment
 
@@ -28,6 +30,9 @@ module deck_syntax
     integer :: last = 0       !! last character, inside the quotes
     integer :: repeats = 1    !! repeat count
     integer :: line = 0
+    integer :: position = 0   !! among all values
+    integer :: part = 0       !! of a name: number of the file whose prefix belongs in front of it; 0: none
+    real(wp) :: number = huge(1.0_wp)   !! value of an expression, huge: not computed yet [as the variable]
   end type value_token
 
   !> `name = values`
@@ -49,6 +54,8 @@ module deck_syntax
     integer :: first = 0           !! first character of its name in the file's text
     integer :: last = 0            !! last character of its name
     integer :: line = 0
+    integer :: slash = 0           !! its closing slash in the file's text
+    integer :: included = 0        !! of an &include: number of the file that it brings
     integer :: first_assignment = 1
     integer :: assignments = 0
     logical :: readable = .true.   !! .false.: its text cannot be trusted, the fault is already reported
@@ -61,8 +68,13 @@ module deck_syntax
     character(:), allocatable :: key    !! the same without needless `.` and `..`
     character(:), allocatable :: text   !! whole text, lines end with a line feed
     integer :: parent = 0               !! number of the file that includes it, 0: the deck itself
+    character(:), allocatable :: prefix !! of the names that it defines, those of the parts around it in front
+    integer :: outer = 0                !! number of the file of the part around it, 0: it belongs to the deck itself
     integer :: depth = 0                !! how many files include each other above it
     integer :: next = 0                 !! number of another file whose path has the same hash, 0: none
+    integer :: original = 0             !! number of the file that was first read from the same path: itself where it is that
+    integer :: copy = 0                 !! number of another file read from the same path, 0: none
+    integer :: first_group = 1, last_group = 0   !! its groups
   end type source
 
   !> Everything that stands in the deck and its included files.
@@ -76,6 +88,7 @@ module deck_syntax
     integer :: assignment_count = 0
     type(value_token), allocatable :: values(:)
     integer :: value_count = 0
+    logical :: has_expressions = .false.
   contains
     procedure :: add_source
     procedure :: source_of
@@ -87,24 +100,36 @@ module deck_syntax
 contains
 
   !> Appends a file.
-  subroutine add_source(self, path, text, parent)
+  subroutine add_source(self, path, text, parent, prefix)
     class(syntax), intent(inout) :: self
     character(*), intent(in) :: path   !! as shown in messages
     character(*), intent(in) :: text   !! whole text
     integer, intent(in) :: parent      !! number of the file that includes it
-    character(:), allocatable :: key
+    character(*), intent(in) :: prefix !! of its names beside that of its parent
     integer :: slot
     if (.not. allocated(self%sources)) allocate (self%sources(4))
     if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
-    key = beside('', path)
-    slot = mod(word_hash(key), hashes)
-    self%sources(self%source_count) = source(path, key, text, parent, 0, self%last_with(slot))
-    if (parent > 0) self%sources(self%source_count)%depth = self%sources(parent)%depth + 1
-    self%last_with(slot) = self%source_count
+    associate (new => self%sources(self%source_count))
+      new = source(path=path, key=beside('', path), text=text, parent=parent, prefix=prefix, original=self%source_of(path))
+      if (parent > 0) then
+        new%depth = self%sources(parent)%depth + 1
+        new%prefix = self%sources(parent)%prefix//prefix
+        new%outer = merge(parent, self%sources(parent)%outer, len(prefix) > 0)
+      end if
+      if (new%original > 0) then
+        new%copy = self%sources(new%original)%copy
+        self%sources(new%original)%copy = self%source_count
+      else
+        new%original = self%source_count
+        slot = mod(word_hash(new%key), hashes)
+        new%next = self%last_with(slot)
+        self%last_with(slot) = self%source_count
+      end if
+    end associate
   end subroutine add_source
 
-  !> Number of the file that was read from a path, 0: none.
+  !> Number of the file that was first read from a path, 0: none.
   pure integer function source_of(self, path) result(number)
     class(syntax), intent(in) :: self
     character(*), intent(in) :: path
@@ -148,10 +173,12 @@ contains
     if (self%value_count == size(self%values)) self%values = [self%values, self%values]
     self%value_count = self%value_count + 1
     self%values(self%value_count) = new
+    self%values(self%value_count)%position = self%value_count
+    self%has_expressions = self%has_expressions .or. new%form == expression_value
     self%assignments(self%assignment_count)%values = self%assignments(self%assignment_count)%values + 1
   end subroutine add_value
 
-  !> `group/name` of a group, for messages; only `group` if its name cannot be read.
+  !> `group/name` of a group, for messages; only `group` if its name cannot be read. The name has the prefix of its part.
   function group_subject(list, number) result(subject)
     type(syntax), intent(in) :: list
     integer, intent(in) :: number   !! which group
@@ -166,10 +193,11 @@ contains
           associate (v => list%values(list%assignments(k)%first_value))
             if (v%form /= string_value .or. v%last < v%first) exit
             if (verify(lower(body(v%first:v%last)), name_characters) > 0) exit
-            subject = subject//'/'//printable(body(v%first:v%last), shown)
+            subject = subject//'/'//list%sources(g%file)%prefix//printable(body(v%first:v%last), shown)
+            return
           end associate
-          exit
         end do
+        if (len(list%sources(g%file)%prefix) > 0) subject = subject//' of part '//list%sources(g%file)%prefix
       end associate
     end associate
   end function group_subject

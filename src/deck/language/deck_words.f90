@@ -81,17 +81,31 @@ contains
   subroutine get_name(deck, r)
     class(deck_source), intent(inout) :: deck
     class(named_record), intent(inout) :: r
-    character(:), allocatable :: value, problem
+    character(:), allocatable :: value, problem, shown
     r%at = deck%at()
     call get(deck, 'name', value, need=.true.)
     if (.not. deck%is_set('name')) return
-    call valid_name(value, problem)
+    call valid_name(deck%prefix()//value, problem)
     if (len(problem) > 0) then
-      call deck%complain('name', 'name='//quoted(printable(value, 40))//' '//problem)
+      shown = quoted(printable(deck%prefix()//value, 40))
+      if (len(deck%prefix()) > 0) shown = shown//', with the prefix of the part,'
+      call deck%complain('name', 'name='//shown//' '//problem)
     else
-      r%name = value
+      r%name = deck%prefix()//value
+      call note_part(deck, 'name', 1, deck%file())
     end if
   end subroutine get_name
+
+  !> Notes whose prefix belongs in front of a name.
+  subroutine note_part(deck, name, k, part)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name       !! variable
+    integer, intent(in) :: k               !! which of its values, repeat counts not expanded
+    integer, intent(in) :: part            !! number of a file of the part
+    type(value_token) :: token
+    token = deck%token(deck%assignment_of(name), k)
+    deck%parts%values(token%position)%part = part
+  end subroutine note_part
 
   !> Whether a text can be a name. `problem` is empty if it can.
   pure subroutine valid_name(value, problem)
@@ -122,7 +136,7 @@ contains
     logical :: good
     call get(deck, name, value, need, kinds, 'the name of a &'//trim(group_names(kind)))
     if (.not. deck%is_set(name)) return
-    call resolve(deck, name, value, kind, found, good)
+    call resolve(deck, name, 1, value, kind, found, good)
     if (good) number = found
   end subroutine get_reference
 
@@ -135,18 +149,27 @@ contains
     logical, intent(in) :: need
     character(*), intent(in), optional :: kinds
     character(name_length), allocatable :: values(:)
-    integer :: k
+    type(value_token) :: token, before
+    integer :: assignment, k, n
     logical :: good, all_good
     call text_list(deck, name, values, 'the name of a &'//trim(group_names(kind)), need, kinds)
     allocate (numbers(size(values)))
+    if (size(values) == 0) return
     all_good = .true.
-    do k = 1, size(values)
-      if (k > 1) then
-        numbers(k) = numbers(k - 1)
-        if (values(k) == values(k - 1)) cycle
+    assignment = deck%assignment_of(name)
+    n = 1
+    do k = 1, deck%tokens(assignment)
+      token = deck%token(assignment, k)
+      if (k > 1 .and. values(n) == values(max(n - 1, 1))) then      ! a fault of it is reported already
+        numbers(n) = numbers(n - 1)
+        call note_part(deck, name, k, before%part)
+      else
+        call resolve(deck, name, k, trim(values(n)), kind, numbers(n), good)
+        all_good = all_good .and. good
       end if
-      call resolve(deck, name, trim(values(k)), kind, numbers(k), good)
-      all_good = all_good .and. good
+      before = deck%token(assignment, k)
+      numbers(n:n + token%repeats - 1) = numbers(n)
+      n = n + token%repeats
     end do
     if (.not. all_good) numbers = [integer ::]
   end subroutine get_references
@@ -192,11 +215,13 @@ contains
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     character(:), allocatable :: value, best
-    integer :: as_force, as_drive
+    integer :: as_force, as_drive, part
     call get(deck, name, value, required, expected='the name of a &force or &drive')
     if (.not. deck%is_set(name)) return
-    as_force = deck%names(in_force)%find(value)
-    as_drive = deck%names(in_drive)%find(value)
+    call deck%find(deck%file(), in_force, value, as_force, part)
+    if (as_force > 0) call note_part(deck, name, 1, part)
+    call deck%find(deck%file(), in_drive, value, as_drive, part)
+    if (as_drive > 0) call note_part(deck, name, 1, part)
     if (as_force > 0 .and. as_drive > 0) then
       call deck%complain(name, name//'='//quoted(printable(value, 40))//' names both a force and a drive, expected '// &
         'different names for them')
@@ -204,30 +229,33 @@ contains
       force = max(as_force, 0)
       drive = max(as_drive, 0)
     else if (as_force /= doubtful .and. as_drive /= doubtful) then
-      call deck%names(in_force)%nearest(value, best)
-      if (len(best) == 0) call deck%names(in_drive)%nearest(value, best)
+      call deck%nearest(deck%file(), in_force, value, best)
+      if (len(best) == 0) call deck%nearest(deck%file(), in_drive, value, best)
       call names_nothing(deck, name, value, 'force or drive', 'force or &drive', best)
     end if
   end subroutine get_input
 
   !> Finds what a reference names. One that names nothing is faulty, and reported unless it may name what could not be read.
-  subroutine resolve(deck, name, value, kind, number, good)
+  subroutine resolve(deck, name, k, value, kind, number, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
+    integer, intent(in) :: k              !! which of its values, repeat counts not expanded
     character(*), intent(in) :: value     !! the name it gives
     integer, intent(in) :: kind           !! what it names
     integer, intent(out) :: number        !! number of the thing, 0: the ground
     logical, intent(out) :: good          !! whether it names something
     character(:), allocatable :: best
+    integer :: part
     number = 0
     good = kind == in_body .and. lower(value) == 'ground'
     if (good) return
-    number = deck%names(kind)%find(value)
+    call deck%find(deck%file(), kind, value, number, part)
     good = number > 0
+    if (good) call note_part(deck, name, k, part)
     if (good) return
     call deck%mark_faulty(name)
     if (number == doubtful) return
-    call deck%names(kind)%nearest(value, best)
+    call deck%nearest(deck%file(), kind, value, best)
     call names_nothing(deck, name, value, trim(group_names(kind)), trim(group_names(kind)), best)
   end subroutine resolve
 

@@ -1,0 +1,112 @@
+!> A deck as one text that runs alone: included files in their places, names with the prefixes of their parts, numbers in the
+!> places of expressions. Comments and layout stay as they are.
+module deck_flat
+  use growing_text, only: text_buffer
+  use kinds, only: wp
+  use text, only: exact_text, to_text
+  use deck_kinds, only: group_number, in_parameter
+  use deck_paths, only: beside
+  use deck_syntax, only: syntax, expression_value
+  use posix, only: current_folder
+  implicit none (type, external)
+  private
+  public :: flat_text
+
+  character(*), parameter :: lf = achar(10)
+
+contains
+
+  !> The text of a deck that has no faults.
+  function flat_text(parts, names, values) result(text)
+    type(syntax), intent(in) :: parts          !! with the values of its expressions
+    character(*), intent(in) :: names(:)       !! of its parameters
+    real(wp), intent(in) :: values(:)          !! their values [any]
+    character(:), allocatable :: text
+    type(text_buffer) :: flat
+    integer :: parameters                      ! that stand before the present place
+    parameters = 0
+    call add_file(1)
+    text = flat%all()
+  contains
+    !> Appends a file.
+    recursive subroutine add_file(file)
+      integer, intent(in) :: file              !! its number
+      integer :: g, last                       ! group, last character that is done with
+      last = 0
+      associate (s => parts%sources(file))
+        do g = s%first_group, s%last_group
+          associate (group => parts%groups(g))
+            if (group%included > 0) then
+              call flat%add(s%text(last + 1:group%first - 2)//'! '//parts%sources(group%included)%path//lf)
+              call add_file(group%included)
+              last = group%slash
+            else if (group_number(s%text(group%first:group%last)) == in_parameter) then
+              parameters = parameters + 1
+              call flat%add(s%text(last + 1:group%first - 2)//'! parameter '//trim(names(parameters))//' = '// &
+                exact_text(values(parameters)))
+              last = group%slash
+              if (ends_line(s%text, last)) cycle
+              call flat%add(lf)
+            else
+              call add_group(file, g, last)
+            end if
+          end associate
+        end do
+        call flat%add(s%text(last + 1:))
+      end associate
+    end subroutine add_file
+
+    !> Appends a group with what stands before it.
+    subroutine add_group(file, g, last)
+      integer, intent(in) :: file              !! number of its file
+      integer, intent(in) :: g                 !! its number
+      integer, intent(inout) :: last           !! last character of the file that is done with
+      integer :: a, v
+      associate (s => parts%sources(file), group => parts%groups(g))
+        do a = group%first_assignment, group%first_assignment + group%assignments - 1
+          do v = parts%assignments(a)%first_value, parts%assignments(a)%first_value + parts%assignments(a)%values - 1
+            associate (token => parts%values(v))
+              if (token%form == expression_value) then
+                call replace(s%text, token%first, token%last, number_text(token%number), last)
+              else if (token%part > 0) then
+                call replace(s%text, token%first, token%first - 1, parts%sources(token%part)%prefix, last)
+              else if (parts%assignments(a)%name == 'file') then      ! a table's
+                if (index(s%text(token%first:token%last), '/') /= 1) call replace(s%text, token%first, token%last, &
+                  current_folder()//beside(s%path, s%text(token%first:token%last)), last)
+              end if
+            end associate
+          end do
+        end do
+        call flat%add(s%text(last + 1:group%slash))
+        last = group%slash
+      end associate
+    end subroutine add_group
+
+    !> Appends a text in the place of characters of a file, with what stands before them.
+    subroutine replace(text, first, through, new, last)
+      character(*), intent(in) :: text, new
+      integer, intent(in) :: first, through
+      integer, intent(inout) :: last           !! last character of the file that is done with
+      call flat%add(text(last + 1:first - 1)//new)
+      last = through
+    end subroutine replace
+  end function flat_text
+
+  !> A number in as few digits as give it back; a whole one as an integer, since a variable may ask for that.
+  function number_text(x) result(text)
+    real(wp), intent(in) :: x                  !! [any]
+    character(:), allocatable :: text
+    text = exact_text(x)
+    if (abs(x) < huge(1) .and. abs(x - anint(x)) <= 0.0_wp) text = to_text(nint(x))
+  end function number_text
+
+  !> Whether nothing but blanks or a comment stands behind a character on its line.
+  pure logical function ends_line(text, position) result(yes)
+    character(*), intent(in) :: text
+    integer, intent(in) :: position            !! of that character
+    integer :: next
+    next = position + verify(text(position + 1:), ' '//achar(9)//achar(13))
+    yes = next > position
+    if (yes) yes = scan(text(next:next), '!'//lf) > 0
+  end function ends_line
+end module deck_flat
