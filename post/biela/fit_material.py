@@ -15,14 +15,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from . import deck_text, material_data
+from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
-from .material_fit import NEAR, Fit, choose_terms, fit, master_curve, relative_error, rms
+from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
 from .result_files import HistoryError
 
 DECADE = 10.0
+MOST_LABELS = 7  # entries of a legend
+MARKS = "osD^vP*X<>"
 EDGE = 1.0e-9  # rounding of a frequency that stands on the band's end
 
 
@@ -92,11 +95,25 @@ def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
     return [f"{words}: an under-damped term; try Maxwell terms"]
 
 
-def material_lines(material: Material, name: str, density: float | None, notes: list[str]) -> str:
+def outside_poles(material: Material, band: tuple[float, float]) -> list[str]:
+    """Return a note where poles of the terms lie outside the data, which then hold them loosely."""
+    poles = np.concatenate([material.omega / (2.0 * np.pi), 0.5 / np.pi / material.tau])
+    outside = poles[(poles < band[0]) | (poles > band[1])]
+    if not outside.size:
+        return []
+    where = ", ".join(f"{pole:.3g}" for pole in np.sort(outside))
+    return [f"{outside.size} of {poles.size} terms act outside the band, at {where} Hz: the data see their flanks alone"]
+
+
+def material_lines(
+    material: Material, name: str, density: float | None, notes: list[str], band: tuple[float, float], scale: float
+) -> str:
     """Return the lines of a deck: comments, then the `&material` group."""
     said = material.assignments()
     lists = [f"          {key} = {said[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in said]
-    head = f"&material name='{name}' density={density:g} young={said['young']}"
+    head = f"&material name='{name}' density={density:g} young={said['young']} band={band[0]:.6g},{band[1]:.6g}"
+    if scale != 1.0:
+        head += f" ghm_frequency_scale={scale:.6g}"
     return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
 
 
@@ -108,37 +125,39 @@ def picture(
     Args:
         material: the curve
         title: written above
-        band: frequencies of the data, grey outside [Hz]
+        band: frequencies of the data [Hz]
         points: (label, frequencies [Hz], complex moduli [Pa]) of measurements
     """
-    wide = np.logspace(np.log10(band[0]) - 1.0, np.log10(band[1]) + 1.0, 400)
+    wide = np.logspace(*np.log10(band), 400)
     curve = material.modulus(wide)
-    marks = "osD^vP*X<>"
+    terms = material.term_curves(wide)
+    many = len(points) > MOST_LABELS
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.92, len(points))) if many else COLOURS
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(3, 1, figsize=(8.0, 8.2), sharex=True, layout="constrained")
         for k, (label, frequency, modulus) in enumerate(points):
-            look = dict(marker=marks[k % len(marks)], linestyle="none", markersize=4, color=COLOURS[k % len(COLOURS)])
-            axes[0].plot(frequency, modulus.real, label=label, **look)
+            look = dict(marker=MARKS[k % len(MARKS)], linestyle="none", markersize=4, color=colours[k % len(colours)])
+            shown = not many or k in (0, len(points) - 1)
+            axes[0].plot(frequency, modulus.real, label=label if shown else None, **look)
             axes[1].plot(frequency, modulus.imag / modulus.real, **look)
             axes[2].plot(frequency, modulus.imag, **look)
         axes[0].plot(wide, curve.real, color="black", label=law_of(material))
         axes[1].plot(wide, curve.imag / curve.real, color="black")
         axes[2].plot(wide, curve.imag, color="black", label="sum")
-        for k, (name, term) in enumerate(material.term_curves(wide)):
-            style = ("--", ":", "-.")[k % 3]
-            axes[2].plot(wide, term.imag, style, color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=name)
+        for k, (name, term) in enumerate(terms):
+            few = len(terms) <= MOST_LABELS - 1
+            look = dict(color=COLOURS[k % len(COLOURS)], linestyle=("--", ":", "-.")[k % 3]) if few else dict(color="#999999")
+            axes[2].plot(wide, term.imag, linewidth=1.0, label=name if few else "each term" if k == 0 else None, **look)
         for axis, label in zip(axes, ("storage modulus E' [Pa]", "loss factor E''/E' [-]", "loss modulus E'' [Pa]")):
             axis.set_ylabel(label)
             axis.set_xscale("log")
             axis.set_yscale("log")
-            axis.margins(x=0.0)
-            axis.axvspan(wide[0], band[0], color="#eeeeee", linewidth=0)
-            axis.axvspan(band[1], wide[-1], color="#eeeeee", linewidth=0)
-        top = max(curve.imag.max(), *(modulus.imag.max() for _, _, modulus in points)) if points else curve.imag.max()
-        axes[2].set_ylim(top * 1.0e-3, top * 2.0)
-        for axis, entries in ((axes[0], 3), (axes[2], 5)):
-            axis.legend(ncols=entries, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-        axes[2].set_xlabel("frequency [Hz] (grey: outside the data)")
+            axis.margins(x=0.02)
+        losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
+        axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter
+        for axis in (axes[0], axes[2]):
+            axis.legend(ncols=5, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        axes[2].set_xlabel("frequency [Hz]")
         figure.suptitle(title)
     return figure
 
@@ -164,49 +183,78 @@ def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
     return [f"{args.deck}, material {group.word('name')!r}:", *told]
 
 
-def shifted(args: argparse.Namespace, data: Measurements) -> tuple[np.ndarray, list, list[str]]:
-    """Return frequencies at the reference temperature [Hz], the points to draw, and notes about the shift."""
-    temperatures = data.temperatures
-    if temperatures.size < 2:
-        return data.frequency, [("data", data.frequency, data.modulus)], []
-    celsius = 273.15
-    middle = temperatures[temperatures.size // 2]
-    wanted = middle if args.reference is None else args.reference
-    reference = min(temperatures, key=lambda t: min(abs(t - wanted), abs(t - celsius - wanted)))
-    if min(abs(reference - wanted), abs(reference - celsius - wanted)) > 0.01:
-        have = ", ".join(f"{temperature:g}" for temperature in temperatures)
-        raise DataError(f"--reference {wanted:g}: no temperature of the table ({have} K)")
-    shifts, constants, reduced = master_curve(data, args.shift, reference)
+def shifted(args: argparse.Namespace, data: Measurements) -> tuple[MasterCurve | None, list[str]]:
+    """Return the master curve at the reference temperature and notes about it; no curve where there is one temperature."""
+    sets = data.temperatures
+    wanted = {option: getattr(args, option) for option in ("reference", "temperature") if getattr(args, option) is not None}
+    if sets.size < 2:
+        if wanted:
+            raise DataError(f"--{next(iter(wanted))}: the table has fewer than two temperatures, between which it could lie")
+        return None, []
+    for option, value in wanted.items():
+        if not sets[0] - args.tolerance <= value + data.zero <= sets[-1] + args.tolerance:
+            ends = f"{data.name(sets[0])} to {data.name(sets[-1])}"
+            raise DataError(f"--{option} {value:g}: outside the measured temperatures, {ends}; nothing is claimed there")
+    reference = float(sets[sets.size // 2]) if args.reference is None else args.reference + data.zero
+    law = args.shift or ("wlf" if sets.size > 2 else "free")
+    found = master_curve(data, law, reference)
     words = {"wlf": "WLF, C1 = {0:.4g}, C2 = {1:.4g} K", "arrhenius": "Arrhenius, {0:.4g} kJ/mol", "free": "a factor each"}
-    notes = [f"reference temperature {reference:g} K ({reference - celsius:g} C); shift: {words[args.shift].format(*constants)}"]
-    points = []
-    for temperature, shift in zip(temperatures, shifts):
-        part = data.temperature == temperature
-        points.append((f"{temperature - celsius:g} °C", reduced[part], data.modulus[part]))
-        notes.append(f"  at {temperature - celsius:g} C: a_T = {10.0**shift:.4g}, ghm_frequency_scale = {10.0**-shift:.4g}")
-    return reduced, points, notes
+    notes = [
+        f"{sets.size} temperatures (within {args.tolerance:g} K: one); reference {data.name(reference)}; "
+        f"shift: {words[law].format(*found.constants)}",
+        "   temperature   rows         a_T  known to  a_T by overlap  misfit, rms",
+    ]
+    for k, temperature in enumerate(sets):
+        factors = f"{10.0 ** found.shifts[k]:11.4g} {100 * (10.0 ** found.errors[k] - 1):7.2g} % {10.0 ** found.overlaps[k]:15.4g}"
+        notes.append(f"  {data.name(temperature):>12} {(data.group == k).sum():6d} {factors} {100 * found.misfits[k]:10.2g} %")
+    return found, notes
+
+
+def as_measured(data: Measurements) -> list[str]:
+    """Return a note for a set whose storage modulus falls with frequency, by more than its scatter explains."""
+    notes = []
+    for k in range(data.group.max() + 1):
+        storage = np.log(data.modulus[data.group == k].real)
+        scatter = np.median(np.abs(np.diff(storage, 2))) / (0.6745 * np.sqrt(6.0)) if storage.size > 4 else 0.0
+        fall = float((np.maximum.accumulate(storage) - storage).max())
+        if fall > max(0.01, 4.0 * np.sqrt(2.0) * scatter):
+            where = f" at {data.name(data.temperatures[k])}" if data.temperatures.size else ""
+            notes.append(
+                f"warning: the measured storage modulus{where} falls by {100.0 * (1.0 - np.exp(-fall)):.2g} % while the frequency "
+                "rises, which that of a relaxing material never does"
+            )
+    return notes
 
 
 def fit_table(args: argparse.Namespace) -> int:
     """Fit the table, print the lines, draw the picture; DataError."""
-    names = {quantity: getattr(args, quantity) for quantity in material_data.USUAL if getattr(args, quantity)}
-    data = material_data.read(args.source, names, args.units)
-    frequency, points, notes = shifted(args, data)
-    return deliver(args, args.source.stem if not args.name else args.name, frequency, data.modulus, points, notes, args.density)
+    names = {quantity: name for quantity in material_data.USUAL if (name := getattr(args, f"column_{quantity}"))}
+    data = material_data.read(args.source, names, args.units, args.tolerance)
+    curve, notes = shifted(args, data)
+    frequency = curve.frequency if curve else data.frequency
+    labels = [data.name(temperature) for temperature in data.temperatures] if curve else ["data"]
+    points = [(label, frequency[data.group == k], data.modulus[data.group == k]) for k, label in enumerate(labels)]
+    scale = 1.0
+    if curve and args.temperature is not None:
+        scale = 10.0 ** -curve.shift(args.temperature + data.zero)
+        notes.append(f"for {data.name(args.temperature + data.zero)}: ghm_frequency_scale = {scale:.6g} multiplies rates and band")
+    notes += as_measured(data)
+    return deliver(args, args.name or args.source.stem, (frequency, data.modulus), points, notes, args.density, scale)
 
 
-def deliver(args, name: str, frequency, modulus, points: list, notes: list[str], density: float | None) -> int:
+def deliver(args, name: str, table: tuple, points: list, notes: list[str], density: float | None, scale: float = 1.0) -> int:
     """Fit, print and draw.
 
     Args:
         args: the command line
         name: of the material
-        frequency: [Hz]
-        modulus: what is fitted [Pa]
+        table: frequencies [Hz] and what is fitted there [Pa]
         points: what the picture shows beside the fit
         notes: lines for the comment
         density: [kg/m3]
+        scale: ghm_frequency_scale of the temperature at which the material is used [-]
     """
+    frequency, modulus = table
     inside = np.ones(frequency.size, dtype=bool)
     if args.band:
         inside = (frequency >= args.band[0] * (1.0 - EDGE)) & (frequency <= args.band[1] * (1.0 + EDGE))
@@ -224,14 +272,20 @@ def deliver(args, name: str, frequency, modulus, points: list, notes: list[str],
         *(f"  {line}" for line in errors_by_decade(material, frequency, modulus)),
         "outside that band the terms extrapolate: nothing is claimed there",
         f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation",
+        *outside_poles(material, band),
         *falling_storage(material, band),
         *told,
         *notes,
     ]
+    if found.error > args.target and not args.terms:
+        notes.append(f"warning: no fit reaches --target {args.target:g}, the best has {found.error:.3g}")
     if density is None:
         notes.append("no --density was given: set it before use")
-    text = material_lines(material, name, density or 1000.0, notes)
+    text = material_lines(material, name, density or 1000.0, notes, band, scale)
     print(text, end="")
+    for note in notes:
+        if note.startswith("warning: "):
+            print(f"{args.source}: {note}", file=sys.stderr)
     stem = args.output or args.source.with_name(f"{args.source.stem}_fit")
     title = f"{name}: {law_of(material)}, {100 * found.error:.2g} % rms"
     drawn = save(picture(material, title, band, points), stem_of(stem, (".nml",)))
@@ -255,7 +309,7 @@ def show_material(args: argparse.Namespace) -> int:
     if args.law or args.terms:
         frequency = np.logspace(*np.log10(band), 120)
         modulus = material.modulus(frequency)
-        return deliver(args, name, frequency, modulus, [("as stated", frequency, modulus)], [], density)
+        return deliver(args, name, (frequency, modulus), [("as stated", frequency, modulus)], [], density)
     stem = args.output or args.source.with_name(f"{args.source.stem}_modulus")
     drawn = save(picture(material, f"{name}: {law_of(material)}", band, []), stem)
     for frequency in np.logspace(*np.log10(band), 7):

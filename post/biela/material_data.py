@@ -1,4 +1,4 @@
-"""Reads measured complex moduli: a table of frequency, storage modulus, loss modulus or loss factor, and temperature.
+"""Reads measured complex moduli: a table of frequency, storage modulus, loss modulus or loss factor, temperature and set.
 
 The first line names the columns, `f,E_stor,E_loss[,T]` or others that the caller names; the units stand in brackets behind
 the names or on a line of their own. Every fault is a `DataError` of one line, the file and where possible the line in front.
@@ -19,6 +19,7 @@ USUAL = {
     "loss": ("e_loss", "e''", 'e"', "eloss", "loss modulus", "g_loss", "g''"),
     "factor": ("eta", "tan_delta", "tand", "tan delta", "loss factor", "loss_factor", "loss"),
     "temperature": ("t", "temp", "temperature"),
+    "set": ("set", "sweep", "isotherm"),
 }
 FREQUENCY_UNITS = {"hz": 1.0, "khz": 1.0e3, "1/s": 1.0, "rad/s": 0.5 / np.pi, "krad/s": 500.0 / np.pi}
 MODULUS_UNITS = {"pa": 1.0, "kpa": 1.0e3, "mpa": 1.0e6, "gpa": 1.0e9, "n/m2": 1.0, "n/mm2": 1.0e6}
@@ -38,26 +39,37 @@ class Measurements:
     Attributes:
         frequency: [Hz]
         modulus: complex modulus [Pa]
-        temperature: [K], NaN where the table states none
+        temperature: of each row [K], NaN where the table states none
+        group: index of the temperature at which each row was measured, from cold to warm
+        zero: of the table's scale of temperature [K]
     """
 
     frequency: np.ndarray
     modulus: np.ndarray
     temperature: np.ndarray
+    group: np.ndarray
+    zero: float
 
     @property
     def temperatures(self) -> np.ndarray:
-        """The temperatures, ascending [K]; empty where the table states none."""
-        return np.unique(self.temperature[np.isfinite(self.temperature)])
+        """Mean temperature of each group, ascending [K]; empty where the table states none."""
+        if np.isnan(self.temperature).any():
+            return np.zeros(0)
+        return np.array([self.temperature[self.group == k].mean() for k in range(self.group.max() + 1)])
+
+    def name(self, temperature: float) -> str:
+        """Return a temperature [K] as the table would state it."""
+        return f"{temperature - self.zero:.4g} {'C' if self.zero else 'K'}"
 
 
-def read(path: Path, names: dict[str, str] | None = None, units: str = "") -> Measurements:
+def read(path: Path, names: dict[str, str] | None = None, units: str = "", tolerance: float = 0.5) -> Measurements:
     """Read a table.
 
     Args:
         path: a text file, columns separated by commas, semicolons, tabs or blanks
         names: column names that are not the usual ones, by what they hold (the keys of USUAL)
         units: 'Hz,MPa,MPa,C': units of frequency, moduli and temperature where the table states none
+        tolerance: temperatures that differ by less are one, measured with scatter [K]
 
     Raises:
         DataError: the file cannot be read or its numbers cannot be a modulus.
@@ -80,7 +92,7 @@ def read(path: Path, names: dict[str, str] | None = None, units: str = "") -> Me
         stated = [word.strip("[]() ") for word in rows.pop(0)[1]]
     where = _find_columns(path, columns, names or {})
     scale = _scales(path, where, stated, [word.strip() for word in units.split(",")] if units else [])
-    return _measurements(path, rows, where, scale, len(columns))
+    return _measurements(path, rows, where, scale, len(columns), tolerance)
 
 
 def _split(line: str, first: str) -> list[str]:
@@ -142,29 +154,58 @@ def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: 
     return scale
 
 
-def _measurements(path: Path, rows: list, where: dict[str, int], scale: dict[str, float], width: int) -> Measurements:
+def _measurements(path: Path, rows: list, where: dict, scale: dict, width: int, tolerance: float) -> Measurements:
     """Return the rows as complex moduli; DataError names the first line that cannot be one."""
-    values = []
+    values, sets = [], []
     for number, words in rows:
         if len(words) < width:
             raise DataError(f"{path}:{number}: {len(words)} values, {width} expected")
         row = {}
         for quantity, k in where.items():
+            if quantity == "set":
+                continue
             if not _is_number(words[k]) or not np.isfinite(float(words[k])):
                 raise DataError(f"{path}:{number}: {words[k]!r} is no finite number ({quantity})")
             row[quantity] = float(words[k]) * (1.0 if quantity == "temperature" else scale[quantity])
-            if quantity != "temperature" and row[quantity] <= 0.0:
+            if quantity != "temperature" and not 0.0 < row[quantity] < np.inf:
                 raise DataError(f"{path}:{number}: {quantity} = {words[k]}, a positive value expected")
         kelvin = row["temperature"] + scale["temperature"] if "temperature" in row else np.nan
         if kelvin <= 0.0:
             raise DataError(f"{path}:{number}: {kelvin:g} K lies below absolute zero: is the unit right?")
         loss = row["loss"] if "loss" in row else row["factor"] * row["storage"]
         values.append((kelvin, row["frequency"], row["storage"], loss, number))
-    values.sort(key=lambda value: value[:2])
-    for one, two in zip(values, values[1:]):
-        if one[1] == two[1] and (one[0] == two[0] or np.isnan(one[0])):
-            raise DataError(f"{path}:{two[4]}: the frequency {two[1]:g} Hz is given twice (temperatures in a column T?)")
+        sets.append(words[where["set"]] if "set" in where else "")
     if len(values) < 2:
         raise DataError(f"{path}: {len(values)} rows of numbers, two or more frequencies expected")
-    table = np.array([value[:4] for value in values])
-    return Measurements(table[:, 1], table[:, 2] + 1j * table[:, 3], table[:, 0])
+    table, labels = np.array(values), np.array(sets)
+    group = _groups(path, table[:, 0], labels, tolerance)
+    order = np.lexsort((table[:, 1], labels, group))
+    table, labels, group = table[order], labels[order], group[order]
+    twice = (np.diff(table[:, 1]) == 0.0) & (np.diff(group) == 0) & (labels[1:] == labels[:-1])
+    if twice.any():
+        row = table[1:][twice][0]
+        raise DataError(f"{path}:{row[4]:.0f}: the frequency {row[1]:g} Hz is given twice (temperatures in a column T?)")
+    return Measurements(table[:, 1], table[:, 2] + 1j * table[:, 3], table[:, 0], group, scale.get("temperature", 0.0))
+
+
+def _groups(path: Path, kelvin: np.ndarray, labels: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the index of each row's temperature, from cold to warm: that of its set, or of rows whose temperatures are one.
+
+    Rows of one set count with its mean temperature. Neighbouring temperatures with no gap above the tolerance between them are one.
+    """
+    if np.isnan(kelvin).any():
+        return np.zeros(kelvin.size, dtype=int)
+    place = kelvin.copy()
+    for label in np.unique(labels[labels != ""]):
+        place[labels == label] = kelvin[labels == label].mean()
+    order = np.argsort(place, kind="stable")
+    group = np.empty(kelvin.size, dtype=int)
+    group[order] = np.append(0, np.cumsum(np.diff(place[order]) > tolerance))
+    for k in range(group.max() + 1):
+        width = np.ptp(kelvin[group == k])
+        if width > 4.0 * tolerance:
+            raise DataError(
+                f"{path}: temperatures that run over {width:.3g} K count as one, no gap between them being above {tolerance:g} K: "
+                "measured while the temperature changed? A smaller --tolerance, or a column 'set', tells them apart"
+            )
+    return group

@@ -1,4 +1,4 @@
-"""Fits GHM or Maxwell terms to a complex modulus, and shifts tables of several temperatures onto one master curve.
+"""Fits GHM or Maxwell terms to a complex modulus.
 
 What is made small is the relative complex error |E_fit/E - 1|, root mean square over the rows. The weights of the terms enter it
 linearly: for given poles they follow from non-negative least squares (Lawson & Hanson). Poles start from those which that
@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from .material_data import DataError, Measurements
 from .material_law import Material, ghm_shapes, maxwell_shapes, pole_factor
 
 GRID = 6  # poles of the grid in a decade
 ZETAS = (0.3, 20.0)  # bounds of the damping ratio of a GHM term
 NEAR = 1.2  # errors within this factor count as equal: the fewer internal variables win
+STEP = 1.0e-7  # of a difference of logarithms
 STATIC = 1.0e-2  # smallest static modulus, in parts of the smallest storage modulus
-GAS = 8.314462618  # molar gas constant [J/(mol K)]
 
 
 @dataclass(frozen=True)
@@ -108,6 +107,21 @@ class _Law:
         return starts
 
 
+def spectrum_misfit(frequency: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+    """Return relative errors of storage and loss modulus, each of its own, for the best sum of relaxations of any rates.
+
+    None has a negative weight. What such a sum cannot follow is scatter, or no modulus of one linear material.
+    """
+    s = 2j * np.pi * frequency[:, None]
+    ends = np.log10(frequency.min()) - 1.0, np.log10(frequency.max()) + 1.0
+    rates = 2.0 * np.pi * np.logspace(*ends, round(GRID * (ends[1] - ends[0])))
+    columns = np.column_stack([np.ones(s.size), maxwell_shapes(s, 1.0 / rates)])
+    matrix = np.vstack([columns.real / modulus.real[:, None], columns.imag / modulus.imag[:, None]])
+    floor = STATIC * modulus.real.min()
+    weights = nnls(matrix, 1.0 - floor * matrix[:, 0])[0]
+    return matrix @ weights + floor * matrix[:, 0] - 1.0
+
+
 def _weights(columns: np.ndarray, modulus: np.ndarray, floor: float) -> np.ndarray:
     """Return static modulus and moduli of the terms that make the relative error least, none negative, the first above a floor."""
     matrix = columns / modulus[:, None]
@@ -127,11 +141,24 @@ def _refine(law: _Law, s: np.ndarray, modulus: np.ndarray, poles: np.ndarray, fl
     high = np.concatenate([np.full(terms + 1, np.log(10.0 * np.abs(modulus).max())), high])
     start = np.clip(np.append(moduli, poles), low + 1.0e-9, high - 1.0e-9)
 
-    def error(x: np.ndarray) -> np.ndarray:
-        fitted = np.exp(x[0]) + law.shapes(s, x[terms + 1 :]) @ np.exp(x[1 : terms + 1])
-        return ((fitted / modulus - 1.0)[:, None].view(float)).ravel() / np.sqrt(modulus.size)
+    def real(values: np.ndarray) -> np.ndarray:
+        """Return relative numbers, a row a frequency, as twice as many real ones."""
+        return np.concatenate([values.real, values.imag]) / np.sqrt(modulus.size)
 
-    solution = least_squares(error, start, bounds=(low, high), xtol=1.0e-8, ftol=1.0e-8, gtol=1.0e-12, max_nfev=200)
+    def error(x: np.ndarray) -> np.ndarray:
+        return real((np.exp(x[0]) + law.shapes(s, x[terms + 1 :]) @ np.exp(x[1 : terms + 1])) / modulus - 1.0)
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        """Return the derivatives; a term's shape depends on its own poles alone, so that all are moved at once."""
+        weights, poles = np.exp(x[1 : terms + 1]), x[terms + 1 :]
+        shapes = law.shapes(s, poles)
+        columns = [np.full((s.size, 1), np.exp(x[0])), shapes * weights]
+        for block in np.eye(poles.size // terms):
+            moved = law.shapes(s, poles + STEP * np.repeat(block, terms))
+            columns.append((moved - shapes) / STEP * weights)
+        return real(np.hstack(columns) / modulus[:, None])
+
+    solution = least_squares(error, start, jac=slopes, bounds=(low, high), xtol=1.0e-8, ftol=1.0e-8, gtol=1.0e-12, max_nfev=200)
     return float(np.linalg.norm(solution.fun)), solution.x
 
 
@@ -172,96 +199,3 @@ def choose_terms(kind: str, frequency: np.ndarray, modulus: np.ndarray, fastest:
         if tried[-1].error <= target:
             return tried[-1]
     return next(one for one, size in zip(tried, scatter) if size <= NEAR * min(scatter))
-
-
-def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, reference: float) -> np.ndarray:
-    """Return log10 a_T of temperatures [K]: at T a frequency f acts as a_T f at the reference temperature.
-
-    Args:
-        law: 'wlf' (Williams, Landel & Ferry 1955; constants C1 [-], C2 [K]) or 'arrhenius' (activation energy [kJ/mol])
-        constants: of the law
-        temperature: [K]
-        reference: [K]
-    """
-    if law == "wlf":
-        return -constants[0] * (temperature - reference) / (constants[1] + temperature - reference)
-    return constants[0] * 1.0e3 / (GAS * np.log(10.0)) * (1.0 / temperature - 1.0 / reference)
-
-
-def master_curve(data: Measurements, law: str, reference: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shift tables of several temperatures onto one curve.
-
-    The shifts are those for which a fine spectrum of Maxwell terms (non-negative weights) fits all rows together best.
-
-    Args:
-        data: measurements with temperatures
-        law: 'free' (a factor each), 'wlf' or 'arrhenius'
-        reference: temperature that is not shifted [K], one of the table's
-
-    Returns:
-        log10 a_T of each temperature of `data.temperatures`, the constants of the law (empty for 'free'), reduced frequencies [Hz].
-
-    Raises:
-        DataError: WLF's C2 cannot be bounded, or the curves of neighbouring temperatures do not overlap.
-    """
-    temperatures = data.temperatures
-    index = np.searchsorted(temperatures, data.temperature)
-    base = int(np.argmin(np.abs(temperatures - reference)))
-    first = _chained_shifts(data, temperatures, base)
-    others = np.arange(temperatures.size) != base
-
-    def spread(constants: np.ndarray) -> np.ndarray:
-        """Return log10 a_T of all temperatures."""
-        if law != "free":
-            return shift_factor(law, constants, temperatures, temperatures[base])
-        shifts = np.zeros(temperatures.size)
-        shifts[others] = constants
-        return shifts
-
-    def misfit(constants: np.ndarray) -> np.ndarray:
-        frequency = data.frequency * 10.0 ** spread(constants)[index]
-        s = 2j * np.pi * frequency[:, None]
-        decades = np.log10(frequency.max() / frequency.min()) + 2.0
-        rates = 2.0 * np.pi * np.logspace(np.log10(frequency.min()) - 1.0, np.log10(frequency.max()) + 1.0, round(3 * decades))
-        columns = np.column_stack([np.ones(s.size), maxwell_shapes(s, 1.0 / rates)])
-        weights = _weights(columns, data.modulus, STATIC * data.modulus.real.min())
-        return ((columns @ weights / data.modulus - 1.0)[:, None].view(float)).ravel()
-
-    start, bounds = _shift_start(law, first, temperatures, base)
-    found = least_squares(misfit, start, bounds=bounds, x_scale=np.maximum(np.abs(start), 1.0), diff_step=1.0e-4)
-    shifts = spread(found.x)
-    return shifts, found.x if law != "free" else np.zeros(0), data.frequency * 10.0 ** shifts[index]
-
-
-def _chained_shifts(data: Measurements, temperatures: np.ndarray, base: int) -> np.ndarray:
-    """Return a first log10 a_T of each temperature: neighbours are shifted until their moduli lie over each other."""
-    curves = [data.temperature == temperature for temperature in temperatures]
-    steps = []
-    for cold, warm in zip(curves, curves[1:]):
-        x, y = (np.log10(data.frequency[part]) for part in (cold, warm))
-        u, v = (np.log10(np.abs(data.modulus[part])) for part in (cold, warm))
-        offsets = np.linspace(-1.0, 6.0, 281)
-        errors = []
-        for offset in offsets:  # the colder curve acts as one of higher frequency
-            inside = (x + offset >= y.min()) & (x + offset <= y.max())
-            errors.append(np.mean((np.interp(x[inside] + offset, y, v) - u[inside]) ** 2) if inside.sum() >= 2 else np.inf)
-        if not np.isfinite(errors).any():
-            raise DataError("neighbouring temperatures share no frequencies to shift by: three rows or more at each expected")
-        steps.append(offsets[int(np.argmin(errors))])
-    total = -np.append(0.0, np.cumsum(steps))
-    return total - total[base]
-
-
-def _shift_start(law: str, first: np.ndarray, temperatures: np.ndarray, base: int) -> tuple[np.ndarray, tuple]:
-    """Return the constants of a law of shifts that come nearest to first shifts, and their bounds."""
-    others = np.arange(temperatures.size) != base
-    reference = temperatures[base]
-    if law == "free":
-        return first[others], (-np.inf, np.inf)
-    if law == "arrhenius":
-        unit = shift_factor(law, np.ones(1), temperatures, reference)
-        return np.maximum([unit @ first / (unit @ unit)], 1.0), (0.0, np.inf)
-    least = max(1.0, 1.0 - (temperatures.min() - reference))  # C2 + T - T_ref stays positive
-    bounds = ([0.0, least], [200.0, 2000.0])
-    guess = least_squares(lambda c: shift_factor(law, c, temperatures, reference) - first, [10.0, least + 60.0], bounds=bounds)
-    return guess.x, bounds

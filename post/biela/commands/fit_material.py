@@ -2,12 +2,14 @@
 
     fit_material.py DATA.csv --density 1200                       terms of the law that fits better at equal cost
     fit_material.py DATA.csv --density 1200 --law ghm --terms 3   a law and a number of terms
-    fit_material.py DATA.csv --density 1200 --shift wlf           tables at several temperatures, shifted to a master curve
+    fit_material.py DATA.csv --density 1200 --reference 20        sets of several temperatures, shifted to a master curve at 20
+    fit_material.py DATA.csv --density 1200 --temperature 35      the same, for a part at 35
     fit_material.py MATERIAL.nml --band 1 1500                    draws the modulus of a material
     fit_material.py MATERIAL.nml --band 1 1500 --law maxwell      the same modulus by terms of the other law
 
-DATA.csv has the header f,E_stor,E_loss[,T] (or E_stor,eta) and a line of units, such as Hz,MPa,MPa,C; other names of columns
-are given by options. What is made small is the relative error |E_fit/E - 1|, root mean square over the rows.
+DATA.csv has the header f,E_stor,E_loss[,T[,set]] (or E_stor,eta) and a line of units, such as Hz,MPa,MPa,C; other names of
+columns are given by options. Rows of one set, and rows whose temperatures differ by less than --tolerance, are one curve. What
+is made small is the relative error |E_fit/E - 1|, root mean square over the rows. Temperatures are in the table's unit.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from pathlib import Path
 
 from .. import command
 
-QUANTITIES = ("frequency", "storage", "loss", "factor", "temperature")  # columns of a table, of material_data.USUAL
+QUANTITIES = ("frequency", "storage", "loss", "factor", "temperature", "set")  # columns of a table, of material_data.USUAL
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -39,10 +41,16 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
     table = parser.add_argument_group("the table")
     for quantity in QUANTITIES:
-        table.add_argument(f"--{quantity}", metavar="COLUMN", help=f"name of the column of {quantity}")
+        option = "--temperature-column" if quantity == "temperature" else f"--{quantity}"
+        table.add_argument(option, dest=f"column_{quantity}", metavar="COLUMN", help=f"name of the column of {quantity}")
     table.add_argument("--units", default="", metavar="LIST", help="units, where it has none: Hz,MPa,MPa,C")
-    table.add_argument("--shift", choices=["free", "wlf", "arrhenius"], default="wlf", help="law of the shift with temperature")
-    table.add_argument("--reference", type=float, metavar="T", help="reference temperature, K or C (the middle one)")
+    shift = parser.add_argument_group("several temperatures")
+    shift.add_argument(
+        "--tolerance", type=command.positive, default=0.5, metavar="K", help="temperatures this near are one (%(default)s)"
+    )
+    shift.add_argument("--shift", choices=["free", "wlf", "arrhenius"], help="law of the shift (wlf; of two temperatures free)")
+    shift.add_argument("--reference", type=command.finite, metavar="T", help="temperature of the terms (the middle one)")
+    shift.add_argument("--temperature", type=command.finite, metavar="T", help="temperature at which the part is used (reference)")
     return parser
 
 

@@ -1,0 +1,161 @@
+"""Shifts moduli measured at several temperatures onto one curve (time-temperature superposition; Ferry 1980).
+
+At the temperature T a frequency f acts as a_T f at the reference temperature. How far neighbouring sets have to be shifted follows
+from their overlap alone: both together have to be the modulus of one relaxing material, a sum of relaxations with no negative
+weight. Where that is met as well by sets that stand apart, they do not overlap, and are refused. Then all shifts, or the
+constants of a law, are refined together. Each row is shifted by its own temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import approx_fprime, least_squares
+
+from .material_data import DataError, Measurements
+from .material_fit import rms, spectrum_misfit
+
+GAS = 8.314462618  # molar gas constant [J/(mol K)]
+CONFIDENCE = 20.0  # least logarithm of the likelihood ratio, doubled, of an overlap beside none: 4.5 standard deviations
+FLOOR = 2.0e-3  # misfit that the spacing of the spectrum leaves [-]
+
+
+@dataclass(frozen=True)
+class MasterCurve:
+    """Sets of several temperatures on one curve.
+
+    Attributes:
+        law: 'free' (a factor each), 'wlf' (Williams, Landel & Ferry 1955) or 'arrhenius'
+        reference: temperature that is not shifted [K]
+        temperatures: of the sets, ascending [K]
+        shifts: log10 a_T of each set
+        overlaps: log10 a_T of each set as its overlap with its neighbours alone says
+        errors: standard error of log10 a_T of each set, as the scatter about the curve gives it
+        misfits: root mean square of the relative errors of storage and loss modulus, of each set
+        constants: C1 [-] and C2 [K] of WLF, the activation energy of Arrhenius [kJ/mol], else empty
+        frequency: of each row at the reference temperature [Hz]
+    """
+
+    law: str
+    reference: float
+    temperatures: np.ndarray
+    shifts: np.ndarray
+    overlaps: np.ndarray
+    errors: np.ndarray
+    misfits: np.ndarray
+    constants: np.ndarray
+    frequency: np.ndarray
+
+    def shift(self, temperature: float) -> float:
+        """Return log10 a_T of a temperature between the measured ones [K]."""
+        return float(_shifts(self.law, self.constants, self.temperatures, self.shifts, temperature, self.reference))
+
+
+def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, reference: float) -> np.ndarray:
+    """Return log10 a_T of temperatures [K] by a law, 'wlf' or 'arrhenius', with its constants at the reference [K]."""
+    if law == "wlf":
+        return -constants[0] * (temperature - reference) / (constants[1] + temperature - reference)
+    return constants[0] * 1.0e3 / (GAS * np.log(10.0)) * (1.0 / temperature - 1.0 / reference)
+
+
+def _shifts(law: str, constants: np.ndarray, sets: np.ndarray, factors: np.ndarray, temperature, reference: float) -> np.ndarray:
+    """Return log10 a_T of temperatures [K]; of free factors between those of the sets, straight on beyond the outer ones."""
+    if law != "free":
+        return shift_factor(law, constants, temperature, reference)
+    slopes = np.diff(factors) / np.diff(sets)
+    k = np.clip(np.searchsorted(sets, temperature) - 1, 0, slopes.size - 1)
+    return factors[k] + slopes[k] * (temperature - sets[k])
+
+
+def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
+    """Shift the sets of a table onto one curve.
+
+    Args:
+        data: measurements at two temperatures or more
+        law: 'free', 'wlf' or 'arrhenius'
+        reference: temperature that is not shifted, between the measured ones [K]
+
+    Raises:
+        DataError: the sets do not overlap, or the law does not hold for them.
+    """
+    sets = data.temperatures
+    if law == "wlf" and sets.size < 3:
+        raise DataError(f"WLF has two constants, which {sets.size} temperatures do not give: --shift free or arrhenius")
+    chain = np.append(0.0, np.cumsum([_step(data, k) for k in range(sets.size - 1)]))
+    base = int(np.argmin(np.abs(sets - reference)))  # the law is fitted about a set, so that WLF's C2 has a bound
+    start, bounds, sizes = _start(law, chain - chain[base], sets, base)
+
+    def spread(x: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        """Return log10 a_T of temperatures [K] for unknowns x."""
+        return _shifts(law, x, sets, np.insert(x, base, 0.0) if law == "free" else x, temperature, sets[base])
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        return spectrum_misfit(data.frequency * 10.0 ** spread(x, data.temperature), data.modulus)
+
+    found = least_squares(misfit, start, bounds=bounds, x_scale=sizes, diff_step=1.0e-3, xtol=1.0e-5, ftol=1.0e-6)
+    places = np.append(reference, sets)
+    own = spread(found.x, places)
+    own, zero = own[1:], own[0]
+    rows = data.frequency * 10.0 ** (spread(found.x, data.temperature) - zero)
+    _check_overlap(data, law, rows)
+    constants = found.x if law != "free" else np.zeros(0)
+    if law == "wlf":
+        second = constants[1] + reference - sets[base]
+        constants = np.array([constants[0] * constants[1] / second, second])
+    misfits = np.array([rms(found.fun.reshape(2, -1)[:, data.group == k]) for k in range(sets.size)])
+    moves = approx_fprime(found.x, lambda x: spread(x, sets) - spread(x, places[:1]))
+    spare = max(found.fun.size - found.x.size - 2 * sets.size, 1)  # about two numbers of the spectrum for each set
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * (found.fun @ found.fun) / spare
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
+    overlaps = chain - np.interp(reference, sets, chain)
+    return MasterCurve(law, reference, sets, own - zero, overlaps, errors, misfits, constants, rows)
+
+
+def _step(data: Measurements, k: int) -> float:
+    """Return log10 a_T of the set k + 1 beside the set k by their overlap; DataError where there is none."""
+    cold, warm = data.group == k, data.group == k + 1
+    low, high = (np.log10(data.frequency[part]) for part in (cold, warm))
+    modulus = np.append(data.modulus[cold], data.modulus[warm])
+    whole = low.max() - low.min() + high.max() - high.min()  # shifts between the two at which the sets only touch
+
+    def misfit(step: float) -> float:
+        return rms(spectrum_misfit(10.0 ** np.append(low, high + step), modulus)) + FLOOR
+
+    first = low.min() - high.max()  # the warm set ends where the cold one begins
+    steps = first + whole * np.linspace(0.0, 1.0, max(5, round(20 * whole)) + 1)
+    misfits = np.array([misfit(step) for step in steps])
+    best = int(np.argmin(misfits))
+    apart = min(misfits[0], misfits[-1], misfit(first - 0.5), misfit(steps[-1] + 0.5))
+    if 4 * modulus.size * np.log(apart / misfits[best]) < CONFIDENCE:
+        names = " and ".join(data.name(t) for t in data.temperatures[k : k + 2])
+        raise DataError(
+            f"the curves at {names} do not overlap: apart they are as good a modulus ({100 * apart:.2g} %) as one over the other "
+            f"({100 * misfits[best]:.2g} %), so that their shift is not known"
+        )
+    around = slice(max(best - 1, 0), best + 2)
+    top = np.polyfit(steps[around], misfits[around], 2) if steps[around].size == 3 else np.zeros(3)
+    return float(-top[1] / (2.0 * top[0])) if top[0] > 0.0 else float(steps[best])
+
+
+def _check_overlap(data: Measurements, law: str, rows: np.ndarray) -> None:
+    """Refuse a law that shifts neighbouring sets apart; rows: reduced frequencies [Hz]."""
+    for k, (cold, warm) in enumerate(zip(data.temperatures, data.temperatures[1:])):
+        one, two = rows[data.group == k], rows[data.group == k + 1]
+        if two.max() < one.min() or one.max() < two.min():
+            names = f"{data.name(cold)} and {data.name(warm)}"
+            raise DataError(f"{law} does not hold: it shifts the overlapping curves at {names} apart; try --shift free")
+
+
+def _start(law: str, first: np.ndarray, sets: np.ndarray, base: int) -> tuple[np.ndarray, tuple, np.ndarray]:
+    """Return unknowns that come nearest to first shifts, their bounds and their sizes."""
+    if law == "free":
+        return np.delete(first, base), (-np.inf, np.inf), np.ones(sets.size - 1)
+    if law == "arrhenius":
+        unit = shift_factor(law, np.ones(1), sets, sets[base])
+        start = np.array([max(unit @ first / (unit @ unit), 1.0)])
+        return start, (0.0, np.inf), start
+    least = max(1.0, 1.0 - (sets.min() - sets[base]))  # C2 + T - T_ref stays positive
+    bounds = ([0.0, least], [200.0, 2000.0])
+    guess = least_squares(lambda c: shift_factor(law, c, sets, sets[base]) - first, [10.0, least + 60.0], bounds=bounds)
+    return guess.x, bounds, np.maximum(guess.x, 1.0)
