@@ -2,22 +2,20 @@
 !> contradicts the others. To find it, parts of the scene are assembled. This costs time only after an assembly that failed.
 module assembly_conflict
   use kinds, only: wp
-  use assembly, only: assemble
   use assembly_reports, only: assembly_report, gap_text
   use build_scene, only: build
   use constraint, only: constraint_model
   use deck_origin, only: origin
   use deck_records, only: deck, marker_record
-  use dynamics, only: evaluate
+  use dynamics, only: evaluate_start
   use errors, only: failure, fault_list
-  use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use mechanism_setup, only: set_up_mechanism
   use position_closing, only: closed_gap
   use scene_model, only: scene
   use text, only: exact_text, to_text
+  use trial_scene, only: assemble_scene
   implicit none (type, external)
   private
   public :: explain_open_joints, deck_line_of
@@ -33,7 +31,7 @@ contains
     type(deck), intent(in) :: d
     type(failure), intent(inout) :: fail            !! that of the assembly
     type(fault_list) :: faults
-    type(scene) :: all, part
+    type(scene) :: all
     type(mechanism_model) :: m
     type(evaluation) :: ev
     type(assembly_report) :: report
@@ -45,8 +43,7 @@ contains
     culprit = size(all%constraints)
     do while (culprit - low > 1)
       middle = (low + culprit)/2
-      call take(all, [(k <= middle, k=1, size(all%constraints))], 0, part)
-      call close_up(part, m, ev, q, report)
+      call close_up(all, [(k <= middle, k=1, size(all%constraints))], 0, m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
@@ -62,28 +59,21 @@ contains
     type(scene), intent(in) :: all
     integer, intent(in) :: culprit                  !! as many of the first joints do not close
     character(:), allocatable, intent(out) :: words
-    type(scene) :: part
     type(mechanism_model) :: m, without
     type(evaluation) :: ev, other
     type(assembly_report) :: report
     character(:), allocatable :: where_closed, unit
     real(wp), allocatable :: q(:)
-    real(wp) :: at_rest(all%nq), none(all%nz)
     integer :: k
     logical :: surplus
-    call take(all, [(k <= culprit, k=1, size(all%constraints))], 0, part)
-    call close_up(part, m, ev, q, report)
+    call close_up(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
     where_closed = ' where all others are closed'
-    call take(all, [(k /= culprit, k=1, size(all%constraints))], 0, part)
-    call close_up(part, without, other, q, report)
+    call close_up(all, [(k /= culprit, k=1, size(all%constraints))], 0, without, other, q, report)
     if (report%open) then
       where_closed = ' where those before it in the deck are closed'
-      call take(all, [(k < culprit, k=1, size(all%constraints))], 0, part)
-      call close_up(part, without, other, q, report)
+      call close_up(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, report)
     end if
-    at_rest = 0.0_wp
-    none = 0.0_wp
-    call evaluate(m, ev, usual_options(m%s), 0.0_wp, q, at_rest, none, none)
+    call evaluate_start(m, ev, q)
     surplus = leaves_no_motion(d, culprit)
     associate (c => m%s%constraints(culprit)%item)
       if (maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1))) <= closed_gap(m, ev)) then
@@ -119,11 +109,11 @@ contains
     integer, intent(in) :: culprit
     type(deck) :: rigid
     type(fault_list) :: faults
-    type(scene) :: all, part
+    type(scene) :: all
     type(mechanism_model) :: m, without
     type(evaluation) :: ev, other
     type(assembly_report) :: report, before
-    real(wp), allocatable :: q(:), at_rest(:), none(:)
+    real(wp), allocatable :: q(:)
     logical, allocatable :: weak(:)
     integer :: k
     rigid = d
@@ -131,14 +121,11 @@ contains
     call build(rigid, all, faults)
     yes = .false.
     if (faults%count > 0) return
-    call take(all, [(k <= culprit, k=1, size(all%constraints))], 0, part)
-    call close_up(part, m, ev, q, report)
-    call take(all, [(k < culprit, k=1, size(all%constraints))], 0, part)
-    call close_up(part, without, other, q, before)
+    call close_up(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
+    call close_up(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, before)
     if (before%open) return
-    allocate (at_rest(m%s%nq), none(m%s%nz), source=0.0_wp)
     allocate (weak(m%s%rows))
-    call evaluate(m, ev, usual_options(m%s), 0.0_wp, q, at_rest, none, none)
+    call evaluate_start(m, ev, q)
     call condense_geometry(m, ev)
     call ev%schur%weak_rows(dependent, weak)
     yes = count(.not. weak) < before%rank + m%s%constraints(culprit)%item%rows
@@ -168,18 +155,19 @@ contains
     end do
   end subroutine take
 
-  !> Assembles a scene; velocities do not count.
-  subroutine close_up(s, m, ev, q, report)
-    type(scene), intent(in) :: s
+  !> Assembles the constraints of a scene that are kept; velocities do not count.
+  subroutine close_up(all, kept, freed, m, ev, q, report)
+    type(scene), intent(in) :: all
+    logical, intent(in) :: kept(:)                  !! (constraints)
+    integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(mechanism_model), intent(out) :: m
     type(evaluation), intent(out) :: ev
     real(wp), allocatable, intent(out) :: q(:)   !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
-    real(wp) :: v(s%nq)
-    call set_up_mechanism(m, ev, s)
-    allocate (q(s%nq))
-    call assemble(m, ev, q, v, report, fail)
+    type(scene) :: part
+    call take(all, kept, freed, part)
+    call assemble_scene(part, m, ev, q, report, fail)
   end subroutine close_up
 
   !> The weld or prismatic joint whose angle must change least so that all joints close; empty: there is none.
@@ -189,7 +177,6 @@ contains
     integer, intent(in) :: culprit                  !! as many of the first joints do not close
     character(:), allocatable, intent(out) :: words
     integer, intent(out) :: named                   !! joint or drive that is to blame
-    type(scene) :: part
     type(mechanism_model) :: m
     type(evaluation) :: ev
     type(assembly_report) :: report
@@ -209,8 +196,7 @@ contains
       if (.not. holds) cycle
       tried = tried + 1
       if (tried > most_welds) return
-      call take(all, [(i <= culprit, i=1, size(all%constraints))], k, part)
-      call close_up(part, m, ev, q, report)
+      call close_up(all, [(i <= culprit, i=1, size(all%constraints))], k, m, ev, q, report)
       if (report%open) cycle
       deck_value = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
       angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)

@@ -2,16 +2,12 @@
 !> little, shows here at once, where elastic coordinates hide it among many.
 module rigid_mobility
   use kinds, only: wp
-  use assembly, only: assemble
   use assembly_reports, only: assembly_report
-  use build_scene, only: build
   use deck_records, only: deck
-  use errors, only: failure, fault_list
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use mechanism_setup, only: set_up_mechanism
-  use scene_model, only: scene
   use summary_text, only: summary_record
+  use trial_scene, only: assemble_deck
   implicit none (type, external)
   private
   public :: mobility_lines
@@ -43,21 +39,14 @@ contains
     type(deck) :: other
     type(mechanism_model) :: m
     type(evaluation) :: ev
-    type(scene) :: s
-    type(fault_list) :: faults
     type(assembly_report) :: report
-    type(failure) :: fail
-    real(wp), allocatable :: q(:), v(:)
+    real(wp), allocatable :: q(:)
+    logical :: ok
     other = d
     other%bodies%flexible = .false.
     if (.not. drives) deallocate (other%drives)
     if (.not. drives) allocate (other%drives(0))
-    n = -1
-    call build(other, s, faults)
-    if (faults%count > 0) return
-    call set_up_mechanism(m, ev, s)
-    allocate (q(s%nq), v(s%nq))
-    call assemble(m, ev, q, v, report, fail)
-    if (.not. fail%happened()) n = report%freedoms
+    call assemble_deck(other, m, ev, q, report, ok)
+    n = merge(report%freedoms, -1, ok)
   end function freedoms
 end module rigid_mobility

@@ -2,25 +2,20 @@
 !> and drives released, for the whole run of linear bodies. Current bound: the constrained mechanism as it stands.
 module step_advice
   use kinds, only: wp
-  use assembly, only: assemble
   use assembly_reports, only: assembly_report
-  use build_scene, only: build
   use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
   use deck_records, only: deck
-  use dynamics, only: evaluate
-  use errors, only: failure, fault_list
-  use evaluation_settings, only: usual_options
+  use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use mechanism_setup, only: set_up_mechanism
   use safe_bound, only: find_safe_bound
-  use scene_model, only: scene
   use spectrum, only: fast_spectrum
   use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
   use summary_text, only: json_number, summary_record
   use text, only: fixed_text
+  use trial_scene, only: assemble_deck
   use validity, only: bend_to_limit
   implicit none (type, external)
   private
@@ -58,7 +53,7 @@ contains
     real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
     type(evaluation) :: work
     type(step_bound) :: bent_bound
-    real(wp), allocatable :: bent(:), rest(:), none(:)
+    real(wp), allocatable :: bent(:)
     integer :: b
     advice%provided = ''
     advice%lowest = advice%safe%step
@@ -66,8 +61,7 @@ contains
     if (any(m%s%bodies%stiffening)) call provide('tension', 'with geometric stiffening the bounds are those of the start; '// &
                                                  'tension raises frequencies')
     work = ev
-    allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call evaluate_start(m, work, q)
     if (any(turning_stiffness(m, work) > 0.0_wp)) call provide('forces of springs', 'springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
     if (.not. any(m%s%bodies%flexible)) return
@@ -104,10 +98,8 @@ contains
     type(step_bound) :: held
     type(evaluation) :: work
     type(fast_spectrum) :: fast
-    real(wp), allocatable :: rest(:), none(:)
     work = ev
-    allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call evaluate_start(m, work, q)
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. size(fast%lin%segments) > 0)) return
@@ -194,6 +186,10 @@ contains
     integer, parameter :: rounds = 6
     type(deck) :: other
     type(step_bound) :: bound
+    type(mechanism_model) :: without           ! what limits
+    type(evaluation) :: work
+    type(assembly_report) :: report
+    real(wp), allocatable :: q(:)
     logical :: changed(size(d%bodies)), ok
     integer :: b, c, k
     other = d
@@ -207,8 +203,9 @@ contains
         call change_body(other, c, change)
         changed(c) = .true.
       end do
-      call bound_of_deck(other, bound, ok)
+      call assemble_deck(other, without, work, q, report, ok)
       if (.not. ok) return
+      call both_bounds(without, work, q, bound)
       if (bound%step(1) > gain*advice%safe%step(1)) exit
       b = bound%cause(1)%body
       if (b == 0 .or. k == rounds) return
@@ -224,26 +221,4 @@ contains
     end if
     call advice%text%close()
   end subroutine try
-
-  !> The safe bound of a deck.
-  subroutine bound_of_deck(d, bound, ok)
-    type(deck), intent(in) :: d
-    type(step_bound), intent(out) :: bound
-    logical, intent(out) :: ok                 !! the deck can be built and assembled
-    type(mechanism_model) :: m
-    type(evaluation) :: ev
-    type(scene) :: s
-    type(fault_list) :: faults
-    type(assembly_report) :: report
-    type(failure) :: fail
-    real(wp), allocatable :: q(:), v(:)
-    call build(d, s, faults)
-    ok = faults%count == 0
-    if (.not. ok) return
-    call set_up_mechanism(m, ev, s)
-    allocate (q(s%nq), v(s%nq))
-    call assemble(m, ev, q, v, report, fail)
-    ok = .not. fail%happened()
-    if (ok) call both_bounds(m, ev, q, bound)
-  end subroutine bound_of_deck
 end module step_advice

@@ -8,8 +8,7 @@
 module elastic_closing
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use dynamics, only: evaluate
-  use evaluation_settings, only: usual_options
+  use dynamics, only: evaluate_start
   use frame_axes, only: to_global
   use joint_geometry, only: condense_geometry
   use linear_matrices, only: linear_mechanism
@@ -35,7 +34,7 @@ contains
     type(mechanism_model) :: bodies                  ! without springs: their stiffness is no part of K
     type(linear_mechanism) :: lin
     type(stiffness_system) :: ds
-    real(wp) :: rest(size(q)), z(self%s%nz), no_force(self%s%rows)
+    real(wp) :: rest(size(q)), no_force(self%s%rows)
     complex(wp), allocatable :: x(:)
     logical :: dependent(self%s%rows)
     integer :: pass
@@ -43,10 +42,9 @@ contains
     deallocate (bodies%s%forces)
     allocate (bodies%s%forces(0))
     rest = 0.0_wp
-    z = 0.0_wp
     no_force = 0.0_wp
     do pass = 0, most_newton
-      call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, rest, z, z)
+      call evaluate_start(self, ev, q)
       if (maxval(abs(ev%rows%phi)) <= gap .or. pass == most_newton) return
       call condense_geometry(self, ev)
       call ev%schur%weak_rows(redundant, dependent)

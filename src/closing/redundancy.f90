@@ -3,8 +3,7 @@
 module redundancy
   use kinds, only: wp
   use assembly_reports, only: assembly_report
-  use dynamics, only: evaluate
-  use evaluation_settings, only: usual_options
+  use dynamics, only: evaluate_start
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: row_rates
@@ -26,17 +25,16 @@ contains
     real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad], [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     logical, allocatable :: weak(:)
-    real(wp), allocatable :: none(:), diagonal(:), x(:)
+    real(wp), allocatable :: diagonal(:), x(:)
     integer :: k, i
     allocate (report%dependent(size(self%s%constraints)), source=.false.)
     report%freedoms = self%s%nq
     if (self%s%rows == 0) return
-    allocate (none(self%s%nz), source=0.0_wp)
     allocate (weak(self%s%rows), x(self%s%rows))
     diagonal = ev%schur%s(0, ev%schur%position)
     if (maxval(diagonal) > 1.0e6_wp*minval(diagonal)) then
       where (diagonal > 0.0_wp) ev%schur%scale = 1.0_wp/sqrt(diagonal)
-      call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
+      call evaluate_start(self, ev, q, v)
     end if
     call condense_geometry(self, ev)
     call ev%schur%weak_rows(redundant, weak)
@@ -45,7 +43,7 @@ contains
     if (.not. any(weak)) return
     self%redundant = stays_redundant(self, ev, q, v)
     if (self%redundant) ev%schur%shift = 1.0e-9_wp
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
+    call evaluate_start(self, ev, q, v)
     do k = 1, mixtures
       call null_vector(ev, weak, k, x)
       do i = 1, size(self%s%constraints)
@@ -62,27 +60,26 @@ contains
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)      !! (nq) [m, rad], [m/s, rad/s]
-    real(wp), allocatable :: motion(:), none(:)
+    real(wp), allocatable :: motion(:)
     logical, allocatable :: weak(:)
     real(wp) :: speed
     integer :: k
-    allocate (none(self%s%nz), source=0.0_wp)
     allocate (weak(self%s%rows))
     motion = v
     if (.not. maxval(abs(v)) > 0.0_wp) then
       motion = [(sin(1.7_wp*k) + 0.2_wp, k=1, size(q))]
-      call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, motion, none, none)
+      call evaluate_start(self, ev, q, motion)
       call row_rates(self, ev, ev%lambda)
       call ev%schur%solve(ev%lambda)
       call apply_multipliers(self, ev, ev%lambda, ev%a)
       motion = motion + ev%a
     end if
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, motion, none, none)
+    call evaluate_start(self, ev, q, motion)
     speed = maxval(abs(ev%p%v))
     yes = .true.
     if (.not. speed > 1.0e-9_wp*self%s%size) return
     motion = q + 2.0e-3_wp*self%s%size/speed*motion
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, motion, v, none, none)
+    call evaluate_start(self, ev, motion, v)
     call condense_geometry(self, ev)
     call ev%schur%weak_rows(redundant, weak)
     yes = any(weak)

@@ -3,9 +3,8 @@
 module velocity_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven, weakest_constraint, weakest_text
-  use dynamics, only: evaluate
+  use dynamics, only: evaluate_start
   use errors, only: failure, status_bad_input
-  use evaluation_settings, only: usual_options
   use joint_geometry, only: condense_geometry
   use joint_response, only: apply_multipliers
   use joint_system, only: condense_constraints, row_rates
@@ -36,13 +35,12 @@ contains
     real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
     type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
-    real(wp), allocatable :: none(:), start(:)
+    real(wp), allocatable :: start(:)
     real(wp) :: worst, goal
     integer :: attempt, pass, k
     logical :: uneven, beyond_digits, elastic_held
-    allocate (none(self%s%nz), source=0.0_wp)
     start = v
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
+    call evaluate_start(self, ev, q, v)
     if (self%s%rows == 0) return
     uneven = ev%schur%uneven_masses .or. ev%schur%ill_conditioned
     beyond_digits = uneven .and. ev%schur%beyond_digits()
@@ -61,7 +59,7 @@ contains
       call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.true.)
       if (worst <= goal .or. beyond_digits) exit      ! rounding and a contradiction look alike there
     end do
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)
+    call evaluate_start(self, ev, q, v)
     if (worst > goal .and. uneven) then
       report%culprit = weakest_constraint(self, ev)
       call fail%raise(status_bad_input, 'no velocities can be found at t = 0 that satisfy the joints and drives: '//too_uneven// &
@@ -92,11 +90,9 @@ contains
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
     logical, intent(in) :: elastic_held        !! by the frames alone
     logical, intent(in) :: masked              !! stated velocities are kept; else they are heavy
-    real(wp), allocatable :: none(:)
     logical :: good
     integer :: pass
-    allocate (none(self%s%nz), source=0.0_wp)
-    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, v, none, none)   ! the metric is that of its mass matrix
+    call evaluate_start(self, ev, q, v)   ! the metric is that of its mass matrix
     call weigh_frames(self, ev, elastic_held, masked)
     call condense_constraints(self, ev, elastic_held)
     call ev%schur%factor_strong(good)

@@ -4,7 +4,7 @@
 module dynamics
   use kinds, only: wp
   use body_condensation, only: condense_bodies
-  use evaluation_settings, only: evaluation_options
+  use evaluation_settings, only: evaluation_options, usual_options
   use joint_correction, only: correct_accelerations
   use joint_geometry, only: factor_joints
   use joint_response, only: accelerations, apply_multipliers, free_accelerations
@@ -15,8 +15,8 @@ module dynamics
   use marker_motion, only: set_frames, marker_kinematics, one_marker
   implicit none (type, external)
   private
-  public :: evaluate, marker_kinematics, one_marker, constraint_values, row_rates, condense_constraints, &
-            apply_multipliers, applied_forces, set_frames
+  public :: evaluate, evaluate_start, drive_powers, marker_kinematics, one_marker, constraint_values, row_rates, &
+            condense_constraints, apply_multipliers, applied_forces, set_frames
 
 contains
 
@@ -45,9 +45,22 @@ contains
     call multiplier_forces(self, ev, options%baumgarte)
     call accelerations(self, ev, ev%lambda, .true., ev%a)
     if (ev%schur%uneven_masses) call correct_accelerations(self, ev)
-    call drive_powers(self, ev)
+    call drive_powers(self, ev, ev%lambda)
     if (.not. v(1) < huge(1.0_wp)) ev%broken = .true.
   end subroutine evaluate
+
+  !> The same at t = 0 as the deck has it, internal variables at zero; at rest, if no velocities are given.
+  subroutine evaluate_start(self, ev, q, v)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:)            !! (nq) [m, rad]
+    real(wp), intent(in), contiguous, optional :: v(:)  !! (nq) [m/s, rad/s]
+    real(wp) :: rest(size(q)), z(self%s%nz)             ! [m/s, rad/s], [m, rad]
+    rest = 0.0_wp
+    if (present(v)) rest = v
+    z = 0.0_wp
+    call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, rest, z, z)
+  end subroutine evaluate_start
 
   !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
   subroutine multiplier_forces(self, ev, baumgarte)
@@ -61,14 +74,15 @@ contains
   end subroutine multiplier_forces
 
   !> Adds what the drives do to the power.
-  pure subroutine drive_powers(self, ev)
+  pure subroutine drive_powers(self, ev, lambda)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: lambda(:)       !! (rows) [N]
     integer :: k, i
     do k = self%s%joints + 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         i = c%first
-        ev%input_power = ev%input_power + ev%lambda(i)*ev%rows%phi_t(i)
+        ev%input_power = ev%input_power + lambda(i)*ev%rows%phi_t(i)
       end associate
     end do
   end subroutine drive_powers

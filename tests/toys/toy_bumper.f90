@@ -16,7 +16,6 @@ module bumper
     procedure :: act
     procedure :: acts_on
     procedure :: tangent
-    procedure :: components
     procedure :: energy
   end type bumper_model
 
@@ -62,13 +61,6 @@ contains
     k%k([2, 5], 2) = 2*self%hardness*depth(self, p)*[1, -1]
     k%k([2, 5], 5) = -k%k([2, 5], 2)
   end subroutine tangent
-
-  !> It sees heights.
-  pure function components(self) result(list)
-    class(bumper_model), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [2, 5]
-  end function components
 
   !> A third of the hardness times the cube of the depth.
   pure real(wp) function energy(self, p, z, zd)   ! [J]

@@ -6,8 +6,7 @@ module step_monitor
   use kinds, only: wp, ip
   use archive, only: value_archive
   use bound_causes, only: bound_cause, mode_cause
-  use dynamics, only: evaluate
-  use evaluation_settings, only: usual_options
+  use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
@@ -78,15 +77,13 @@ contains
     character(*), intent(in) :: method
     type(evaluation) :: work
     type(step_bound) :: bound
-    real(wp), allocatable :: rest(:), none(:)
     real(wp) :: lambda                         ! [rad2/s2]
     real(wp) :: followed                       ! bound of the followed motions [s]
     integer :: k
     self%method = method_number(method)
     if (self%method == 0) return
     work = ev
-    allocate (rest(size(q)), none(m%s%nz), source=0.0_wp)
-    call evaluate(m, work, usual_options(m%s), 0.0_wp, q, rest, none, none)
+    call evaluate_start(m, work, q)
     call self%fast%set_up(m, ev, q)
     call self%fast%largest(m, work, .false., only_stiffness, 100, lambda)
     self%fastest = sqrt(max(lambda, 0.0_wp))

@@ -59,8 +59,8 @@ module force_element
     procedure(state_to_action), deferred :: act
     procedure(list_actions), deferred :: acts_on  !! whether it can act on x, y, section angle of marker a, then of b
     procedure :: tangent => no_tangent
-    procedure :: components => no_components      !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
-    procedure :: rate_components => no_components !! of them, those whose rates it sees
+    procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
+    procedure :: rate_components => damped_components !! of them, those whose rates it sees
     procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
     procedure :: deformation => no_deformation
     procedure :: energy => no_energy
@@ -128,12 +128,19 @@ contains
     k%c = 0.0_wp
   end subroutine no_tangent
 
-  !> Without a tangent nothing is joined.
-  pure function no_components(self) result(list)
+  !> Most tangents join what the element acts on.
+  pure function acting_components(self) result(list)
     class(force_model), intent(in) :: self
     integer, allocatable :: list(:)
-    allocate (list(0))
-  end function no_components
+    list = pack([1, 2, 3, 4, 5, 6], self%acts_on())
+  end function acting_components
+
+  !> All of them, if it damps.
+  pure function damped_components(self) result(list)
+    class(force_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = pack(self%components(), self%damping > 0.0_wp)
+  end function damped_components
 
   !> Most elements do not follow a history.
   pure function no_wrench(self, p, with) result(w)

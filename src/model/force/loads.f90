@@ -16,6 +16,7 @@ module loads
   contains
     procedure :: act => load_act
     procedure :: tangent => load_tangent
+    procedure :: components => no_components
     procedure :: unit_tangent => no_unit_tangent  !! of minus the wrench by displacement and turn of the marker, global axes
     procedure :: breakpoints => load_breakpoints
     procedure :: present_factor
@@ -51,14 +52,14 @@ module loads
     procedure :: acts_on => torque_acts_on
   end type torque_model
 
-  !> A torque about a centre.
-  type, extends(torque_model), public :: central_torque_model
+  !> A torque about a centre, which acts by a force on its marker; the arm makes the torque.
+  type, extends(point_force_model), public :: central_torque_model
+    real(wp) :: moment = 0.0_wp            !! [N m]
     real(wp) :: centre(2) = 0.0_wp         !! global [m]
   contains
     procedure :: unit_wrench => central_wrench
-    procedure :: acts_on => central_acts_on
     procedure :: unit_tangent => central_tangent
-    procedure :: components => central_components
+    procedure :: components => point_components
     procedure :: fault => no_arm
   end type central_torque_model
 
@@ -110,6 +111,13 @@ contains
     real(wp) :: k(3, 3)                    !! [N/m, N]
     k = 0.0_wp
   end function no_unit_tangent
+
+  !> Without a tangent nothing is joined.
+  pure function no_components(self) result(list)
+    class(load_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    allocate (list(0))
+  end function no_components
 
   !> The breakpoints of its history, if it acts in a transient analysis.
   pure function load_breakpoints(self, until) result(list)
@@ -192,13 +200,6 @@ contains
     w = [0.0_wp, 0.0_wp, self%moment]
   end function torque_wrench
 
-  !> It acts by a force; the arm makes the torque.
-  pure function central_acts_on(self) result(yes)
-    class(central_torque_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .false., .false., .false.]
-  end function central_acts_on
-
   !> The wrench: a force across the line to the centre.
   pure function central_wrench(self, p, with) result(w)
     class(central_torque_model), intent(in) :: self
@@ -223,11 +224,11 @@ contains
   end function central_tangent
 
   !> Its tangent depends on the position.
-  pure function central_components(self) result(list)
+  pure function point_components(self) result(list)
     class(central_torque_model), intent(in) :: self
     integer, allocatable :: list(:)
     list = [1, 2]
-  end function central_components
+  end function point_components
 
   !> A fault: the marker stands at the centre, so that there is no arm.
   pure function no_arm(self, p, gap) result(text)

@@ -29,7 +29,6 @@ module springs
   contains
     procedure :: deformation => turn_of_sections
     procedure :: acts_on
-    procedure :: components => angles
   end type torsional_model
 
   !> One linear spring.
@@ -38,8 +37,6 @@ module springs
     procedure :: deformation => stretch
     procedure :: acts_on => line_acts_on
     procedure :: tangent => line_tangent
-    procedure :: components => positions
-    procedure :: rate_components => damped_positions
     procedure :: in_all_directions => is_bush
     procedure :: along_line => always
     procedure :: fault => no_direction
@@ -146,13 +143,6 @@ contains
     yes = [.false., .false., .true., .false., .false., .true.]
   end function acts_on
 
-  !> It acts between the angles of both sections.
-  pure function angles(self) result(list)
-    class(torsional_model), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [3, 6]
-  end function angles
-
   !> It acts by forces.
   pure function line_acts_on(self) result(yes)
     class(linear_model), intent(in) :: self
@@ -201,20 +191,6 @@ contains
     k%k = part(1)*self%stiffness*outer(g, g) + force/length*outer(across, across) + c*dd/length*outer(g, across)
     k%c = c*outer(g, g)                    ! e turns: the rate along it changes, the last term of k%k
   end subroutine line_tangent
-
-  !> It acts between the positions of both markers.
-  pure function positions(self) result(list)
-    class(linear_model), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [1, 2, 4, 5]
-  end function positions
-
-  !> A damper acts on the rates of both positions.
-  pure function damped_positions(self) result(list)
-    class(linear_model), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = pack([1, 2, 4, 5], self%damping > 0.0_wp)
-  end function damped_positions
 
   !> A spring without a free length is a bush.
   pure logical function is_bush(self)

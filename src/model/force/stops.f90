@@ -43,6 +43,7 @@ module stops
     procedure :: stiffness_at
     procedure :: act => stop_act
     procedure :: tangent => stop_tangent
+    procedure :: rate_components => stop_rate_components
     procedure :: energy => stop_energy
     procedure :: init_from_assembly => stop_settle
     procedure :: warning => starts_beyond
@@ -81,7 +82,6 @@ module stops
   contains
     procedure :: measure => angle_between
     procedure :: acts_on => rotation_acts_on
-    procedure :: components => rotation_components
   end type rotation_stop
 
   !> Limits of the position of a along a line that passes through b and turns with its section.
@@ -91,8 +91,6 @@ module stops
     procedure :: measure => distance_along
     procedure :: curvature => line_curvature
     procedure :: acts_on => position_acts_on
-    procedure :: components => position_components
-    procedure :: rate_components => position_components
   end type position_stop
 
   !> A pin in a hole: the upper limit is the radial gap.
@@ -103,8 +101,6 @@ module stops
     procedure :: opening_root => clearance_root
     procedure :: in_all_directions => always
     procedure :: acts_on => clearance_acts_on
-    procedure :: components => clearance_components
-    procedure :: rate_components => clearance_components
   end type clearance_stop
 
 contains
@@ -252,6 +248,13 @@ contains
     k%k = part(1)*stiffness*outer(c%g, c%g) + part(2)*damping*outer(c%g, turning) + c%side*c%force*h
     k%c = part(2)*damping*outer(c%g, c%g)
   end subroutine stop_tangent
+
+  !> Its damping grows with its force: it sees the rates of all that it acts on.
+  pure function stop_rate_components(self) result(list)
+    class(stop_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = self%components()
+  end function stop_rate_components
 
   !> Derivatives of the force by penetration and by its rate, and H q', those of the rate by the markers' motion.
   pure subroutine slopes(self, p, with, c, stiffness, damping, turning)
@@ -451,13 +454,6 @@ contains
     yes = [.false., .false., .true., .false., .false., .true.]
   end function rotation_acts_on
 
-  !> It joins the angles of both sections.
-  pure function rotation_components(self) result(list)
-    class(rotation_stop), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [3, 6]
-  end function rotation_components
-
   !> n.(r_a - r_b), n at `direction` from section b.
   pure subroutine distance_along(self, p, x, xd, g)
     class(position_stop), intent(in) :: self
@@ -495,13 +491,6 @@ contains
     logical :: yes(6)
     yes = [.true., .true., .false., .true., .true., .true.]
   end function position_acts_on
-
-  !> It joins both positions and the angle of section b.
-  pure function position_components(self) result(list)
-    class(position_stop), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [1, 2, 4, 5, 6]
-  end function position_components
 
   !> |r_a - r_b|, with the direction from b to a.
   pure subroutine distance_apart(self, p, x, xd, g)
@@ -542,11 +531,4 @@ contains
     logical :: yes(6)
     yes = [.true., .true., .false., .true., .true., .false.]
   end function clearance_acts_on
-
-  !> It joins both positions.
-  pure function clearance_components(self) result(list)
-    class(clearance_stop), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [1, 2, 4, 5]
-  end function clearance_components
 end module stops

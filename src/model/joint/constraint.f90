@@ -40,7 +40,7 @@ module constraint
     class(history_model), allocatable :: target   !! of drives
     logical :: rate = .false.             !! drives: the history gives the rate
     real(wp) :: origin = 0.0_wp           !! drives: what the history, or its integral, is added to [m] or [rad]
-    logical :: pending = .false.          !! takes its value from the assembled positions; until then its rows hold nothing
+    logical :: pending = .false.          !! takes its value from the assembled positions; until then its one row holds nothing
     logical :: angular = .false.          !! drives: the quantity is an angle
   contains
     procedure(evaluate_rows), deferred :: evaluate

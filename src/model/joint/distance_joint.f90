@@ -30,20 +30,14 @@ contains
     real(wp) :: d(2), dd(2), e(2), l
     integer :: i
     i = self%first
-    if (self%pending) then
-      call r%empty(i)
-      return
-    end if
     d = p%r(:, self%ia) - p%r(:, self%ib)
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     l = max(sqrt(d(1)**2 + d(2)**2), tiny(1.0_wp))
     e = d/l
+    call r%empty(i)
     r%na(:, i) = e
     r%nb(:, i) = -e
-    r%sa(i) = 0.0_wp
-    r%sb(i) = 0.0_wp
     r%phi(i) = l - self%length
-    r%phi_t(i) = 0.0_wp
     r%acceleration_bias(i) = (dot_product(dd, dd) - dot_product(e, dd)**2)/l
   end subroutine distance_rows
 

@@ -36,10 +36,6 @@ contains
     real(wp) :: n(2), d(2), dd(2), h(0:2), om, along
     integer :: i
     i = self%first
-    if (self%pending) then
-      call r%empty(i)
-      return
-    end if
     n = self%normal
     if (.not. self%fixed) n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
     d = p%r(:, self%ia) - p%r(:, self%ib)

@@ -26,10 +26,6 @@ contains
     real(wp) :: h(0:2)
     integer :: i
     i = self%first
-    if (self%pending) then
-      call r%empty(i)
-      return
-    end if
     call drive_values(self%target, self%rate, self%origin, t, r%left_limit, h)
     call self%hold_angle(i, h(0), p, r)
     r%phi_t(i) = -self%size*h(1)

@@ -21,7 +21,13 @@ contains
     integer :: k
     ev%rows%left_limit = options%left_limit .or. t >= options%t_end   ! what would follow after the end of a run is not felt
     do k = 1, size(self%s%constraints)
-      call self%s%constraints(k)%item%evaluate(t, ev%p, ev%rows)
+      associate (c => self%s%constraints(k)%item)
+        if (c%pending) then
+          call ev%rows%empty(c%first)
+        else
+          call c%evaluate(t, ev%p, ev%rows)
+        end if
+      end associate
     end do
   end subroutine constraint_values
 

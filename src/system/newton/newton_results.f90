@@ -4,7 +4,7 @@ module newton_results
   use kinds, only: wp
   use body, only: body_model
   use body_terms, only: body_equations
-  use dynamics, only: set_frames, marker_kinematics, applied_forces
+  use dynamics, only: set_frames, marker_kinematics, applied_forces, drive_powers
   use elastic_operators, only: add_product, elastic_mass => mass_product
   use condensed_terms, only: term_product
   use evaluation_results, only: evaluation, powers_of
@@ -136,10 +136,7 @@ contains
         ev%dissipated_power = ev%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
       end associate
     end do
-    do k = m%s%joints + 1, size(m%s%constraints)
-      i = m%s%constraints(k)%item%first
-      ev%input_power = ev%input_power + lambda(i)*ev%rows%phi_t(i)
-    end do
+    call drive_powers(m, ev, lambda)
     call powers_of(m, ev, power)
   end subroutine find_powers
 
