@@ -85,6 +85,7 @@ contains
       if (found) exit
     end do
     if (.not. found) then
+      call system%note_step(whole, march%roots%g, march%roots%rate, right(1)%g, right(1)%rate)
       march%roots%g = right(1)%g
       march%roots%rate = right(1)%rate
       if (abs(last - whole) <= 0.0_wp) return
@@ -96,7 +97,10 @@ contains
     h = last
     if (h >= (1 - together)*whole) march%tried = target
     if (abs(h - left%h) <= 0.0_wp) call flag(march, left, k, whole)
-    if (abs(h - left%h) > 0.0_wp) call flag(march, right(n), k, whole)
+    if (abs(h - left%h) > 0.0_wp) then
+      call system%note_step(h, march%roots%g, march%roots%rate, right(n)%g, right(n)%rate)
+      call flag(march, right(n), k, whole)
+    end if
     march%roots%pending = .true.
   end subroutine find_event
 

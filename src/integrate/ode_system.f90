@@ -18,6 +18,7 @@ module ode_system
     procedure(onto_manifold), deferred :: project
     procedure :: find_roots => no_roots
     procedure :: resolve_events => no_events
+    procedure :: note_step => no_note
   end type ode
 
   abstract interface
@@ -64,6 +65,13 @@ contains
     logical, intent(out) :: ok
     ok = .true.
   end subroutine no_events
+
+  !> Hears of a step that is accepted, from the roots at both its ends. Here: nothing.
+  subroutine no_note(self, h, g0, rate0, g1, rate1)
+    class(ode), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! its length [s]
+    real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) as `find_roots` says [any], [any/s]
+  end subroutine no_note
 
   !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are tested, several
   !> at a time, which is faster than a search for the first that is not.

@@ -1,23 +1,27 @@
-!> The result files of a transient: history.txt, energy.txt and motion.txt, with their headers (README.md).
+!> The result files of a transient: history.txt, energy.txt, motion.txt and events.txt, with their headers (README.md).
 module results
   use column_names, only: motion_names, motion_row
-  use kinds, only: wp
+  use decimal, only: number_width, write_number
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
+  use switching, only: event_list
   use text, only: joined
   use text_file, only: result_file
   implicit none (type, external)
   private
   public :: result_set
 
-  integer, parameter :: history = 1, energies = 2, motion = 3
-  character(*), parameter :: names(3) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt']
+  integer, parameter :: history = 1, energies = 2, motion = 3, events = 4
+  character(*), parameter :: names(4) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt', '/events.txt']
+  integer(ip), parameter, public :: most_events = 100000   !! lines of events.txt
 
   !> Open result files and what their rows need.
   type :: result_set
-    type(result_file), private :: files(3)
-    integer, private :: count = 2             !! files that are written: without motion where the deck does not ask for it
+    type(result_file), private :: files(4)
+    integer, allocatable, private :: used(:)  !! files that are written: motion where the deck asks for it, events where there may be
+    integer(ip) :: events = 0                 !! so far; the file has the first ones
     real(wp), allocatable :: values(:)        !! columns of the sensors [unit of each column]
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
   contains
@@ -25,6 +29,7 @@ module results
     procedure :: resume => resume_results
     procedure :: write_row
     procedure :: write_motion
+    procedure :: write_events
     procedure :: sync => sync_results
     procedure :: exchange
     procedure :: close => close_results
@@ -41,13 +46,15 @@ contains
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
     allocate (self%values(list%columns))
-    self%count = merge(3, 2, with_motion)
+    self%used = files_of(m, with_motion)
     call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
                'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
                trim(merge(' stops[J]', '         ', size(m%s%switching) > 0)))
     if (with_motion) call begin(motion, 'body frames and node positions against time', &
                                 joined([character(64) :: 't[s]', motion_names(m)], ' '))
+    if (any(self%used == events)) call begin(events, 'events; speed: at touching, 0 where none touches, rad/s where a stop '// &
+                                             'limits an angle', 't[s] element from to speed[m/s]')
   contains
     !> Opens a file and writes its first lines.
     subroutine begin(k, what, columns)
@@ -60,21 +67,32 @@ contains
     end subroutine begin
   end subroutine open_results
 
+  !> Which files a run writes.
+  pure function files_of(m, with_motion) result(list)
+    type(mechanism_model), intent(in) :: m
+    logical, intent(in) :: with_motion
+    integer, allocatable :: list(:)
+    list = pack([history, energies, motion, events], [.true., .true., with_motion, size(m%s%switching) > 0])
+  end function files_of
+
   !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.
-  subroutine resume_results(self, folder, list, with_motion)
+  subroutine resume_results(self, folder, m, list, with_motion)
     class(result_set), intent(inout) :: self
     character(*), intent(in) :: folder
+    type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
     integer :: k
     allocate (self%values(list%columns))
-    self%count = merge(3, 2, with_motion)
-    do k = 1, self%count                      ! all of them before any is cut
-      if (.not. self%files(k)%covers(folder//trim(names(k)))) self%incomplete = .true.
+    self%used = files_of(m, with_motion)
+    do k = 1, size(self%used)                 ! all of them before any is cut
+      associate (i => self%used(k))
+        if (.not. self%files(i)%covers(folder//trim(names(i)))) self%incomplete = .true.
+      end associate
     end do
     if (self%incomplete) return
-    do k = 1, self%count
-      call self%files(k)%resume(folder//trim(names(k)))
+    do k = 1, size(self%used)
+      call self%files(self%used(k))%resume(folder//trim(names(self%used(k))))
     end do
   end subroutine resume_results
 
@@ -96,12 +114,31 @@ contains
     call self%files(motion)%row(motion_row(m, q), t)
   end subroutine write_motion
 
+  !> Writes events, a line each, and empties their list.
+  subroutine write_events(self, m, list)
+    class(result_set), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(event_list), intent(inout) :: list
+    character(number_width) :: time, speed
+    integer :: k
+    do k = 1, list%count
+      self%events = self%events + 1
+      if (self%events > most_events) cycle
+      associate (x => list%items(k), f => m%s%forces(m%s%switching(list%items(k)%element))%item)
+        call write_number(x%t, time)
+        call write_number(merge(x%memory, 0.0_wp, x%from == 0), speed)
+        call self%files(events)%line(time//' '//trim(f%name)//' '//f%state_word(x%from)//' '//f%state_word(x%to)//speed)
+      end associate
+    end do
+    list%count = 0
+  end subroutine write_events
+
   !> Puts everything written so far on the disk.
   subroutine sync_results(self)
     class(result_set), intent(inout) :: self
     integer :: k
-    do k = 1, self%count
-      call self%files(k)%sync()
+    do k = 1, size(self%used)
+      call self%files(self%used(k))%sync()
     end do
   end subroutine sync_results
 
@@ -113,13 +150,14 @@ contains
     do k = 1, size(self%files)
       call self%files(k)%exchange(a)
     end do
+    call a%exchange(self%events)
   end subroutine exchange
 
   !> Closes the files.
   subroutine close_results(self)
     class(result_set), intent(inout) :: self
     integer :: k
-    do k = 1, self%count
+    do k = 1, size(self%files)
       call self%files(k)%close()
     end do
   end subroutine close_results

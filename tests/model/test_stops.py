@@ -101,3 +101,42 @@ def test_what_a_stop_dissipates_is_a_column_and_closes_the_balance(run_deck, met
     np.testing.assert_allclose(energy["stops"], energy["dissipated"], rtol=1e-12)
     assert energy["stops"][-1] > 0.1
     assert np.abs(energy["residual"]).max() < (2e-3 if method == "generalized_alpha" else 3e-5)
+
+
+def events_of(run):
+    """Return the rows of events.txt: time, element, state before and after, speed."""
+    lines = (run.folder / "events.txt").read_text(encoding="utf-8").splitlines()
+    assert lines[-1].startswith("#") is False
+    return [(float(t), name, before, after, float(v)) for t, name, before, after, v in (x.split() for x in lines if x[0] != "#")]
+
+
+FREE = """&body name='b1' kind='rigid' mass=2.0 inertia=0.01 velocity=1.5,0.0 /
+&body name='b2' kind='rigid' mass=0.5 inertia=0.01 position=0.5,0.0 velocity=-0.5,0.0 /
+&stop name='floor' type='position' body_a='b2' body_b='b1' lower=0.1 stiffness={} exponent={} restitution={} /
+&sensor name='p' quantity='velocity' body='b1' /
+&sensor name='q' quantity='velocity' body='b2' /
+&sensor name='s' quantity='stop' stop='floor' /
+&transient t_end=0.3 method='dopri5' tolerance=1.0e-10 output_step=0.01 motion_step=0.1 /
+"""
+
+
+@pytest.mark.parametrize(("stiffness", "exponent", "restitution"), [(1e6, 1.5, 0.5), (1e4, 1.0, 0.9), (1e9, 3.0, 0.05), (1e6, 2.0, 1.0)])
+def test_free_bodies_part_with_the_restitution(run_deck, stiffness, exponent, restitution):
+    run = run_deck(FREE.format(stiffness, exponent, restitution))
+    history, (touch, part) = run.history, events_of(run)
+    assert touch[1:4] == ("floor", "open", "lower")
+    assert part[2:4] == ("lower", "open")
+    assert touch[0] == pytest.approx(0.4 / 2.0, abs=1e-13)
+    assert touch[4] == pytest.approx(2.0, rel=1e-12)
+    after = history["q.x"][-1] - history["p.x"][-1]
+    assert after == pytest.approx(restitution * 2.0, rel=3e-8)
+    stop, mass = run.transient["stops"][0], 0.4
+    assert stop["lost"] == pytest.approx(0.5 * mass * 4.0 * (1 - restitution**2), rel=1e-7, abs=1e-10)
+    assert run.energy["stops"][-1] == pytest.approx(stop["lost"], rel=1e-12)
+    if restitution == 1.0:
+        depth = ((exponent + 1) * mass * 4.0 / (2 * stiffness)) ** (1 / (exponent + 1))
+        assert stop["largest_penetration"] == pytest.approx(depth, rel=1e-5)
+        assert stop["largest_force"] == pytest.approx(stiffness * depth**exponent, rel=1e-5)
+    assert run.transient["events"] == {"count": 2, "touched": 1, "opened": 1, "let_go": 0, "pressed": 0}
+    assert (stop["first"], stop["last"]) == (touch[0], part[0])
+    assert stop["steps_of_shortest_contact"] > 3

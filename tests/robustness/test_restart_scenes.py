@@ -38,6 +38,7 @@ def scene(dice: random.Random) -> str:
     lines.append("&section name='s' shape='rectangle' width=0.02 height=0.02 /")
     x = y = 0.0
     on, at = "", ""
+    before = 0.0
     for k in range(dice.randint(1, 3)):
         length, angle = dice.uniform(0.2, 0.5), dice.uniform(-3.0, 3.0)
         rest = f"position={x:.17g},{y:.17g} angle={angle:.17g} angular_velocity={dice.uniform(-5.0, 5.0):.17g}"
@@ -55,6 +56,14 @@ def scene(dice: random.Random) -> str:
             spring = f"stiffness={10 ** dice.uniform(1.0, 3.0):.17g} free_angle={dice.uniform(-0.6, 0.6):.17g}"
             spring += dice.choice(["", " ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 prony_alpha=0.7 prony_tau=0.01"])
             lines.append(f"&spring name='k{k}' type='torsional' body_a='b{k}' {near} {on} {at if 'node' in at else ''} {spring} /")
+        if dice.random() < 0.4:
+            side = at if "node" in at else ""
+            relative = angle - before
+            limits = f"lower={relative - 10 ** dice.uniform(-4, -2):.17g} upper={relative + 10 ** dice.uniform(-4, -2):.17g}"
+            law = f"stiffness={10 ** dice.uniform(2, 6):.17g} exponent={dice.choice([1.0, 1.5, 2.0])} restitution={dice.uniform(0.1, 1.0):.17g}"
+            lines.append(f"&stop name='t{k}' type='rotation' body_a='b{k}' {near} {on} {side} {limits} {law} /")
+            lines.append(f"&sensor name='t{k}' quantity='stop' stop='t{k}' /")
+        before = angle
         for quantity in ("position", "velocity", "acceleration"):
             lines.append(f"&sensor name='{quantity}{k}' quantity='{quantity}' body='b{k}' {end} /")
         on, at = f"body_b='b{k}'", far

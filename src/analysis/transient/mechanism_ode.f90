@@ -6,7 +6,7 @@ module mechanism_ode
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
-  use evaluation_results, only: evaluation, powers_of
+  use evaluation_results, only: conditions_of, evaluation, powers_of
   use force_element, only: most_roots
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
@@ -22,6 +22,7 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
+  use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, start_states, watch_roots, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
@@ -36,6 +37,7 @@ module mechanism_ode
     type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
     type(event_list) :: events                !! of elements that switch
+    type(element_tally), allocatable :: tally(:)   !! of each of them
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
@@ -65,6 +67,7 @@ module mechanism_ode
     procedure :: start_switching
     procedure :: find_roots
     procedure :: resolve_events
+    procedure :: note_step
     procedure :: exchange_switches
   end type mechanism_system
 
@@ -126,6 +129,7 @@ contains
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
     end associate
     self%roots = most_roots*size(self%m%s%switching)
+    allocate (self%tally(size(self%m%s%switching)))
   end subroutine start_switching
 
   !> Roots of the elements that switch.
@@ -146,10 +150,33 @@ contains
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
+    integer :: k, n
+    n = self%events%count
     associate (nq => self%m%s%nq)
       call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), fallen, self%events, ok)
     end associate
+    do k = n + 1, self%events%count
+      associate (event => self%events%items(k))
+        call self%tally(event%element)%note_event(t, event%from, event%to)
+      end associate
+    end do
   end subroutine resolve_events
+
+  !> Accepted steps of elements that are not open.
+  subroutine note_step(self, h, g0, rate0, g1, rate1)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: h               !! [s]
+    real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) [any], [any/s]
+    integer :: i, k
+    do i = 1, size(self%tally)
+      if (self%ev%switches%state(i) == 0) cycle
+      k = most_roots*(i - 1) + 1            ! the penetration
+      associate (element => self%m%s%switching(i))
+        call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), h, [g0(k), g1(k)], &
+                                     [rate0(k), rate1(k)])
+      end associate
+    end do
+  end subroutine note_step
 
   !> Saves or restores states and events that have not been told.
   subroutine exchange_switches(self, a)
@@ -159,6 +186,7 @@ contains
     call exchange_states(self%ev, a)
     call a%exchange(self%longest_step)
     call self%events%exchange(a)
+    call exchange_tallies(self%tally, a)
   end subroutine exchange_switches
 
   !> Makes ready for an implicit method.

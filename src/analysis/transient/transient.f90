@@ -124,7 +124,7 @@ contains
       return
     end if
     march%restarts = march%restarts + 1
-    call march%files%resume(run%folder, run%list, run%d%transient%motion_step > 0.0_wp)
+    call march%files%resume(run%folder, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
       call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter than its checkpoint says; '// &
                       'run without --restart to start at t = 0')
@@ -203,7 +203,7 @@ contains
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row(:merge(8, 7, size(run%sys%m%s%switching) > 0)))
-      run%sys%events%count = 0
+      call files%write_events(run%sys%m, run%sys%events)
       march%last = t
       if (r%motion_step > 0.0_wp) then
         every = max(1_ip, nint(r%motion_step/r%output_step, ip))

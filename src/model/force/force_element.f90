@@ -76,6 +76,7 @@ module force_element
     procedure :: switch => no_switch              !! its state after an event
     procedure :: start_state => no_start_state    !! its state where no event has led to it
     procedure :: state_word => no_word            !! a state in a word, for files
+    procedure :: contact_force => no_contact      !! force of a penetration and its rate
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -255,6 +256,15 @@ contains
     state = by_position
     memory = 0.0_wp
   end subroutine no_start_state
+
+  !> Most elements touch nothing.
+  pure real(wp) function no_contact(self, with, depth, rate) result(force)   ! [N] or [N m]
+    class(force_model), intent(in) :: self
+    type(conditions), intent(in) :: with          !! with its present state
+    real(wp), intent(in) :: depth                 !! [m] or [rad]
+    real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
+    force = 0.0_wp
+  end function no_contact
 
   !> Most elements have no states.
   pure function no_word(self, state) result(word)

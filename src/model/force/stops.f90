@@ -52,6 +52,7 @@ module stops
     procedure :: switch => stop_switch
     procedure :: start_state => stop_start
     procedure :: state_word => stop_word
+    procedure :: contact_force => stop_force
   end type stop_model
 
   !> Where a stop touches.
@@ -415,6 +416,16 @@ contains
       memory = max(c%rate, self%slowest())
     end if
   end subroutine stop_start
+
+  !> F of a stop that touches.
+  pure real(wp) function stop_force(self, with, depth, rate) result(force)   ! [N] or [N m]
+    class(stop_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
+    force = 0.0_wp
+    if (abs(with%state) == stop_touching) force = self%hardness*max(depth, 0.0_wp)**self%exponent*self%factor(rate, with)
+  end function stop_force
 
   !> A state in a word: `open`; the limit that it touches; `_free` where it has let go of it.
   pure function stop_word(self, state) result(word)

@@ -1,0 +1,75 @@
+!> What the summary says of events, and of the stops to which they belong.
+module stop_words
+  use kinds, only: wp
+  use readable_text, only: json_text
+  use results, only: most_events
+  use scene_run, only: run_state
+  use summary_text, only: summary_record
+  use text, only: to_text
+  use transient, only: transient_march
+  implicit none (type, external)
+  private
+  public :: stop_lines
+
+contains
+
+  !> Events by kind, then a line for each stop.
+  subroutine stop_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    integer :: i
+    if (.not. allocated(run%sys%tally)) return
+    associate (all => run%sys%tally)
+      if (size(all) == 0) return
+      call text%open('events', '{')
+      call text%figure('  events: ', 'count', sum(all%count()))
+      call text%figure(': touched ', 'touched', sum([(all(i)%touched, i=1, size(all))]))
+      call text%figure(', opened ', 'opened', sum(all%opened))
+      call text%figure(', let go before they opened ', 'let_go', sum(all%let_go))
+      call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
+      call text%close()
+      if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
+      call text%open('stops', '[')
+      do i = 1, size(all)
+        call one_stop(run, i, text)
+      end do
+      call text%close()
+    end associate
+  end subroutine stop_lines
+
+  !> One stop: what touched when, how hard, what it took.
+  subroutine one_stop(run, i, text)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: i                   !! its number among those that switch
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: unit
+    real(wp) :: lost                           ! [J]
+    associate (m => run%sys%m, x => run%sys%tally(i), f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
+      unit = trim(merge('Nm', 'N ', f%angular))
+      lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + i)
+      call text%open('', '{')
+      call text%member('name', json_text(trim(f%name)))
+      call text%figure('  stop "'//trim(f%name)//'": contacts ', 'touched', sum(x%touched))
+      if (x%count() == 0 .and. .not. x%depth > 0.0_wp) then
+        call text%line('')
+        call text%close()
+        return
+      end if
+      if (x%touched(2) > 0) call text%words%add(' ('//to_text(x%touched(1))//' at the upper limit)')
+      call text%member('touched_upper', to_text(x%touched(1)))
+      if (x%count() > 0) then
+        call text%figure(', events from ', 'first', x%first, 6)
+        call text%figure(' s to ', 'last', x%last, 6)
+        call text%words%add(' s')
+      end if
+      call text%figure('; largest force ', 'largest_force', x%force, 4)
+      call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
+      call text%figure(trim(merge(' rad', ' m  ', f%angular))//'; lost ', 'lost', lost, 4)
+      call text%words%add(' J')
+      if (x%fewest < huge(1)) call text%figure('; shortest contact ', 'steps_of_shortest_contact', x%fewest)
+      call text%line(trim(merge(' steps', '      ', x%fewest < huge(1))))
+      call text%close()
+    end associate
+  end subroutine one_stop
+end module stop_words

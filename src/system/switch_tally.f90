@@ -1,0 +1,114 @@
+!> What the summary says of elements that switch: their events by the state that they led to, first and last, and of contacts the
+!> largest force and penetration and the fewest steps. Steps are seen between their ends by the cubics that have the penetration
+!> and its rate there.
+module switch_tally
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use force_element, only: conditions
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: exchange_tallies
+
+  !> Of one element.
+  type, public :: element_tally
+    integer(ip) :: touched(2) = 0             !! at the upper and lower limit
+    integer(ip) :: opened = 0
+    integer(ip) :: let_go = 0                 !! touching still, but nothing acts
+    integer(ip) :: pressed = 0                !! acts again
+    real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
+    real(wp) :: force = 0.0_wp                !! largest [N] or [N m]
+    real(wp) :: depth = 0.0_wp                !! largest penetration [m] or [rad]
+    integer :: steps = 0                      !! of the present contact
+    integer :: fewest = huge(1)               !! steps of a contact that has ended
+  contains
+    procedure :: count => count_events
+    procedure :: note_event
+    procedure :: note_step
+  end type element_tally
+
+contains
+
+  !> All events.
+  elemental integer(ip) function count_events(self) result(n)
+    class(element_tally), intent(in) :: self
+    n = sum(self%touched) + self%opened + self%let_go + self%pressed
+  end function count_events
+
+  !> Counts an event.
+  pure subroutine note_event(self, t, from, to)
+    class(element_tally), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    integer, intent(in) :: from, to           !! states before and after it: 0, 1 or -1 touching, 2 or -2 let go
+    if (self%count() == 0) self%first = t
+    self%last = t
+    if (from == 0) then
+      self%touched = self%touched + merge([1, 0], [0, 1], to > 0)
+    else if (to == 0) then
+      self%opened = self%opened + 1
+    else if (abs(to) > abs(from)) then
+      self%let_go = self%let_go + 1
+    else
+      self%pressed = self%pressed + 1
+    end if
+    if (to /= 0) return
+    if (self%steps > 0) self%fewest = min(self%fewest, self%steps)
+    self%steps = 0
+  end subroutine note_event
+
+  !> Looks at an accepted step of an element that is not open.
+  pure subroutine note_step(self, m, k, with, h, g, rate)
+    class(element_tally), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k                  !! its number among the force elements
+    type(conditions), intent(in) :: with      !! with its state in the step
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: g(0:1), rate(0:1) !! penetration at both ends, and its rates [m], [m/s] or [rad], [rad/s]
+    integer, parameter :: parts = 16
+    real(wp) :: depth(0:parts), force(0:parts), speed, s
+    integer :: i
+    self%steps = self%steps + 1
+    do i = 0, parts
+      s = real(i, wp)/parts
+      depth(i) = g(0) + s**2*(3 - 2*s)*(g(1) - g(0)) + h*s*(1 - s)*((1 - s)*rate(0) - s*rate(1))
+      speed = 6*s*(1 - s)*(g(1) - g(0))/h + (1 - s)*(1 - 3*s)*rate(0) + s*(3*s - 2)*rate(1)
+      force(i) = m%s%forces(k)%item%contact_force(with, depth(i), speed)
+    end do
+    self%depth = max(self%depth, peak(depth))
+    self%force = max(self%force, peak(force))
+  end subroutine note_step
+
+  !> The largest of equidistant values, by the parabola through it and its neighbours.
+  pure real(wp) function peak(x)              ! [any]
+    real(wp), intent(in) :: x(0:)             !! [any]
+    real(wp) :: bend
+    integer :: i
+    i = maxloc(x, 1) - 1
+    peak = x(i)
+    if (i == 0 .or. i == ubound(x, 1)) return
+    bend = 2*x(i) - x(i - 1) - x(i + 1)
+    if (bend > 0.0_wp) peak = x(i) + (x(i + 1) - x(i - 1))**2/(8*bend)
+  end function peak
+
+  !> Saves or restores all of them.
+  subroutine exchange_tallies(list, a)
+    type(element_tally), intent(inout) :: list(:)
+    type(value_archive), intent(inout) :: a
+    integer :: i
+    do i = 1, size(list)
+      associate (x => list(i))
+        call a%exchange(x%touched(1))
+        call a%exchange(x%touched(2))
+        call a%exchange(x%opened)
+        call a%exchange(x%let_go)
+        call a%exchange(x%pressed)
+        call a%exchange(x%first)
+        call a%exchange(x%last)
+        call a%exchange(x%force)
+        call a%exchange(x%depth)
+        call a%exchange(x%steps)
+        call a%exchange(x%fewest)
+      end associate
+    end do
+  end subroutine exchange_tallies
+end module switch_tally
