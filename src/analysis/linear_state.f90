@@ -23,7 +23,7 @@ module linear_state
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
   real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
-  real(wp), parameter :: rounding = 1.0e-10_wp      !! accelerations that are rounding of others, likewise [-]
+  real(wp), parameter :: rounding = 1.0e-8_wp       !! accelerations that are rounding of others, likewise [-]
 
 contains
 

@@ -5,7 +5,7 @@
 module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use gyroscopic_modes, only: turning_basis
+  use gyroscopic_modes, only: lowest_motions, turning_basis
   use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
   use natural_modes, only: natural_subspace, rounding_level
   use pole_check, only: check_undamped, check_whole, describe_searched
@@ -22,12 +22,13 @@ module complex_modes
   real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
   real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
   real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
+  real(wp), parameter :: beside = 1.0e-4_wp            !! imaginary part of a second start, over the real one [-]
   real(wp), parameter :: belongs = 0.5_wp              !! share of its motion beyond which a pole belongs to modes [-]
   real(wp), parameter :: new = 1.0e-4_wp               !! size of what a motion adds to a basis, over its own [-]
   real(wp), parameter :: worth_a_search = 0.1_wp       !! likewise of an estimate [-]
 
   !> What is known of the poles beside those that are listed.
-  type :: search
+  type :: pole_search
     type(reduced_model) :: model                       !! the system on the natural modes
     complex(wp), allocatable :: starts(:)              !! undamped poles; those listed as they were found [1/s]
     complex(wp), allocatable :: shapes(:, :)           !! (p, modes) their shapes on the basis of the model [-]
@@ -37,7 +38,7 @@ module complex_modes
     complex(wp), allocatable :: momenta(:, :)          !! (n, listed) M times that span [kg^1/2, kg^1/2 m]
     logical :: spanned = .false.                       !! the reduced system is the whole one: its poles need no search
     type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
-  end type search
+  end type pole_search
 
 contains
 
@@ -47,7 +48,7 @@ contains
     integer, intent(in) :: asked                       !! how many modes
     type(mode_set), intent(out) :: modes
     logical, intent(out) :: ok
-    type(search) :: s
+    type(pole_search) :: s
     real(wp), allocatable :: omega2(:), x(:, :)
     integer :: wanted, free
     logical :: whole                                   ! the system is reduced on all its motions
@@ -60,6 +61,7 @@ contains
     if (wanted == 0) return
     whole = free <= 2*wanted + few_more
     call natural_subspace(ds, merge(wanted, wanted + reserve/2, ds%symmetric .or. whole), whole, omega2, x, ok)
+    if (ok .and. .not. (ds%symmetric .or. whole)) call lowest_motions(ds, x, ok)
     if (ok) call undamped_starts(ds, omega2, x, merge(0, wanted, whole), s, ok)
     if (.not. ok) return
     if (wanted == free) wanted = size(s%starts)        ! more than the freedoms where motions grow and their twins do not decay
@@ -82,14 +84,14 @@ contains
     real(wp), intent(in) :: omega2(:)                  !! (p) natural frequencies squared [rad2/s2]
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
     integer, intent(in) :: asked                       !! modes to be answered by further motions; 0: x spans all motions
-    type(search), intent(inout) :: s
+    type(pole_search), intent(inout) :: s
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
     real(wp), allocatable :: turned(:, :), more(:, :)
     logical, allocatable :: still(:), rigid_modes(:)
     integer, allocatable :: order(:)
     integer :: j, p, rigid
-    p = size(omega2)
+    p = size(x, 2)
     ok = .true.
     call answers(ds, omega2, x, asked, more)
     still = [(.false., j=1, size(more, 2))]
@@ -198,7 +200,7 @@ contains
   !> The undamped modes that are asked for.
   subroutine list_undamped(ds, s, wanted, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(inout) :: s
+    type(pole_search), intent(inout) :: s
     integer, intent(in) :: wanted
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
@@ -233,7 +235,7 @@ contains
   !> The estimate of a pole that an undamped mode is.
   type(pole_state) function start_of_mode(ds, s, j) result(pole)
     type(stiffness_system), intent(in) :: ds
-    type(search), intent(in) :: s
+    type(pole_search), intent(in) :: s
     integer, intent(in) :: j                           !! mode
     pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
   end function start_of_mode
@@ -241,7 +243,7 @@ contains
   !> Follows the modes that are asked for to their vibrations.
   subroutine list_vibrations(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(in) :: s
+    type(pole_search), intent(in) :: s
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
     integer :: j, k, part                              ! a mode is in the part of the motion that it holds most of
@@ -265,7 +267,7 @@ contains
   !> is none of the modes asked for, or one that has its vibration already.
   logical function belongs_to_other_mode(ds, s, modes, pole) result(yes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(in) :: s
+    type(pole_search), intent(in) :: s
     type(mode_set), intent(in) :: modes
     type(pole_state), intent(in) :: pole               !! damped
     type(pole_state) :: undamped
@@ -282,7 +284,7 @@ contains
   !> of materials.
   subroutine list_others(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(inout) :: s
+    type(pole_search), intent(inout) :: s
     type(mode_set), intent(inout) :: modes
     type(reduced_poles) :: poles
     integer, allocatable :: members(:)
@@ -308,7 +310,7 @@ contains
     if (s%spanned) then
       call check_whole(modes, expected, s%listed >= size(s%starts))
     else
-      call describe_searched(modes)
+      call describe_searched(ds%symmetric, modes)
     end if
   end subroutine list_others
 
@@ -316,7 +318,7 @@ contains
   !> for.
   subroutine list_pole(ds, s, coupled, lambda, shape, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(search), intent(inout) :: s
+    type(pole_search), intent(inout) :: s
     logical, intent(in) :: coupled                     !! there are modes in its part that are not asked for
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
@@ -325,17 +327,8 @@ contains
     real(wp) :: residual
     integer :: owner, kind
     logical :: ok, settled
-    pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
-    call refine_pole(ds, 1.0_wp, exact, pole, ok)
-    settled = ok
-    if (ok) then
-      if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
-      if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
-      pole%lambda%im = abs(pole%lambda%im)
-      residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
-      ok = residual <= no_pole
-      settled = ok
-    end if
+    call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, settled)
+    ok = settled
     if (ok) then
       if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
       if (s%unlisted%claims(pole%lambda, s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
@@ -345,20 +338,18 @@ contains
           return
         end if
       end if
-      if (s%spanned) then
-        ok = is_accurate(ds, 1.0_wp, lambda, pole)
-      else
-        if (share_of(ds, s, pole%x) <= belongs) return
-        ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
-        if (.not. ok) ok = stayed_at(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
-      end if
+      if (s%spanned) ok = is_accurate(ds, 1.0_wp, lambda, pole)
     end if
     if (s%spanned .and. .not. ok) then
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
-    else if (.not. ok) then
-      modes%unsettled = modes%unsettled + merge(1, 0, .not. settled)
-      return
+    else if (.not. s%spanned) then
+      if (share_of(ds, s, pole%x) <= belongs) return
+      if (.not. settled) modes%unsettled = modes%unsettled + 1
+      if (.not. settled .or. is_rigid(ds, pole)) return
+      ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
+      if (.not. ok) ok = stayed_at(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
+      if (.not. ok) return
     end if
     owner = most_alike(shape, s%shapes)
     kind = further_mode
@@ -370,10 +361,39 @@ contains
     modes%claimed(modes%count) = .true.
   end subroutine list_pole
 
+  !> The damped pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may
+  !> stand for a pair that vibrates: then it starts again beside the real axis.
+  subroutine search(ds, lambda, x, pole, residual, settled)
+    type(stiffness_system), intent(inout) :: ds
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
+    type(pole_state), intent(out) :: pole
+    real(wp), intent(out) :: residual                  !! [-]
+    logical, intent(out) :: settled                    !! it ended at a pole
+    pole = start_pole(ds, lambda, x)
+    call refine_pole(ds, 1.0_wp, exact, pole, settled)
+    if (.not. (settled .or. abs(lambda%im) > 0.0_wp)) then
+      pole = start_pole(ds, lambda*cmplx(1.0_wp, beside, wp), x)
+      call refine_pole(ds, 1.0_wp, exact, pole, settled)
+    end if
+    if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
+    if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
+    pole%lambda%im = abs(pole%lambda%im)
+    residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
+    settled = settled .and. residual <= no_pole
+  end subroutine search
+
+  !> Whether a search has ended at a rigid motion, whose pole rounding alone keeps from zero.
+  logical function is_rigid(ds, pole) result(yes)
+    type(stiffness_system), intent(in) :: ds
+    type(pole_state), intent(in) :: pole
+    yes = abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(abs(dot_product(pole%x, momentum(ds, pole%x)))))
+  end function is_rigid
+
   !> The space of the modes that are asked for, mass-orthonormal.
   subroutine span_modes(ds, s)
     type(stiffness_system), intent(in) :: ds
-    type(search), intent(inout) :: s
+    type(pole_search), intent(inout) :: s
     complex(wp) :: v(s%model%p)                        ! [-]
     real(wp) :: before                                 ! [-]
     integer :: j, k, pass
@@ -406,7 +426,7 @@ contains
   !> The share of a motion that the modes asked for hold, by its modal masses.
   real(wp) function share_of(ds, s, x) result(share)
     type(stiffness_system), intent(in) :: ds
-    type(search), intent(in) :: s
+    type(pole_search), intent(in) :: s
     complex(wp), intent(in) :: x(:)                    !! (n) [m, rad]
     integer :: j
     share = sum([(abs(dot_product(s%momenta(:, j), x))**2, j=1, size(s%span, 2))])/abs(dot_product(x, momentum(ds, x)))

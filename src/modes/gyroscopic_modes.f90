@@ -1,18 +1,107 @@
-!> A basis of motions for undamped modes with gyroscopic terms or an unsymmetric K: the natural modes, with the rigid motions,
-!> the null space of K, in front. Their double zeros would otherwise spread over a circle that hides all frequencies far below
-!> the highest.
+!> A basis of motions for undamped modes with gyroscopic terms or an unsymmetric K. Natural modes, those of the symmetric part of
+!> K, are brought to the lowest solutions of s2 M + s G + K. Rigid motions, the null space of K, come first: their double zeros
+!> would otherwise spread over a circle that hides all frequencies far below the highest.
 module gyroscopic_modes
   use kinds, only: wp
+  use block_lanczos, only: inertia_operator, orthonormalise
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
   use natural_modes, only: rounding_level, squared_scales, without_rounding
   implicit none (type, external)
   private
-  public :: turning_basis
+  public :: lowest_motions, turning_basis
 
+  integer, parameter :: passes = 4                 !! of inverse iteration
+  real(wp), parameter :: dependent = 1.0e-6_wp     !! what a motion adds to others that is rounding, over its own size [-]
   real(wp), parameter :: no_stiffness = 1.0e-9_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
+  !> The mass of one vector, or of positions and rates side by side.
+  type, extends(inertia_operator) :: mass_operator
+    type(stiffness_system), pointer :: ds => null()
+    complex(wp), allocatable :: m(:), rates(:)     !! (entries) M, and s M + G at the shift [kg, kg m, kg m2], [those per s]
+  contains
+    procedure :: solve
+    procedure :: mass_times
+  end type mass_operator
+
 contains
+
+  !> The lowest solutions of (s2 M + s G + K) x = 0 from natural modes, by inverse iteration on positions and rates. The shift lies
+  !> between what is rounding and the lowest frequency: motions at s = 0 and what they cause at constant rates are found to the last
+  !> digits. Symmetric natural modes do not span them. Positions that depend on others are left out.
+  subroutine lowest_motions(ds, x, ok)
+    type(stiffness_system), intent(inout), target :: ds
+    real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p) mass-orthonormal, fewer columns at the end [1/sqrt(kg)]
+    logical, intent(out) :: ok
+    type(mass_operator) :: op
+    real(wp) :: y(2*ds%n, size(x, 2))                  ! positions, and rates over the shift
+    real(wp) :: least, level, square, length           ! [rad2/s2], [-]
+    real(wp), allocatable :: part(:), my(:)
+    integer :: pass, j, p
+    least = huge(1.0_wp)
+    level = huge(1.0_wp)
+    do j = 1, size(x, 2)
+      level = min(level, rounding_level(ds, x(:, j)))
+      square = abs(dot_product(x(:, j), ds%stiffness_times(x(:, j))))
+      if (square > rounding_level(ds, x(:, j))) least = min(least, square)
+    end do
+    op%ds => ds
+    op%m = cmplx(ds%m, 0.0_wp, wp)
+    op%shift = sqrt(sqrt(level*least))
+    op%rates = op%shift*op%m + ds%gyro
+    call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
+    call ds%factor()
+    y = 0.0_wp
+    y(1:ds%n, :) = x
+    allocate (my(2*ds%n))
+    do pass = 1, passes
+      do j = 1, size(x, 2)
+        call op%solve(y(:, j))
+        call orthonormalise(op, y(:, 1:j - 1), y(:, j), my, part, length)
+        ok = length > 0.0_wp
+        if (.not. ok) return
+      end do
+    end do
+    p = 0
+    do j = 1, size(x, 2)
+      associate (v => y(1:ds%n, j))
+        x(:, p + 1) = v/sqrt(dot_product(v, op%mass_times(v)))
+      end associate
+      call orthonormalise(op, x(:, 1:p), x(:, p + 1), my(1:ds%n), part, length)
+      if (length > dependent) p = p + 1
+    end do
+    x = x(:, 1:p)
+  end subroutine lowest_motions
+
+  !> One inverse iteration: with r over the shift s, T(s) u = -(s M + G) x - s M r, and the new rates over s are u + x/s.
+  subroutine solve(self, y)
+    class(mass_operator), intent(inout) :: self
+    real(wp), intent(inout) :: y(:)                    !! (2n) positions and rates over the shift [m, rad]
+    complex(wp) :: u(self%ds%n + self%ds%rows)
+    associate (ds => self%ds, x => y(1:size(y)/2), r => y(size(y)/2 + 1:))
+      u = -ds%times(self%rates, ds%padded(cmplx(x, 0.0_wp, wp))) - &
+          self%shift*ds%times(self%m, ds%padded(cmplx(r, 0.0_wp, wp)))
+      u(ds%n + 1:) = 0.0_wp
+      call ds%solve(u)
+      r = real(u(1:ds%n), wp) + x/self%shift
+      x = real(u(1:ds%n), wp)
+    end associate
+  end subroutine solve
+
+  !> M x, of positions and rates in turn.
+  pure function mass_times(self, x) result(y)
+    class(mass_operator), intent(in) :: self
+    real(wp), intent(in) :: x(:)                       !! (n) or (2n) [m, rad]
+    real(wp) :: y(size(x))                             !! [kg m, kg m2]
+    complex(wp) :: mx(self%ds%n + self%ds%rows)
+    integer :: i
+    associate (ds => self%ds)
+      do i = 0, size(x) - ds%n, ds%n
+        mx = ds%times(self%m, ds%padded(cmplx(x(i + 1:i + ds%n), 0.0_wp, wp)))
+        y(i + 1:i + ds%n) = real(mx(1:ds%n), wp)
+      end do
+    end associate
+  end function mass_times
 
   !> The natural modes turned so that the rigid motions come first.
   subroutine turning_basis(ds, x, turned, rigid, ok)

@@ -101,7 +101,8 @@ contains
     if (yes) self%claimed(j) = .true.
   end function claims
 
-  !> |T x| against the sum of its parts, constraints left aside.
+  !> |T x| against the sum of its parts, constraints left aside. A rigid motion has no forces: they are compared with those of a
+  !> deformation as large.
   real(wp) function residual_of(ds, lambda, x, damping) result(residual)
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
@@ -119,6 +120,7 @@ contains
         if (damping > 0.0_wp) sizes(g%entry) = sizes(g%entry) + abs(g%law%ratio(lambda)*g%value)
       end associate
     end do
+    if (.not. abs(lambda) > 0.0_wp) y(1:ds%n) = maxval(abs(x))
     parts = norm2(abs(ds%times(cmplx(sizes, 0.0_wp, wp), cmplx(abs(y), 0.0_wp, wp))))
     residual = multiplier_free(ds, r)/max(parts, tiny(1.0_wp))
   end function residual_of

@@ -3,7 +3,7 @@
 module pole_check
   use kinds, only: wp, pi
   use dynamic_stiffness, only: stiffness_system
-  use mode_list, only: mode_set, undamped_mode
+  use mode_list, only: mode_set, undamped_mode, real_pole
   use natural_modes, only: fastest
   use text, only: to_text
   implicit none (type, external)
@@ -95,11 +95,15 @@ contains
     end if
   end subroutine check_whole
 
-  !> A larger system is searched for the poles of the modes that are asked for.
-  subroutine describe_searched(modes)
+  !> A larger system is searched for the poles of the modes that are asked for. With gyroscopic terms rigid motions take part in all
+  !> relaxations of a material, a crowd of poles of which some are found.
+  subroutine describe_searched(symmetric, modes)
+    logical, intent(in) :: symmetric                   !! the undamped system
     type(mode_set), intent(inout) :: modes
     modes%note_damped = 'poles: '//number_listed(modes)//', those of the modes asked for, residuals at most '// &
                         to_text(maxval([0.0_wp, modes%residual]))
+    if (.not. symmetric .and. any(modes%kind == real_pole)) modes%note_damped = modes%note_damped// &
+      '; of the relaxations not all: there are gyroscopic terms or forces that follow the motion'
     if (modes%unsettled > 0) modes%note_damped = modes%note_damped//'; '//to_text(modes%unsettled)// &
                                                  ' searches for further ones did not settle'
   end subroutine describe_searched

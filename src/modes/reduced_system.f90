@@ -18,7 +18,7 @@ module reduced_system
   real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
 
   real(wp), parameter :: rounding = 1.0e-13_wp         !! rate that is, over the highest frequency [-]
-  real(wp), parameter :: dependent = 1.0e-11_wp        !! row of it that follows from others, rows scaled to 1 [-]
+  real(wp), parameter :: dependent = 1.0e-9_wp         !! row of it that follows from others, rows scaled to 1 [-]
 
   !> The matrices on the subspace.
   type :: reduced_model
@@ -303,7 +303,7 @@ contains
   integer function zero_eigenvalues(matrix, noise) result(zeros)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
     real(wp), intent(in) :: noise                      !! what is rounding in it [1/s]
-    real(wp), allocatable :: a(:, :), q(:, :), tau(:), work(:)
+    real(wp), allocatable :: a(:, :), q(:, :), largest_entry(:), tau(:), work(:)
     integer, allocatable :: pivots(:)
     integer :: n, rank, j, info
     zeros = 0
@@ -313,13 +313,14 @@ contains
       if (n == 0) return
       where (abs(a) <= noise) a = 0.0_wp
       q = transpose(a)
+      largest_entry = [(max(maxval(abs(q(:, j))), tiny(1.0_wp)), j=1, n)]
       do j = 1, n
-        q(:, j) = q(:, j)/max(maxval(abs(q(:, j))), tiny(1.0_wp))
+        q(:, j) = q(:, j)/largest_entry(j)
       end do
       allocate (tau(n), work(66*n), source=0.0_wp)
       allocate (pivots(n), source=0)
       call dgeqp3(n, n, q, n, pivots, tau, work, size(work), info)
-      rank = count([(abs(q(j, j)) > dependent, j=1, n)])
+      rank = count([(abs(q(j, j)) > max(dependent, noise/largest_entry(pivots(j))), j=1, n)])
       if (rank == n) return
       zeros = zeros + n - rank
       call dorgqr(n, n, rank, q, n, tau, work, size(work), info)
