@@ -56,7 +56,7 @@ contains
         call text%close()
         return
       end if
-      if (x%touched(2) > 0) call text%words%add(' ('//to_text(x%touched(1))//' at the upper limit)')
+      if (all(x%touched > 0)) call text%words%add(' ('//to_text(x%touched(1))//' at the upper limit)')
       call text%member('touched_upper', to_text(x%touched(1)))
       if (x%count() > 0) then
         call text%figure(', events from ', 'first', x%first, 6)
