@@ -52,11 +52,11 @@ contains
     real(wp) :: whole, tolerance              ! [s]
     whole = (to - from)/real(n, wp)
     associate (g => self%grid)
-      do while (whole/2**g%level > longest .and. g%level < most_levels)
-        g%level = g%level + 1
-        g%part = 2*g%part
-      end do
       do
+        do while (whole/2**g%level > longest .and. g%level < most_levels)   ! again after each part that is passed over
+          g%level = g%level + 1
+          g%part = 2*g%part
+        end do
         h = whole/2**g%level
         ends = from + (real(g%done, wp) + real(g%part + 1, wp)/2**g%level)*whole
         if (g%part + 1 == 2**g%level .and. g%done + 1 == n) ends = to

@@ -10,6 +10,9 @@ module switch_tally
   private
   public :: exchange_tallies
 
+  real(wp), parameter :: parts_of_contact = 0.1_wp  !! a step, of a contact [-]
+  real(wp), parameter :: stable_part = 2.0_wp       !! a step, of the inverse of the fastest rate: all explicit methods are stable [-]
+
   !> Of one element.
   type, public :: element_tally
     integer(ip) :: touched(2) = 0             !! at the upper and lower limit
@@ -20,9 +23,14 @@ module switch_tally
     real(wp) :: force = 0.0_wp                !! largest [N] or [N m]
     real(wp) :: depth = 0.0_wp                !! largest penetration [m] or [rad]
     integer :: steps = 0                      !! of the present contact
+    real(wp) :: mass = huge(1.0_wp)           !! that met it there [kg] or [kg m2]
+    real(wp) :: time = huge(1.0_wp)           !! it takes about [s]
+    real(wp) :: age = 0.0_wp                  !! it has taken so far [s]
+    real(wp) :: longest = huge(1.0_wp)        !! step that it allows [s]
     integer :: fewest = huge(1)               !! steps of a contact that has ended
   contains
     procedure :: count => count_events
+    procedure :: note_contact
     procedure :: note_event
     procedure :: note_step
   end type element_tally
@@ -54,14 +62,28 @@ contains
     if (to /= 0) return
     if (self%steps > 0) self%fewest = min(self%fewest, self%steps)
     self%steps = 0
+    self%longest = huge(1.0_wp)
   end subroutine note_event
 
-  !> Looks at an accepted step of an element that is not open.
-  pure subroutine note_step(self, m, k, with, h, g, rate)
+  !> A contact begins: steps are to be a tenth of it.
+  pure subroutine note_contact(self, mass, time)
+    class(element_tally), intent(inout) :: self
+    real(wp), intent(in) :: mass              !! that meets the stop [kg] or [kg m2]
+    real(wp), intent(in) :: time              !! it takes about [s]
+    self%mass = mass
+    self%time = time
+    self%age = 0.0_wp
+    self%longest = parts_of_contact*time
+  end subroutine note_contact
+
+  !> Looks at an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to
+  !> follow its stiffness, others nothing.
+  pure subroutine note_step(self, m, k, with, explicit, h, g, rate)
     class(element_tally), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: k                  !! its number among the force elements
     type(conditions), intent(in) :: with      !! with its state in the step
+    logical, intent(in) :: explicit           !! the method's steps have to follow the stiffness
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: g(0:1), rate(0:1) !! penetration at both ends, and its rates [m], [m/s] or [rad], [rad/s]
     integer, parameter :: parts = 16
@@ -76,6 +98,10 @@ contains
     end do
     self%depth = max(self%depth, peak(depth))
     self%force = max(self%force, peak(force))
+    self%age = self%age + h
+    if (self%age > 2*self%time) self%longest = huge(1.0_wp)
+    if (explicit) self%longest = min(self%longest, stable_part/max(tiny(1.0_wp), &
+                                     m%s%forces(k)%item%contact_rate(with, self%mass, maxval(depth), maxval(rate))))
   end subroutine note_step
 
   !> The largest of equidistant values, by the parabola through it and its neighbours.
@@ -107,6 +133,10 @@ contains
         call a%exchange(x%force)
         call a%exchange(x%depth)
         call a%exchange(x%steps)
+        call a%exchange(x%mass)
+        call a%exchange(x%time)
+        call a%exchange(x%age)
+        call a%exchange(x%longest)
         call a%exchange(x%fewest)
       end associate
     end do

@@ -191,3 +191,16 @@ def test_a_pin_that_rattles_in_its_hole_strikes_when_an_independent_integration_
     truth = rattling_pin(30)
     assert np.abs(found - truth).max() < 1e-11  # of 6.6 ms
     assert np.abs(run.energy["residual"]).max() < 1e-8 * run.energy["stops"][-1]
+
+
+@pytest.mark.parametrize(("method", "residual"), [("rk4", 1e-3), ("dopri5", 1e-4), ("radau", 1e-4), ("generalized_alpha", 0.03)])
+def test_a_step_longer_than_a_contact_is_divided_while_it_lasts_and_grows_again_at_rest(run_deck, method, residual):
+    """A contact of 2.8 ms within steps of 10 ms; the ball comes to rest, where implicit methods take the whole step again."""
+    deck = SCENE + BALL.format(k=1, y=0.1) + FLOOR + SENSE
+    run = run_deck(deck + f"&transient t_end=2.0 method='{method}' step=1.0e-2 output_step=1.0e-2 /\n")
+    figures = run.transient
+    assert np.abs(run.energy["residual"]).max() < residual * 2.0
+    assert figures["step_in_contact"] == pytest.approx(2.5e-4, rel=0.01)
+    assert "steps were divided while stops touched" in run.summary
+    assert run.history["p.y"][-1] == pytest.approx(-((MASS * G / 1e8) ** (2 / 3)), rel=1e-6)
+    assert figures["steps"] < (2500 if method in ("rk4", "dopri5") else 500)

@@ -10,6 +10,7 @@ module mechanism_ode
   use force_element, only: most_roots
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
+  use contact_mass, only: mass_at, time_of_contact
   use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
@@ -38,6 +39,7 @@ module mechanism_ode
     type(evaluation_options) :: options       !! what acts in the present analysis
     type(event_list) :: events                !! of elements that switch
     type(element_tally), allocatable :: tally(:)   !! of each of them
+    real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
@@ -123,6 +125,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    integer :: k
     self%ev%t = t
     self%ev%options = self%options
     associate (nq => self%m%s%nq)
@@ -130,6 +133,7 @@ contains
     end associate
     self%roots = most_roots*size(self%m%s%switching)
     allocate (self%tally(size(self%m%s%switching)))
+    if (self%roots > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], self%ev%switches%state /= 0)
   end subroutine start_switching
 
   !> Roots of the elements that switch.
@@ -160,7 +164,40 @@ contains
         call self%tally(event%element)%note_event(t, event%from, event%to)
       end associate
     end do
+    call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
+                        self%events%items(n + 1:self%events%count)%from == 0)
   end subroutine resolve_events
+
+  !> How long contacts take that have just begun decides on the steps that follow.
+  subroutine begin_contacts(self, t, y, elements, begins)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    integer, intent(in) :: elements(:)      !! their numbers among those that switch
+    logical, intent(in) :: begins(:)        !! a contact begins there
+    real(wp), allocatable :: dy(:)
+    real(wp) :: mass                        ! [kg] or [kg m2]
+    integer :: i
+    if (any(begins)) then
+      allocate (dy(size(y)))
+      call self%rates(self%options, t, y, dy)
+    end if
+    do i = 1, size(elements)
+      if (.not. begins(i)) cycle
+      associate (k => self%m%s%switching(elements(i)))
+        mass = mass_at(self%m, self%ev, k)
+        call self%tally(elements(i))%note_contact(mass, time_of_contact(self%m, self%ev, k, mass))
+      end associate
+    end do
+    call limit_steps(self)
+  end subroutine begin_contacts
+
+  !> The longest step that all contacts allow.
+  subroutine limit_steps(self)
+    class(mechanism_system), intent(inout) :: self
+    self%longest_step = minval(self%tally%longest)
+    self%shortest_limit = min(self%shortest_limit, self%longest_step)
+  end subroutine limit_steps
 
   !> Accepted steps of elements that are not open.
   subroutine note_step(self, h, g0, rate0, g1, rate1)
@@ -172,10 +209,11 @@ contains
       if (self%ev%switches%state(i) == 0) cycle
       k = most_roots*(i - 1) + 1            ! the penetration
       associate (element => self%m%s%switching(i))
-        call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), h, [g0(k), g1(k)], &
-                                     [rate0(k), rate1(k)])
+        call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), .not. allocated(self%t), h, &
+                                     [g0(k), g1(k)], [rate0(k), rate1(k)])
       end associate
     end do
+    call limit_steps(self)
   end subroutine note_step
 
   !> Saves or restores states and events that have not been told.
@@ -185,6 +223,7 @@ contains
     if (self%roots == 0) return
     call exchange_states(self%ev, a)
     call a%exchange(self%longest_step)
+    call a%exchange(self%shortest_limit)
     call self%events%exchange(a)
     call exchange_tallies(self%tally, a)
   end subroutine exchange_switches

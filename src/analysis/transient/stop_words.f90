@@ -4,6 +4,7 @@ module stop_words
   use readable_text, only: json_text
   use results, only: most_events
   use scene_run, only: run_state
+  use step_counts, only: actual_step
   use summary_text, only: summary_record
   use text, only: to_text
   use transient, only: transient_march
@@ -29,6 +30,10 @@ contains
       call text%figure(', let go before they opened ', 'let_go', sum(all%let_go))
       call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
       call text%close()
+      associate (h => run%sys%shortest_limit, step => actual_step(run%d%transient%output_step, run%d%transient%step))
+        if (h < step .and. .not. run%d%transient%adaptive) call text%figure('  steps were divided while stops touched, the '// &
+          'shortest contact allows ', 'step_in_contact', h, 3, rest=' s')
+      end associate
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
       call text%open('stops', '[')
       do i = 1, size(all)

@@ -8,7 +8,7 @@
 !> part with e v0 (theory.md, section 10). States: open; touching; let go: still beyond the limit, but the factor 1 + chi d' is
 !> negative, so that nothing acts. Events lead from one to another; where no state is kept it follows from the position.
 module stops
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held
   use marker, only: marker_states, turn
@@ -41,6 +41,8 @@ module stops
     procedure :: slowest
     procedure :: example
     procedure :: stiffness_at
+    procedure :: impact_time
+    procedure :: rest_time
     procedure :: act => stop_act
     procedure :: tangent => stop_tangent
     procedure :: rate_components => stop_rate_components
@@ -53,6 +55,7 @@ module stops
     procedure :: start_state => stop_start
     procedure :: state_word => stop_word
     procedure :: contact_force => stop_force
+    procedure :: contact_rate => fastest_rate
   end type stop_model
 
   !> Where a stop touches.
@@ -206,6 +209,41 @@ contains
     real(wp), intent(in) :: depth          !! [m] or [rad]
     k = self%exponent*self%hardness*max(depth, 0.0_wp)**(self%exponent - 1)
   end function stiffness_at
+
+  !> How long an elastic impact lasts: c d/v0 with the deepest penetration d = ((n+1) m v0^2/(2K))^(1/(n+1)), and
+  !> c = 2 sqrt(pi) G(1+1/(n+1))/G(1/2+1/(n+1)): pi for n = 1, 2.943 for n = 1.5. A large y of the restitution shortens what is fast
+  !> in it.
+  pure real(wp) function impact_time(self, mass, speed) result(time)   ! [s]
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: mass           !! that meets it [kg] or [kg m2]
+    real(wp), intent(in) :: speed          !! [m/s] or [rad/s]
+    real(wp) :: a
+    time = huge(1.0_wp)
+    if (.not. speed > 0.0_wp) return
+    a = 1/(self%exponent + 1)
+    time = 2*sqrt(pi)*gamma(1 + a)/gamma(0.5_wp + a)*(mass*speed**2/(2*a*self%hardness))**a/speed
+    time = time/max(1.0_wp, 0.25_wp*max(self%rebound, self%chi*speed))
+  end function impact_time
+
+  !> Half a period of small vibrations about a penetration.
+  pure real(wp) function rest_time(self, mass, depth) result(time)     ! [s]
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: mass           !! [kg] or [kg m2]
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    time = huge(1.0_wp)
+    if (depth > 0.0_wp) time = pi*sqrt(mass/self%stiffness_at(depth))
+  end function rest_time
+
+  !> A bound of the eigenvalues of a mass on the stop: c/m + sqrt(k/m).
+  pure real(wp) function fastest_rate(self, with, mass, depth, rate) result(s)   ! [1/s]
+    class(stop_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: mass           !! [kg] or [kg m2]
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
+    s = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)/mass + &
+        sqrt(self%stiffness_at(depth)*max(self%factor(rate, with), 0.0_wp)/mass)
+  end function fastest_rate
 
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)

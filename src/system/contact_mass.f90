@@ -1,0 +1,66 @@
+!> The mass that a stop meets, and how long a contact with it lasts.
+module contact_mass
+  use kinds, only: wp
+  use evaluation_results, only: evaluation, conditions_of
+  use force_element, only: conditions
+  use mass_solve, only: solve_mass
+  use mechanism, only: mechanism_model
+  use stops, only: stop_contact, stop_model
+  implicit none (type, external)
+  private
+  public :: mass_at, time_of_contact
+
+contains
+
+  !> m of 1/m = J M^-1 J^T, J the gradient of the penetration, with the joints held, by the factors of the last evaluation; huge where
+  !> nothing can move. [kg] or [kg m2]
+  real(wp) function mass_at(m, ev, k) result(mass)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    integer, intent(in) :: k                   !! force element
+    real(wp) :: f(m%s%nq), u(m%s%nq)           ! [-], [m]; [1/kg], [1/(kg m)]
+    type(stop_contact) :: c
+    mass = huge(1.0_wp)
+    f = 0.0_wp
+    select type (stop => m%s%forces(k)%item)
+    class is (stop_model)
+      call stop%contact(ev%p, conditions_of(m, ev, k), c)
+      call add(stop%ia, c%g(1:3))
+      call add(stop%ib, c%g(4:6))
+    end select
+    call solve_mass(m, ev, .true., f, u)
+    if (dot_product(f, u) > 1/huge(1.0_wp)) mass = 1/dot_product(f, u)
+  contains
+    !> Adds a unit wrench of a marker, given in global axes.
+    subroutine add(marker, w)
+      integer, intent(in) :: marker
+      real(wp), intent(in) :: w(3)             !! [-], [m]
+      integer :: b, i
+      b = m%s%markers(marker)%body
+      if (b == 0) return
+      i = m%s%qo(b)
+      associate (cs => ev%frame%cos(b), sn => ev%frame%sin(b), n => m%s%bodies(b)%nf)
+        call m%s%markers(marker)%add_wrench(ev%p%rho(:, marker), [cs*w(1) + sn*w(2), cs*w(2) - sn*w(1), w(3)], f(i + 1:i + 3), &
+                                            f(i + 4:i + 3 + n))
+      end associate
+    end subroutine add
+  end function mass_at
+
+  !> How long a contact lasts that has just begun, or in which the stop is pressed at rest [s].
+  pure real(wp) function time_of_contact(m, ev, k, mass) result(time)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                   !! force element
+    real(wp), intent(in) :: mass               !! [kg] or [kg m2]
+    type(conditions) :: with
+    type(stop_contact) :: c
+    time = huge(1.0_wp)
+    if (mass >= huge(1.0_wp)) return
+    with = conditions_of(m, ev, k)
+    select type (stop => m%s%forces(k)%item)
+    class is (stop_model)
+      call stop%contact(ev%p, with, c)
+      time = min(stop%impact_time(mass, with%memory), stop%rest_time(mass, c%depth))
+    end select
+  end function time_of_contact
+end module contact_mass
