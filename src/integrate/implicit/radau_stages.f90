@@ -21,6 +21,7 @@ module radau_stages
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
+  real(wp), parameter :: far = 1.0e3_wp            !! step over the last one that its polynomial leads to without amplified rounding [-]
 
   !> Internal variables.
   type, public :: inner_values
@@ -114,7 +115,7 @@ contains
     self%eta = 1.0_wp
   end subroutine start_stages
 
-  !> First guess of the stages: the polynomial of the last step goes on.
+  !> First guess of the stages: the polynomial of the last step goes on, unless that was a small piece of a step.
   subroutine predict_stages(self, system, t, h)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -128,7 +129,7 @@ contains
       self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
     end do
     do i = 1, 3
-      if (self%last_h > 0.0_wp) then
+      if (h < far*self%last_h) then
         w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%last_h)
         self%u(:, i) = matmul(self%last_v, w) - self%v0
         w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%last_h)
