@@ -12,6 +12,7 @@ module event_location
 
   real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of its scale [-]
   real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
+  real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
   integer, parameter :: most_trials = 80           !! each second one halves at least: more than the digits of a number
   integer, parameter :: quick_trials = 6           !! after which each second one halves
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
@@ -76,11 +77,15 @@ contains
       h = left%h + s
       last = h
       march%tried = march%t + h
+      march%roots%locating = .true.
       call march%try_step(system, h, ok)
+      march%roots%locating = .false.
       if (.not. ok) return
       n = n + 1
       call look(march, system, h, right(n))
       call guess_rates(left, right(n), right(n - 1))
+      if (right(n - 1)%h - h < near*whole) call correct_rates(right(n), right(n - 1))
+      if (h - left%h < near*whole .and. left%h > 0.0_wp) call correct_rates(left, right(n))
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
@@ -160,6 +165,20 @@ contains
       right%rate(k) = 2*b - at%rate(k)
     end do
   end subroutine guess_rates
+
+  !> The end of a longer step is not that of a longer time by the rates alone: they have the method's own error. What two lengths
+  !> near each other show is added.
+  pure subroutine correct_rates(left, right)
+    type(tried_length), intent(inout) :: left, right
+    real(wp) :: d                             ! [any/s]
+    integer :: k
+    do k = 1, size(left%g)
+      if (max(left%g(k), right%g(k), left%rate(k), right%rate(k)) >= huge(1.0_wp)) cycle
+      d = (right%g(k) - left%g(k))/(right%h - left%h) - 0.5_wp*(left%rate(k) + right%rate(k))
+      left%rate(k) = left%rate(k) + d
+      right%rate(k) = right%rate(k) + d
+    end do
+  end subroutine correct_rates
 
   !> Length after the left one at which a root first falls to zero by its interpolant, k = 0: none does. Where the interpolant alone
   !> says so, falls is false and the length that of its minimum, to be tried; it is believed but for the depth of the dip itself.

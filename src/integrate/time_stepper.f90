@@ -42,6 +42,7 @@ module time_stepper
     real(wp), allocatable :: g(:), rate(:), scale(:)   !! (roots) as `find_roots` says [any], [any/s], [any]
     logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
     logical :: pending = .false.              !! some have, and the system has not been told yet
+    logical :: locating = .false.             !! lengths are tried, each of which counts to the last digit
     integer :: recent = 0                     !! events since the time `since`
     real(wp) :: since = 0.0_wp                !! [s]
   end type root_watch

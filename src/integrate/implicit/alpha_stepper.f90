@@ -62,11 +62,14 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
-    if (.not. self%started .or. (self%fresh .and. .not. same_step(self%solver, h))) then
+    logical :: same
+    same = same_step(self%solver, h)
+    if (self%roots%locating) same = abs(h - self%solver%now%h) <= 0.0_wp
+    if (.not. self%started .or. (self%fresh .and. .not. same)) then
       call start_method(self%solver, system, self%t, h, self%y)
       self%started = .true.
       self%fresh = .true.
-    else if (.not. same_step(self%solver, h)) then
+    else if (.not. same) then
       call change_step(self%solver, system, self%t, h)
     end if
     if (self%passes) then
