@@ -175,3 +175,29 @@ def counters(tmp_path_factory):
     if "allocations" not in done.stderr:
         pytest.skip("the C library does not let its allocations be counted")
     return library
+
+
+@pytest.fixture(autouse=True)
+def texts_stand_apart(request, monkeypatch):
+    """No two texts of a picture that a test of post/ saves lie on each other: the renderer says where they stand."""
+    if request.path.parent.name != "post":
+        return
+    from biela.labels import overlaps
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    draw, savefig, drawn = Text.draw, Figure.savefig, {}
+
+    def note(text, renderer, *args, **kwargs):
+        if text.get_visible() and text.get_text().strip():
+            drawn[id(text)] = (text.get_text(), Text.get_window_extent(text, renderer).extents)
+        return draw(text, renderer, *args, **kwargs)
+
+    def save(figure, *args, **kwargs):
+        drawn.clear()
+        done = savefig(figure, *args, **kwargs)
+        assert overlaps(list(drawn.values())) == [], args
+        return done
+
+    monkeypatch.setattr(Text, "draw", note)
+    monkeypatch.setattr(Figure, "savefig", save)

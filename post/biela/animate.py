@@ -16,7 +16,7 @@ from PIL import Image
 from .histories import read
 from .mechanism import Mechanism, add_trace, from_run
 from .picture_files import FORMATS, lay_out, stem_of
-from .plot import COLOURS, LOOK, STYLES, plain_numbers
+from .plot import LOOK, body_look, plain_numbers
 from .result_files import HistoryError, note
 
 DARK = "#333333"
@@ -40,8 +40,8 @@ class Picture:
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
         self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
         self.bodies = [
-            axis.plot([], [], color=COLOURS[k % len(COLOURS)], ls=STYLES[k // len(COLOURS) % len(STYLES)], lw=2.2, zorder=3)[0]
-            for k in range(len(scene.bodies))
+            axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
+            for colour, style in map(body_look, range(len(scene.bodies)))
         ]
         outlined = [path_effects.withStroke(linewidth=2.5, foreground="white")]
         look = {"fontsize": 8, "va": "bottom", "path_effects": outlined, "zorder": 7}

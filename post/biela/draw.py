@@ -14,17 +14,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Arc, Polygon
 
+from . import labels
 from .histories import read_summary
 from .mechanism import hull
 from .picture_files import save
-from .plot import COLOURS, LOOK, plain_numbers
+from .plot import COLOURS, LOOK, body_look, plain_numbers
 from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
 DRIVE, FORCE, SPRING, SENSOR = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00"
 SIGNS = {"revolute": "o", "weld": "s", "slider": "s", "prismatic": "s", "distance": "o"}
 SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
-SAME = 0.02  # labels nearer to each other, of the larger side, are stacked
 
 
 def figures_of(source: Path, biela: Path) -> dict:
@@ -50,8 +50,7 @@ class ScenePicture:
 
     def __init__(self, axis: plt.Axes, scene: dict):
         self.axis, self.scene = axis, scene
-        self.labels: list[tuple[np.ndarray, str, str]] = []
-        self.rising: list[np.ndarray] = []  # middles of elements that rise to the right
+        self.labels: list[labels.Label] = []
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
         ends = [np.array(item[side]["at"]) for kind in ("joints", "springs") for item in scene[kind] for side in "ab"]
         points = np.array([*points, *ends])
@@ -67,7 +66,7 @@ class ScenePicture:
     def draw(self) -> None:
         """Draw everything, the names last."""
         for k, body in enumerate(self.scene["bodies"]):
-            self._body(body, COLOURS[(0, 2, 5, 6, 3)[k % 5]])
+            self._body(body, *body_look(k))
         for spring in self.scene["springs"]:
             self._spring(spring)
         for joint in self.scene["joints"]:
@@ -81,29 +80,30 @@ class ScenePicture:
             self.axis.plot(*at, "D", color="white", mec=SENSOR, ms=4, mew=1.1, zorder=8)
             self._label(at, sensor["name"], SENSOR)
         self._gravity()
-        self._names()
         self._key()
 
-    def _label(self, at: np.ndarray, text: str, colour: str) -> None:
-        self.labels.append((np.array(at), text, colour))
+    def name_all(self) -> None:
+        """Write the names, once everything else stands where it stays."""
+        labels.write(self.axis, self.labels)
 
-    def _body(self, body: dict, colour: str) -> None:
+    def _label(self, at: np.ndarray, text: str, colour: str) -> None:
+        self.labels.append(labels.Label(np.array(at), text, colour))
+
+    def _body(self, body: dict, colour: str, style: object) -> None:
         """Draw the elements of a beam or frame; of a rigid body the outline of its frame, mass centre and places."""
         nodes = np.array(body["nodes"])
         if len(nodes):
             for i, j in body["elements"]:
-                self.axis.plot(*nodes[[i - 1, j - 1]].T, "-", color=colour, lw=2.4, zorder=3, solid_capstyle="round")
+                self.axis.plot(*nodes[[i - 1, j - 1]].T, ls=style, color=colour, lw=2.4, zorder=3, solid_capstyle="round")
             self.axis.plot(*nodes.T, "o", color=colour, ms=3, zorder=4)
             first = np.array(body["elements"][len(body["elements"]) // 2]) - 1
             at = nodes[first].mean(axis=0)
-            if np.prod(np.diff(nodes[first], axis=0)) > 0.0:
-                self.rising.append(at)
         else:
             places = [body["frame"][:2], body["centre"], *self._places(body["name"])]
             outline = hull(np.array(places))
             if len(outline) > 3:
                 self.axis.add_patch(Polygon(outline, facecolor=colour, alpha=0.15, zorder=2))
-            self.axis.plot(*outline.T, "-", color=colour, lw=3.2, alpha=0.8, zorder=3, solid_capstyle="round")
+            self.axis.plot(*outline.T, ls=style, color=colour, lw=3.2, alpha=0.8, zorder=3, solid_capstyle="round")
             at = np.array(body["centre"])
             self.axis.plot(*at, "P", color=colour, ms=6, zorder=4)
         self._label(at, body["name"], colour)
@@ -223,26 +223,6 @@ class ScenePicture:
             for text, line in zip(found.get_texts(), lines):
                 text.set_color(line.get_markeredgecolor())
 
-    def _names(self) -> None:
-        """Write the names, those of one place below each other, on the side that looks away from the middle."""
-        groups: list[tuple[np.ndarray, list[tuple[str, str]]]] = []
-        for at, text, colour in self.labels:
-            for place, lines in groups:
-                if np.hypot(*(at - place)) < SAME * self.span:
-                    lines.append((text, colour))
-                    break
-            else:
-                groups.append((at, [(text, colour)]))
-        for at, lines in groups:
-            right = at[0] >= self.middle[0] - 1.0e-9 * self.span
-            up = at[1] >= self.middle[1]
-            right = not up if any(np.array_equal(at, middle) for middle in self.rising) else right
-            for k, (text, colour) in enumerate(lines):
-                rise = 8 + 10 * (len(lines) - 1 - k) if up else -8 - 10 * k
-                note = self.axis.annotate(text, at, (9 if right else -9, rise), textcoords="offset points", color=colour)
-                note.set(fontsize=8, ha="left" if right else "right", va="bottom" if up else "top", zorder=9)
-                note.set_bbox(dict(facecolor="white", alpha=0.7, edgecolor="none", pad=0.6))
-
 
 def draw(figures: dict, title: str | None = None) -> plt.Figure:
     """Return a figure of the scene of a summary.
@@ -264,6 +244,7 @@ def draw(figures: dict, title: str | None = None) -> plt.Figure:
         figure.set_size_inches(8.0, float(np.clip(7.2 * shape + 1.2, 3.0, 9.0)))
         picture.draw()
         axis.set_title(title, fontsize=9)
+        picture.name_all()
     return figure
 
 

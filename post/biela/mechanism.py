@@ -269,4 +269,4 @@ def add_trace(scene: Mechanism, name: str) -> None:
     if place is None:
         known = ", ".join([*scene.sensors, *(f"{key}.1" if len(b.rest) else key for key, b in scene.bodies.items())])
         raise HistoryError(f"no place {name!r} to trace; there are {known}")
-    scene.traces.append(np.array([scene.at(place, row) for row in range(len(scene.time))]))
+    scene.traces.append(spline(np.array([scene.at(place, row) for row in range(len(scene.time))])))

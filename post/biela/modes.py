@@ -11,6 +11,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from . import labels
 from .animate import Picture, tiles
 from .histories import History, read
 from .mechanism import Mechanism, from_run
@@ -22,6 +23,8 @@ UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
 SIZE = 0.12
 ROUNDED = 1.0e-9  # the part of a pole that is rounding
 DECADES = 7  # of the axes of a picture of poles
+MARK = 14.0  # poles nearer than this lie over each other [pixel]
+MOST_NUMBERS = 60  # poles that are numbered
 POSITIONS = "# positions:"
 INPUT = "# input:"
 KINDS = {
@@ -144,16 +147,24 @@ def threshold(values: np.ndarray, poles: np.ndarray) -> float:
     return float(10.0 ** np.floor(np.log10(above.min()))) if above.size else float(largest or 1.0)
 
 
-def number_modes(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
-    """Write the numbers of modes beside their poles; one text for poles that lie at one place of the picture."""
+def decades(interval: tuple[float, float], least: float) -> np.ndarray:
+    """Return 0 and the powers of ten of an axis that is linear below the least of them; matplotlib's own crowd about 0."""
+    powers = 10.0 ** np.arange(np.log10(least), np.log10(max(np.abs(interval))) + 1.0e-9)
+    powers = powers[:: -(-powers.size // DECADES)]
+    ticks = np.concatenate([-powers[::-1], [0.0], powers])
+    return ticks[(ticks >= interval[0]) & (ticks <= interval[1])]
+
+
+def number_poles(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
+    """Write the numbers of modes beside their poles; one text for poles whose marks lie over each other."""
     at = axis.transData.transform(np.column_stack([real, imag]))
     groups: list[list[int]] = []
     for k in np.argsort(at[:, 1], kind="stable"):
-        near = next((g for g in groups if abs(at[g[-1], 0] - at[k, 0]) < 24.0 and abs(at[g[0], 1] - at[k, 1]) < 11.0), None)
+        near = next((g for g in groups if np.hypot(*(at[g[-1]] - at[k])) < MARK), None)
         near.append(k) if near else groups.append([k])
-    for group in groups:
-        words = ", ".join(map(str, sorted(modes[group])))
-        axis.annotate(words, (real[group].max(), imag[group[-1]]), xytext=(6, -3), textcoords="offset points", fontsize=8)
+    names = [", ".join(map(str, sorted(set(modes[group])))) for group in groups]
+    places = [np.array([real[group].max(), imag[group].max()]) for group in groups]
+    labels.write(axis, [labels.Label(place, name, "black") for place, name in zip(places, names)])
 
 
 def draw_poles(table: History, title: str = "") -> plt.Figure:
@@ -175,11 +186,17 @@ def draw_poles(table: History, title: str = "") -> plt.Figure:
         axis.margins(0.08)
         axis.set_xlim(min(real.min() * 2.0, -linear[0]), max(real.max() * 2.0, 0.3 * linear[0]))
         axis.set_ylim(-0.3 * linear[1], max(imag.max() * 2.0, linear[1]))
-        axis.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title=title)
+        scale = "logarithmic, linear within ±{:.3g}"
+        axis.set_xlabel("real part [1/s], " + scale.format(linear[0]))
+        axis.set_ylabel("imaginary part [rad/s], " + scale.format(linear[1]))
+        axis.set_title(title)
+        for one, least in zip((axis.xaxis, axis.yaxis), linear):
+            one.set_major_locator(mpl.ticker.FixedLocator(decades(one.get_view_interval(), least)))
         figure.legend(loc="outside upper center", ncols=4)
         figure.draw_without_rendering()
-        mine = np.flatnonzero(kinds == (VIBRATION if (kinds == VIBRATION).any() else UNDAMPED))
-        number_modes(axis, table["mode"][mine].astype(int), real[mine], imag[mine])
+        mine = np.flatnonzero(kinds != UNDAMPED if (kinds == VIBRATION).any() else kinds == UNDAMPED)
+        if mine.size <= MOST_NUMBERS:
+            number_poles(axis, table["mode"][mine].astype(int), real[mine], imag[mine])
     return figure
 
 
@@ -197,17 +214,19 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
         groups.setdefault(table.units[f"{name}.amplitude"], []).append(name)
     logarithmic = f[0] > 0.0 and f[-1] / f[0] > 5.0
     with plt.rc_context(LOOK):
+        across = -(-len(groups) // 2)  # pairs of panels side by side: a picture is no taller than wide
+        down = -(-len(groups) // across)
         figure, axes = plt.subplots(
-            2 * len(groups),
-            1,
-            figsize=(8.0, 0.8 + 3.4 * len(groups)),
+            2 * down,
+            across,
+            figsize=(8.0 + 5.0 * (across - 1), 0.8 + 3.4 * down),
             sharex=True,
             squeeze=False,
             layout="constrained",
-            height_ratios=[3, 2] * len(groups),
+            height_ratios=[3, 2] * down,
         )
         for k, (unit, group) in enumerate(groups.items()):
-            upper, lower = axes[2 * k : 2 * k + 2, 0]
+            upper, lower = axes[2 * (k % down) : 2 * (k % down) + 2, k // down]
             for j, name in enumerate(group):
                 amplitude = np.where(table[f"{name}.amplitude"] > 0.0, table[f"{name}.amplitude"], np.nan)
                 style = {"color": COLOURS[j % len(COLOURS)], "ls": STYLES[j % len(STYLES)]}
@@ -222,7 +241,12 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
             lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
         if logarithmic:
             axes[-1, 0].set_xscale("log")
-        axes[-1, 0].set_xlabel(axis_label("f", "Hz"))
+        for empty in axes.T.reshape(across, down, 2).reshape(-1, 2)[len(groups) :].flat:
+            empty.remove()
+        for column in range(across):
+            lowest = axes[2 * min(down, len(groups) - column * down) - 1, column]
+            lowest.set_xlabel(axis_label("f", "Hz"))
+            lowest.tick_params(labelbottom=True)
         axes[-1, 0].margins(x=0.01)
         figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
     return figure

@@ -43,6 +43,12 @@ LOOK = {
 }
 
 
+def body_look(k: int) -> tuple[str, object]:
+    """Return colour and line style of the k-th body of a scene, the same in all pictures; drives, forces, springs have others."""
+    colours = [COLOURS[j] for j in (0, 3, 5, 6, 7)]
+    return colours[k % len(colours)], STYLES[k // len(colours) % len(STYLES)]
+
+
 def plain_numbers(axis: plt.Axes) -> None:
     """Write the numbers of both axes as plain text."""
     axis.xaxis.set_major_formatter(Plain())

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import signal
 from scipy.interpolate import make_interp_spline
 
+from . import labels
 from .histories import History, read
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
@@ -20,7 +21,7 @@ from .result_files import HistoryError
 
 LEAST = 16  # rows that a spectrum needs
 SEEN = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
-LABEL = (40.0, 12.0)  # room of a peak's frequency [pixel]
+SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
 
 
@@ -105,17 +106,6 @@ def holding(size: np.ndarray) -> int:
     return min(max(3 * last // 2, LEAST), size.size - 1)
 
 
-def name_peaks(axis: plt.Axes, frequency: np.ndarray, size: np.ndarray, found: list[int]) -> None:
-    """Write the frequencies of peaks beside them, the largest first; one that would lie over another has none."""
-    taken: list[np.ndarray] = []
-    for k in sorted(found, key=lambda k: -size[k]):
-        at = axis.transData.transform((frequency[k], size[k]))
-        if all(abs(at[0] - other[0]) > LABEL[0] or abs(at[1] - other[1]) > LABEL[1] for other in taken):
-            taken.append(at)
-            words = f"{frequency[k]:.0f}" if frequency[k] >= 1.0e3 else f"{frequency[k]:.4g}"
-            axis.annotate(words, (frequency[k], size[k]), xytext=(3, 3), textcoords="offset points", fontsize=8)
-
-
 def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
     """Return a figure of amplitude and density of every column, and print the peaks."""
     with plt.rc_context(LOOK):
@@ -125,15 +115,17 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             frequency, size = amplitudes(axis, values)
             of = run.units[name]
             line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
-            for k in peaks(size, most):
+            found = peaks(size, most)
+            if len(found) > 1 and size[found].min() < SMALL * size[found].max():
+                line[0].set_yscale("log")
+                line[0].set_ylim(0.2 * size[found].min(), 3.0 * size[found].max())
+            for k in found:
                 line[0].plot(frequency[k], size[k], "o", color=COLOURS[1], markersize=3)
                 print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
             line[0].set_xlim(0.0, frequency[holding(size)])
-            line[0].margins(y=0.12)
-            figure.draw_without_rendering()
-            name_peaks(line[0], frequency, size, peaks(size, most))
+            line[0].margins(y=0.2)
             band, power = density(axis, values)
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
             squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
@@ -145,6 +137,11 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
                 line[1].set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
         for axis in axes[-1]:
             axis.set_xlabel(f"{abscissa} [{unit}]")
+        for axis in axes[:, 0]:
+            tops = [line.get_xydata()[0] for line in axis.lines[1:]]
+            labels.write(
+                axis, [labels.Label(top, f"{top[0]:.0f}" if top[0] >= 1.0e3 else f"{top[0]:.4g}", "black") for top in tops]
+            )
     return figure
 
 
@@ -178,9 +175,13 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
             time, values = even_samples(run.time, run[name])
             turns, found = decay(time, values)
             axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
-            at = values[turns]
-            inner = time[(time >= time[turns[1]]) & (time <= time[turns[-2]])]
-            about = np.interp(inner, time[turns[1:-1]], 0.25 * (at[:-2] + 2.0 * at[1:-1] + at[2:]))  # what it swings about
+            at, when = values[turns], time[turns]
+            size = found["start"] * np.exp(-found["rate"] * when)
+            about = np.convolve(at, [0.25, 0.5, 0.25], "same")  # what it swings about; at the ends as the envelope has it
+            side = np.sign(at[[0, -1]] - at[[1, -2]])
+            about[[0, -1]] = at[[0, -1]] - side * size[[0, -1]]
+            inner = time[turns[0] : turns[-1] + 1]
+            about = np.interp(inner, when, about)
             envelope = found["start"] * np.exp(-found["rate"] * inner)
             axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
             axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])

@@ -197,8 +197,12 @@ def write_table(path: Path, header: list[str], rows: list[list]) -> None:
         raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
 
 
-def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> str:
-    """Return a line that names the best run that meets all conditions; HistoryError where the words are wrong."""
+def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
+    """Return the best run that meets all conditions, how many meet them, and column and limit of each condition.
+
+    Raises:
+        HistoryError: the words are wrong.
+    """
     names = [one.name for one in (*study.parameters, *study.scalars)]
     words = wish.split()
     if len(words) != 2 or words[0] not in ("min", "max") or words[1] not in names:
@@ -217,12 +221,19 @@ def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> st
         good = [row for row in good if test(row[k], value)]
     column = names.index(words[1])
     good = [row for row in good if row[column] == row[column]]
-    if not good:
+    chosen = (min if words[0] == "min" else max)(good, key=lambda row: row[column]) if good else None
+    return chosen, len(good), [(k, value) for k, _, value in tests]
+
+
+def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> str:
+    """Return a line that names the best run that meets all conditions; HistoryError where the words are wrong."""
+    names = [one.name for one in (*study.parameters, *study.scalars)]
+    chosen, count, _ = choose(study, rows, wish, conditions)
+    if chosen is None:
         return "best: no run meets the conditions"
-    chosen = (min if words[0] == "min" else max)(good, key=lambda row: row[column])
     shown = [f"{value:.6g}" if isinstance(value, float) else str(value) for value in chosen]
     values = ", ".join(f"{name} = {value}" for name, value in zip(names, shown))
-    return f"best of {len(good)} runs ({wish}{''.join(', ' + condition for condition in conditions)}): {values}"
+    return f"best of {count} runs ({wish}{''.join(', ' + condition for condition in conditions)}): {values}"
 
 
 def sweep(args: argparse.Namespace) -> int:
@@ -260,7 +271,8 @@ def sweep(args: argparse.Namespace) -> int:
     if not args.no_pictures and len(failed) < len(rows):
         from . import sweep_picture
 
-        for path in sweep_picture.draw(study, header, rows, folder):
+        chosen, _, limits = choose(study, rows, args.best, args.where) if args.best else (None, 0, [])
+        for path in sweep_picture.draw(study, header, rows, folder, chosen, limits):
             print(f"picture: {path}")
     if args.best:
         print(best(study, rows, args.best, args.where))

@@ -18,8 +18,19 @@ from .sweep_study import Study
 OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
 
 
-def draw(study: Study, header: list[str], rows: list[list], folder: Path) -> list[Path]:
-    """Draw every result of the table against the parameters that vary; returns the pictures' paths (PNG)."""
+def draw(
+    study: Study, header: list[str], rows: list[list], folder: Path, best: list | None = None, limits: list | tuple = ()
+) -> list[Path]:
+    """Draw every result of the table against the parameters that vary; returns the pictures' paths (PNG).
+
+    Args:
+        study: what was run
+        header: of the table
+        rows: of the table
+        folder: where the pictures go
+        best: the row that is marked
+        limits: (column, value) of conditions, which a map shows as lines
+    """
     free = [k for k, parameter in enumerate(study.parameters) if not parameter.expression and len({row[k] for row in rows}) > 1]
     results = range(len(study.parameters), len(header) - 1)
     good = [row for row in rows if not row[-1]]
@@ -27,7 +38,7 @@ def draw(study: Study, header: list[str], rows: list[list], folder: Path) -> lis
     if not free or not good:
         return []
     if len(free) == 2 and numeric and all(len(study.parameters[k].values) > 1 for k in free) and _is_grid(rows, free):
-        return [_map(study, header, rows, free, result, folder) for result in results]
+        return [_map(study, header, rows, free, result, folder, best, limits) for result in results]
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(
             len(results), len(free), figsize=(1.5 + 5.0 * len(free), 0.8 + 2.4 * len(results)), squeeze=False, layout="constrained"
@@ -50,13 +61,22 @@ def _is_grid(rows: list[list], free: list[int]) -> bool:
     return len({(row[free[0]], row[free[1]]) for row in rows}) == len(one) * len(two)
 
 
-def _map(study: Study, header: list[str], rows: list[list], free: list[int], result: int, folder: Path) -> Path:
+def _map(study: Study, header: list[str], rows: list[list], free: list[int], result: int, folder: Path, best, limits) -> Path:
     """Draw one result over two parameters; runs that failed stay white, crossed."""
     x, y = (sorted({row[k] for row in rows}) for k in free)
-    values = np.full((len(y), len(x)), np.nan)
-    for row in rows:
-        if not row[-1]:
-            values[y.index(row[free[1]]), x.index(row[free[0]])] = row[result]
+
+    def table(column: int) -> np.ndarray:
+        """Return a column over the grid; NaN where the run failed."""
+        found = np.full((len(y), len(x)), np.nan)
+        for row in rows:
+            if not row[-1]:
+                found[y.index(row[free[1]]), x.index(row[free[0]])] = row[column]
+        return found
+
+    def words(column: int) -> str:
+        return pretty_unit(header[column].replace("[", " ["))
+
+    values = table(result)
     with plt.rc_context(LOOK | {"axes.grid": False}):
         figure, axis = plt.subplots(figsize=(7.0, 5.2), layout="constrained")
         shades = axis.pcolormesh(x, y, np.ma.masked_invalid(values), shading="nearest", cmap="viridis")
@@ -68,10 +88,21 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
         failed = [(row[free[0]], row[free[1]]) for row in rows if row[-1]]
         if failed:
             axis.plot(*zip(*failed), "x", color="black", label="failed")
-            axis.legend(loc="upper right")
-        figure.colorbar(shades, label=pretty_unit(header[result].replace("[", " [")))
+        for column, value in limits:
+            if min(values.shape) > 1 and np.nanmin(table(column)) < value < np.nanmax(table(column)):
+                axis.contour(x, y, table(column), [value], colors=COLOURS[1], linewidths=2.0, linestyles="--")
+                axis.plot([], [], "--", color=COLOURS[1], linewidth=2.0, label=f"{words(column)} = {value:.4g}")
+        if best is not None:
+            look = dict(color="white", mec=COLOURS[1], mew=1.5, ms=14, ls="none", clip_on=False, zorder=5)
+            axis.plot(best[free[0]], best[free[1]], "*", label=f"best: {best[result]:.4g}", **look)
+        if axis.get_legend_handles_labels()[0]:
+            figure.legend(loc="outside lower center", ncols=3)
+        scalar = study.scalars[result - len(study.parameters)]
+        of = " ".join(str(part) for part in (scalar.measure, "of", scalar.column) if scalar.column) or scalar.measure
+        axis.set_title(f"{study.name}: {scalar.name} ({of}), {len(rows) - len(failed)} of {len(rows)} runs", fontsize=10)
+        figure.colorbar(shades, label=words(result))
         for k, scale, label in ((free[0], axis.set_xscale, axis.set_xlabel), (free[1], axis.set_yscale, axis.set_ylabel)):
-            label(pretty_unit(header[k].replace("[", " [")))
+            label(words(k))
             if study.parameters[k].log:
                 scale("log")
     return save(figure, folder / f"map_{study.scalars[result - len(study.parameters)].name}")

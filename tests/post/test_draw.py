@@ -8,10 +8,13 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import random_scenes
 from biela import draw
 from biela.histories import HistoryError
+from biela.picture_files import save
 from conftest import ROOT
 from matplotlib.colors import to_rgb
+from matplotlib.text import Annotation
 
 
 @pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "andrews"])
@@ -29,6 +32,21 @@ def test_all_names_are_drawn(name, biela):
             assert axis.get_xlim()[0] < x < axis.get_xlim()[1]
             assert axis.get_ylim()[0] < y < axis.get_ylim()[1]
     plt.close(figure)
+
+
+SHIPPED = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
+
+
+@pytest.mark.parametrize(
+    "numbers", [[4], pytest.param(range(50), marks=pytest.mark.long), pytest.param([], marks=pytest.mark.long)]
+)
+def test_names_stand_apart_in_random_and_in_shipped_scenes(numbers, biela, tmp_path):
+    """The renderer says so, see tests/conftest.py."""
+    decks = [tmp_path / f"{number}.nml" for number in numbers] or [ROOT / "input" / f"{name}.nml" for name in SHIPPED]
+    for number, deck in zip(numbers, decks):
+        deck.write_text(random_scenes.scene(5, number).text)
+    for deck in decks:
+        save(draw.draw(draw.figures_of(deck, biela)), tmp_path / "scene")
 
 
 def test_a_deck_and_its_results_draw_the_same(biela, run_deck, tmp_path):
@@ -64,7 +82,7 @@ def test_a_drive_along_a_line_is_an_arrow_that_way(biela, tmp_path):
         "&history name='rest' kind='polynomial' coefficients=0.8775825618903728 /\n"
     )
     figure = draw.draw(draw.figures_of(tmp_path / "deck.nml", biela))
-    arrows = [text for text in figure.axes[0].texts if text.arrow_patch and not text.get_text()]
+    arrows = [text for text in figure.axes[0].texts if isinstance(text, Annotation) and not text.get_text()]
     (arrow,) = [one for one in arrows if one.arrow_patch.get_edgecolor()[:3] == to_rgb(draw.DRIVE)]
     along = np.subtract(arrow.xy, arrow.xyann)
     assert np.arctan2(along[1], along[0]) == pytest.approx(0.5)

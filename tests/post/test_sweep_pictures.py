@@ -11,7 +11,7 @@ def named(name: str, **words: object) -> sweep_study.Parameter:
     return sweep_study.Parameter(**{"name": name, "targets": (), "values": (1.0, 2.0), "expression": "", "log": False, **words})
 
 
-def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Parameter) -> list:
+def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Parameter, **marks: list) -> list:
     """Return the names of the pictures of a table, and their figures' axes."""
     found = []
 
@@ -21,7 +21,7 @@ def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Para
 
     monkeypatch.setattr(sweep_picture, "save", save)
     study = sweep_study.Study("s", tmp_path / "a.nml", parameters, (Scalar("peak", "peak", "tip.v"),), ())
-    sweep_picture.draw(study, [*(one.label for one in parameters), "peak[m]", "failure"], rows, tmp_path)
+    sweep_picture.draw(study, [*(one.label for one in parameters), "peak[m]", "failure"], rows, tmp_path, **marks)
     sweep_picture.plt.close("all")
     return found
 
@@ -36,8 +36,13 @@ def test_pictures_are_curves_over_one_parameter_and_maps_over_two(tmp_path, monk
     )
     assert (name, axes[0].get_xscale(), axes[0].get_yscale()) == ("map_peak", "log", "log")
     assert axes[0].lines[0].get_xydata().tolist() == [[2.0, 1.0]], "the failed run is crossed"
-    assert axes[0].get_legend().get_texts()[0].get_text() == "failed"
+    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == ["failed"]
+    assert axes[0].get_title() == "s: peak (peak of tip.v), 3 of 4 runs"
     assert np.ma.filled(axes[0].collections[0].get_array(), -1.0).ravel().tolist() == [3.0, -1.0, 4.0, 5.0]
+    rows = [[x, y, x * y, ""] for x in (1.0, 2.0, 3.0) for y in (1.0, 2.0)]
+    _, axes = drawn(tmp_path, monkeypatch, rows, one, two, best=rows[2], limits=[(2, 3.0), (2, 100.0)])
+    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == ["peak [m] = 3", "best: 2"]
+    assert axes[0].lines[-1].get_xydata().tolist() == [[2.0, 1.0]], "the best run is marked"
 
 
 def test_what_varies_in_nothing_has_no_picture(tmp_path, monkeypatch):

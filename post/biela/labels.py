@@ -1,0 +1,102 @@
+"""Writes names beside what they name, so that none lies on another, on a line or on a mark of the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import matplotlib.pyplot as plt
+import numpy as np
+import textalloc
+from matplotlib.text import Annotation, Text
+
+SIZE = 8  # of the letters [point]
+GROWTH = 1.25  # of a figure in which the names have no room
+MOST = 20.0  # longer side of a figure [inch]
+
+
+@dataclass(frozen=True)
+class Label:
+    """A name at a place of the axis, in a colour."""
+
+    at: np.ndarray
+    text: str
+    colour: str
+
+
+def obstacles(axis: plt.Axes) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return what stands in an axis: lines, each of shape (n, 2), and marks, shape (n, 2), in data coordinates."""
+    lines, marks = [], [np.zeros((0, 2))]
+    for line in axis.lines:
+        points = line.get_xydata()
+        if line.get_transform() != axis.transData or not len(points):
+            continue
+        if line.get_marker() not in ("None", "", None):
+            marks.append(points)
+        if line.get_linestyle() not in ("None", "") and len(points) > 1:
+            pieces = np.split(points, np.flatnonzero(np.isnan(points).any(axis=1)))
+            lines += [piece for piece in (piece[~np.isnan(piece).any(axis=1)] for piece in pieces) if len(piece) > 1]
+    back = axis.transData.inverted()
+    lines += [back.transform(patch.get_transform().transform_path(patch.get_path()).to_polygons(closed_only=False)[0])
+              for patch in axis.patches if len(patch.get_path().vertices) > 1]  # fmt: skip
+    for text in axis.texts:
+        if isinstance(text, Annotation) and text.arrow_patch is not None:
+            lines.append(back.transform(text.arrow_patch.get_transform().transform_path(text.arrow_patch.get_path()).vertices))
+        if text.get_text():
+            x0, y0, x1, y1 = text.get_window_extent().extents
+            lines += [back.transform([(x0, y0), (x1, y1)]), back.transform([(x0, y1), (x1, y0)])]
+    return lines, np.concatenate(marks)
+
+
+def overlaps(boxes: list[tuple[str, np.ndarray]]) -> list[tuple[str, str]]:
+    """Return the pairs of texts whose boxes, (x0, y0, x1, y1) in pixels, overlap by more than a pixel."""
+    words = [text for text, _ in boxes]
+    corners = np.array([box for _, box in boxes]).reshape(-1, 4)
+    sides = np.minimum(corners[:, None, 2:], corners[None, :, 2:]) - np.maximum(corners[:, None, :2], corners[None, :, :2])
+    return [(words[i], words[j]) for i, j in zip(*np.nonzero((sides > 1.0).all(axis=2))) if i < j]
+
+
+def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
+    """Write labels where they are free of each other, with a thin line to their place; where there is no room, the figure grows.
+
+    Args:
+        axis: everything else is drawn there
+        labels: what to write
+
+    Returns:
+        the texts
+    """
+    if not labels:
+        return []
+    figure = axis.figure
+    while True:
+        figure.draw_without_rendering()
+        lines, marks = obstacles(axis)
+        places = np.array([label.at for label in labels])
+        marks = np.concatenate([marks, places])
+        _, _, texts, leaders = textalloc.allocate(
+            axis,
+            *places.T,
+            [label.text for label in labels],
+            x_scatter=marks[:, 0],
+            y_scatter=marks[:, 1],
+            x_lines=[line[:, 0] for line in lines] or None,
+            y_lines=[line[:, 1] for line in lines] or None,
+            textsize=SIZE,
+            textcolor=[label.colour for label in labels],
+            linecolor=[label.colour for label in labels],
+            linewidth=0.5,
+            min_distance=0.012,
+            max_distance=0.3,
+            zorder=9,
+        )
+        figure.draw_without_rendering()
+        width, height = figure.get_size_inches()
+        if (
+            not overlaps([(text.get_text(), text.get_window_extent().extents) for text in texts])
+            or max(width, height) * GROWTH > MOST
+        ):
+            return texts
+        for artist in [*texts, *leaders]:
+            if artist is not None:
+                artist.remove()
+        figure.set_size_inches(width * GROWTH, height * GROWTH)
