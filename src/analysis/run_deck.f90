@@ -20,6 +20,7 @@ module run_deck
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step
+  use stop_advice, only: advise_stops
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: add_warnings, model_lines, model_warnings, tell_warnings
   use summary_text, only: json_number, summary_record
@@ -87,6 +88,7 @@ contains
     call text%append(advice%text)
     call deck_step(run, advice, text)
     call text%close()
+    call advise_stops(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), text)
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
       words = readable(text%words%all())

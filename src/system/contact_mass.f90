@@ -8,7 +8,9 @@ module contact_mass
   use stops, only: stop_contact, stop_model
   implicit none (type, external)
   private
-  public :: mass_at, time_of_contact
+  public :: mass_at, time_of_contact, drives_against
+
+  real(wp), parameter :: nothing = 1.0e-10_wp   !! what a unit force moves, over what it moves without joints [-]
 
 contains
 
@@ -20,6 +22,7 @@ contains
     integer, intent(in) :: k                   !! force element
     real(wp) :: f(m%s%nq), u(m%s%nq)           ! [-], [m]; [1/kg], [1/(kg m)]
     type(stop_contact) :: c
+    real(wp) :: alone                          ! the same with joints released [1/kg] or [1/(kg m2)]
     mass = huge(1.0_wp)
     f = 0.0_wp
     select type (stop => m%s%forces(k)%item)
@@ -28,8 +31,10 @@ contains
       call add(stop%ia, c%g(1:3))
       call add(stop%ib, c%g(4:6))
     end select
+    call solve_mass(m, ev, .false., f, u)
+    alone = dot_product(f, u)
     call solve_mass(m, ev, .true., f, u)
-    if (dot_product(f, u) > 1/huge(1.0_wp)) mass = 1/dot_product(f, u)
+    if (dot_product(f, u) > nothing*alone) mass = 1/dot_product(f, u)
   contains
     !> Adds a unit wrench of a marker, given in global axes.
     subroutine add(marker, w)
@@ -45,6 +50,20 @@ contains
       end associate
     end subroutine add
   end function mass_at
+
+  !> Names of the drives that take the force of a stop up, in quotes, after `mass_at` found that it moves nothing; empty: none.
+  function drives_against(m, ev) result(names)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    character(:), allocatable :: names
+    integer :: k
+    names = ''
+    do k = m%s%joints + 1, size(m%s%constraints)
+      associate (c => m%s%constraints(k)%item)
+        if (abs(ev%lambda_change(c%first)) > nothing*maxval(abs(ev%lambda_change))) names = names//' "'//trim(c%name)//'"'
+      end associate
+    end do
+  end function drives_against
 
   !> How long a contact lasts that has just begun, or in which the stop is pressed at rest [s].
   pure real(wp) function time_of_contact(m, ev, k, mass) result(time)

@@ -27,6 +27,7 @@ module switch_tally
     real(wp) :: time = huge(1.0_wp)           !! it takes about [s]
     real(wp) :: age = 0.0_wp                  !! it has taken so far [s]
     real(wp) :: longest = huge(1.0_wp)        !! step that it allows [s]
+    real(wp) :: briefest = huge(1.0_wp)       !! contact that has ended [s]
     integer :: fewest = huge(1)               !! steps of a contact that has ended
   contains
     procedure :: count => count_events
@@ -61,7 +62,9 @@ contains
     end if
     if (to /= 0) return
     if (self%steps > 0) self%fewest = min(self%fewest, self%steps)
+    if (self%age > 0.0_wp) self%briefest = min(self%briefest, self%age)
     self%steps = 0
+    self%age = 0.0_wp
     self%longest = huge(1.0_wp)
   end subroutine note_event
 
@@ -137,6 +140,7 @@ contains
         call a%exchange(x%time)
         call a%exchange(x%age)
         call a%exchange(x%longest)
+        call a%exchange(x%briefest)
         call a%exchange(x%fewest)
       end associate
     end do

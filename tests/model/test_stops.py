@@ -1,5 +1,7 @@
 """Stops: where they hold bodies in equilibrium, how these vibrate on them, what is told of a start beyond a limit."""
 
+import json
+
 import numpy as np
 import pytest
 from biela.histories import read
@@ -204,3 +206,32 @@ def test_a_step_longer_than_a_contact_is_divided_while_it_lasts_and_grows_again_
     assert "steps were divided while stops touched" in run.summary
     assert run.history["p.y"][-1] == pytest.approx(-((MASS * G / 1e8) ** (2 / 3)), rel=1e-6)
     assert figures["steps"] < (2500 if method in ("rk4", "dopri5") else 500)
+
+
+def test_a_stop_that_fights_a_drive_is_told_with_both_names(run_deck):
+    deck = "&history name='h' kind='sine' amplitude=0.3 frequency=2.0 /\n&body name='lever' kind='rigid' mass=1.0 inertia=0.1 com=0.2,0.0 /\n"
+    deck += "&joint name='j' type='revolute' body_a='lever' /\n&drive name='motor' type='rotation' body_a='lever' history='h' /\n"
+    deck += "&stop name='end' type='rotation' body_a='lever' upper=UPPER stiffness=1.0e6 exponent=2.0 /\n"
+    deck += "&transient t_end=0.5 method='dopri5' tolerance=1.0e-8 output_step=1.0e-2 /\n"
+    run = run_deck(deck.replace("UPPER", "0.2"))
+    assert 'stop "end" fights drive "motor", which moves on whatever it pushes: up to 999' in run.stderr
+    assert run.transient["stops"][0]["largest_force"] == pytest.approx(1e6 * 0.1**2, rel=1e-4)
+    assert 'prescribed by drive "motor"' in run_deck(deck.replace("UPPER", "0.2"), "--check", name="check").stdout
+    assert "fights" not in run_deck(deck.replace("UPPER", "0.4"), name="clear").stderr
+
+
+def test_a_contact_that_a_reduced_body_cannot_follow_is_told(run_deck):
+    deck = (ROOT / "input" / "end_stop.nml").read_text(encoding="utf-8").replace("t_end=0.4", "t_end=0.11")
+    told = "less than half a period of what the mesh or modes of body"
+    assert told in run_deck(deck.replace("axial=.false.", "axial=.false. modes=2").replace("2.0e7", "2.0e11")).stderr
+    assert told not in run_deck(deck, name="soft").stderr
+
+
+def test_the_example_of_a_contact_is_one_of_a_free_mass(run_deck):
+    """A mass on a stop with exponent 1 bounces for half a period of the spring."""
+    deck = BALL.format(k=1, y=0.1) + FLOOR.replace("restitution=0.5", "exponent=1.0").replace("1.0e8", "1.0e4")
+    example = json.loads(run_deck(deck + "&transient t_end=1.0 method='dopri5' tolerance=1e-6 /\n", "--check", "--json").stdout)
+    example = example["stop_examples"][0]
+    assert example["stiffness"] == pytest.approx(1e4, rel=1e-12)
+    assert example["mass"] == pytest.approx(MASS, rel=1e-12)
+    assert example["contact"] == pytest.approx(np.pi * np.sqrt(MASS / 1e4), rel=1e-12)

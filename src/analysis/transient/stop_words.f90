@@ -1,12 +1,14 @@
 !> What the summary says of events, and of the stops to which they belong.
 module stop_words
-  use kinds, only: wp
+  use contact_mass, only: mass_at, drives_against
+  use evaluation_results, only: evaluation
+  use kinds, only: wp, pi
   use readable_text, only: json_text
   use results, only: most_events
-  use scene_run, only: run_state
+  use scene_run, only: run_state, warn
   use step_counts, only: actual_step
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: es_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -72,9 +74,40 @@ contains
       call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
       call text%figure(trim(merge(' rad', ' m  ', f%angular))//'; lost ', 'lost', lost, 4)
       call text%words%add(' J')
-      if (x%fewest < huge(1)) call text%figure('; shortest contact ', 'steps_of_shortest_contact', x%fewest)
-      call text%line(trim(merge(' steps', '      ', x%fewest < huge(1))))
+      if (x%fewest < huge(1)) then
+        call text%figure('; shortest contact ', 'shortest_contact', x%briefest, 3)
+        call text%figure(' s, ', 'steps_of_shortest_contact', x%fewest, rest=' steps')
+      else
+        call text%line('')
+      end if
       call text%close()
+      call judge(run, i, text)
     end associate
   end subroutine one_stop
+
+  !> Warns of contacts that a body's mesh or modes cannot follow, and of a stop that a drive presses.
+  subroutine judge(run, i, text)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: i                   !! its number among those that switch
+    type(summary_record), intent(inout) :: text
+    type(evaluation) :: work
+    integer :: side, b
+    associate (m => run%sys%m, x => run%sys%tally(i), f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
+      do side = 1, 2
+        b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
+        if (b == 0) cycle
+        if (.not. m%s%bodies(b)%flexible) cycle
+        if (x%briefest*m%s%bodies(b)%basis%carried < pi) call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'// &
+          es_text(x%briefest, 2)//' s, less than half a period of what the mesh or modes of body "'//trim(m%s%bodies(b)%name)// &
+          '" can carry ('//to_text(m%s%bodies(b)%basis%carried)//' rad/s): its force is not converged (more elements or modes, '// &
+          'or a softer stop)', text)
+      end do
+      if (x%mass < huge(1.0_wp) .or. .not. x%depth > 0.0_wp) return
+      work = run%sys%ev
+      if (mass_at(m, work, m%s%switching(i)) < huge(1.0_wp)) return
+      if (len(drives_against(m, work)) == 0) return
+      call warn(run, 'stop "'//trim(f%name)//'" fights drive'//drives_against(m, work)//', which moves on whatever it '// &
+                'pushes: up to '//to_text(x%force)//trim(merge(' Nm', ' N ', f%angular)), text)
+    end associate
+  end subroutine judge
 end module stop_words

@@ -1,0 +1,76 @@
+!> What contacts with the stops of a scene ask of steps, by an example: nothing is known yet of the speeds at which they will touch.
+module stop_advice
+  use kinds, only: wp
+  use contact_mass, only: mass_at, drives_against
+  use dynamics, only: evaluate_start
+  use evaluation_results, only: evaluation
+  use mechanism, only: mechanism_model
+  use readable_text, only: json_text
+  use stops, only: example_depth, stop_model
+  use summary_text, only: json_number, summary_record
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: advise_stops
+
+  integer, parameter :: most_lines = 10     !! of words; summary.json has all
+
+contains
+
+  !> A line for each stop; nothing where there is none.
+  subroutine advise_stops(m, ev, q, text)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
+    type(summary_record), intent(inout) :: text
+    type(evaluation) :: work
+    integer :: i
+    if (size(m%s%switching) == 0) return
+    work = ev
+    call evaluate_start(m, work, q)
+    call text%line('')
+    call text%line('stops at a penetration of '//to_text(100*example_depth)//' % of the size, or '//to_text(example_depth)//' rad')
+    call text%open('stop_examples', '[')
+    do i = 1, size(m%s%switching)
+      call one_stop(m, work, i, text)
+    end do
+    call text%close()
+    if (size(m%s%switching) > most_lines) call text%line('  and '//to_text(size(m%s%switching) - most_lines)//' more')
+    call text%line('  dopri5 and radau with a tolerance take such steps only where they are needed; fixed steps are divided there')
+  end subroutine advise_stops
+
+  !> Stiffness, speed at touching, length and steps of a contact as deep as the example.
+  subroutine one_stop(m, ev, i, text)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev      !! evaluated
+    integer, intent(in) :: i                   !! its number among those that switch
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: words
+    real(wp) :: mass, depth, stiffness, speed, time   ! [kg], [m], [N/m], [m/s] or [kg m2], [rad], [N m/rad], [rad/s]; [s]
+    mass = mass_at(m, ev, m%s%switching(i))
+    select type (f => m%s%forces(m%s%switching(i))%item)
+    class is (stop_model)
+      depth = f%example()
+      stiffness = f%stiffness_at(depth)
+      words = '  stop "'//trim(f%name)//'": stiffness '//to_text(stiffness)//trim(merge(' Nm/rad', ' N/m   ', f%angular))
+      call text%open('', '{')
+      call text%member('name', json_text(trim(f%name)))
+      call text%member('stiffness', json_number(stiffness))
+      if (mass < huge(1.0_wp)) then
+        speed = sqrt(2*stiffness*depth**2/(f%exponent*(f%exponent + 1)*mass))
+        time = f%impact_time(mass, speed)
+        call text%member('mass', json_number(mass))
+        call text%member('speed', json_number(speed))
+        call text%member('contact', json_number(time))
+        words = words//', against '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))//'; a contact from '// &
+                to_text(speed)//trim(merge(' rad/s', ' m/s  ', f%angular))//' lasts '//to_text(time)//' s and takes steps of '// &
+                to_text(0.1_wp*time)//' s'
+      else
+        words = words//'; its force moves nothing'
+        if (len(drives_against(m, ev)) > 0) words = words//', for what it limits is prescribed by drive'//drives_against(m, ev)
+      end if
+      call text%close()
+    end select
+    if (i <= most_lines) call text%line(words)
+  end subroutine one_stop
+end module stop_advice
