@@ -50,7 +50,7 @@ ONCE_PARTS = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
 # modules of which there are two from one text: what is real(number) in it is complex in its twin, complex_...
-TWINS    := $(foreach name,small_matrices banded elastic_block border_rows condensed_system elastic_columns \
+TWINS    := $(foreach name,small_matrices banded band_lu elastic_block border_rows condensed_system elastic_columns \
               newton_condensation newton_correction,$(filter %/$(name).f90,$(SOURCES)))
 COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
 MAIN     := $(B)/main.o

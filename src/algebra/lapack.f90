@@ -8,8 +8,8 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgbtrf, dgbtrs, dgtsv
-  public :: zgbtrf, zgbtrs, gbtrf, gbtrs, dgesdd, dgeqp3, dorgqr
+  public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgtsv
+  public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
   character(32) :: refused = ''                !! the first routine with a wrong argument since `refused_routine` was called
@@ -74,22 +74,6 @@ module lapack
       real(wp), intent(inout) :: dl(*), d(*), du(*), b(ldb, *)   !! three diagonals; right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine dgtsv
-    !> LU factor of a general band matrix.
-    subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
-      import :: wp
-      integer, intent(in) :: m, n, kl, ku, ldab
-      real(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
-      integer, intent(out) :: ipiv(*), info
-    end subroutine dgbtrf
-    !> Solves with the factor of dgbtrf.
-    subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
-      import :: wp
-      character, intent(in) :: trans
-      integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
-      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
-      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
-      integer, intent(out) :: info
-    end subroutine dgbtrs
     !> LU factor of a complex band matrix.
     subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
       import :: wp
@@ -141,16 +125,6 @@ module lapack
       type(c_funptr) :: address
     end function dlsym
   end interface
-
-  !> LU factor of a band matrix of either kind.
-  interface gbtrf
-    procedure dgbtrf, zgbtrf
-  end interface gbtrf
-
-  !> Solves with it.
-  interface gbtrs
-    procedure dgbtrs, zgbtrs
-  end interface gbtrs
 
   abstract interface
     !> A BLAS library's own routine that sets its number of threads.

@@ -17,30 +17,41 @@ contains
     end do
   end function outer
 
-  !> Inverse of a 3 x 3 matrix by elimination with pivots.
+  !> Inverse of a 3 x 3 matrix by elimination with pivots, in place.
   pure subroutine invert3(a, inverse, bad)
     real(number), intent(in) :: a(3, 3)            !! [any]
     real(number), intent(out) :: inverse(3, 3)     !! [1/any]
     logical, intent(out) :: bad
-    real(number) :: w(3, 6), row(6)
-    integer :: k, i, p
-    w = 0.0_wp
-    w(:, 1:3) = a
+    real(number) :: w(3, 3), row(3), x             ! rows as columns [any]
+    integer :: k, i, p, pivots(3)
+    w = transpose(a)
     do k = 1, 3
-      w(k, 3 + k) = 1.0_wp
-    end do
-    bad = .false.
-    do k = 1, 3
-      p = k - 1 + maxloc(abs(w(k:3, k)), 1)
-      bad = bad .or. .not. (abs(w(p, k)) > 0.0_wp .and. abs(w(p, k)) < huge(1.0_wp))
+      p = k
+      do i = k + 1, 3
+        if (abs(w(k, i)) > abs(w(k, p))) p = i
+      end do
+      bad = .not. (abs(w(k, p)) > 0.0_wp .and. abs(w(k, p)) < huge(1.0_wp))
       if (bad) exit
-      row = w(p, :)
-      w(p, :) = w(k, :)
-      w(k, :) = row/row(k)
+      pivots(k) = p
+      row = w(:, p)
+      w(:, p) = w(:, k)
+      x = 1.0_wp/row(k)
+      row(k) = 1.0_wp
+      row = row*x
+      w(:, k) = row
       do i = 1, 3
-        if (i /= k) w(i, :) = w(i, :) - w(i, k)*w(k, :)
+        if (i == k) cycle
+        x = w(k, i)
+        w(k, i) = 0.0_wp
+        w(:, i) = w(:, i) - x*row
       end do
     end do
-    inverse = w(:, 4:6)
+    if (bad) pivots = 1
+    do k = 3, 1, -1
+      row = w(k, :)
+      w(k, :) = w(pivots(k), :)
+      w(pivots(k), :) = row
+    end do
+    inverse = transpose(w)
   end subroutine invert3
 end module small_matrices

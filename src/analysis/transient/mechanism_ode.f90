@@ -238,7 +238,6 @@ contains
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
     self%quadratures = 2 + size(self%m%s%switching)
-    self%redundant = self%m%redundant
     self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
@@ -433,25 +432,24 @@ contains
   end subroutine smooth
 
   !> The constraints and their derivatives.
-  subroutine gaps(self, t, q, v, a, gap)
+  subroutine gaps(self, t, q, v, a, u, gap)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2) [m], [m/s], [m/s2]
-    call row_gaps(self%m, self%ev, t, q, v, a, gap)
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
+    real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
+    call row_gaps(self%m, self%ev, t, q, v, a, u, gap)
   end subroutine gaps
 
   !> Closes gaps in the directions that the constraints hold.
   subroutine mechanism_along(self, q, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
-    real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
-    real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
-    real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N] and theirs
+    real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
+    real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
+    real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
     if (.not. allocated(self%stages)) call hold_weak_rows(self%t%t%rows)
     call set_frames(self%m, self%ev, q)
-    call row_correction(self%t%t, self%m, self%ev, gap, dq)
-    dlambda = self%t%t%rows%y(1:self%rows)
+    call row_correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
   end subroutine mechanism_along
 
   !> What the step resolves of two vectors.

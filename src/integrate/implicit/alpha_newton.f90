@@ -6,7 +6,7 @@ module alpha_newton
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: solve_trial, take_trial, prepare_step, give_offsets, find_jerk
+  public :: solve_trial, take_trial, prepare_step, give_offsets, along_rows
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -50,65 +50,45 @@ contains
   end subroutine solve_trial
 
   !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
-  !> sequences carry in the directions that constraints hold (theory.md, section 7).
+  !> sequences carry in the directions that constraints hold (theory.md, section 7). Accelerations are off by c1 h times the error
+  !> of the offset from which the step began: the next step's offset is without it, in the directions that constraints hold now.
   subroutine close_rates(self, system, t1, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok
+    logical :: moves_little(3)
     ok = .true.
     if (system%rows == 0) return
-    associate (nq => self%nq, v1 => self%v1, vd1 => self%vd1)
-      call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%gaps(:, 0:1))
-      call move_along(self, system, self%x1, self%gaps(:, 1), self%now%h, ok)
+    associate (nq => self%nq, v1 => self%v1, vd1 => self%vd1, h => self%now%h, gap => self%gaps)
+      call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%offset, gap)
+      gap(:, 3) = gap(:, 2)/(self%now%c1*h) - gap(:, 3)
+      call along_rows(self, system, self%x1, gap(:, 1:), [h, h**2, h], moves_little)
+      ok = all(moves_little(1:2))
       if (.not. ok) return
-      v1(1:nq) = v1(1:nq) + self%dx(1:nq)
-      call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%gaps)
-      call move_along(self, system, self%x1, self%gaps(:, 2), self%now%h**2, ok)
-      if (.not. ok) return
-      vd1(1:nq) = vd1(1:nq) + self%dx(1:nq)
-      self%lambda1 = self%lambda1 + self%dlambda/self%now%c1
+      v1(1:nq) = v1(1:nq) + self%along(:, 1)
+      vd1(1:nq) = vd1(1:nq) + self%along(:, 2)
+      self%lambda1 = self%lambda1 + self%mu(:, 2)/self%now%c1
+      self%offset1 = merge(self%along(:, 3), 0.0_wp, moves_little(3))
     end associate
   end subroutine close_rates
-
-  !> v'' in the directions that constraints hold, at the state from which a step of size h begins.
-  subroutine find_jerk(self, system, t, h)
+  !> The motions that close the rows' gaps by the matrix that stands, so that stiff motion moves in balance with them, and their
+  !> multipliers: one for each column of gaps. One that moves more than the scene's size closes rows that hold nothing.
+  subroutine along_rows(self, system, x, gap, unit, moves_little)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: h                 !! [s]
-    logical :: ok
-    if (system%rows == 0) return
-    associate (nq => self%nq)
-      self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*self%vd(1:nq)   ! the rows' kinematics a step later: phi''/h
-      self%v1(1:nq) = self%v(1:nq) + h*self%vd(1:nq)
-      if (system%redundant) then    ! closing such rows is not exact: what it left is no change; dlambda is free until move_along
-        call system%gaps(t, self%x(1:nq), self%v(1:nq), self%vd(1:nq), self%gaps)
-        self%dlambda = -self%gaps(:, 2)
-      else
-        self%dlambda = 0.0_wp
-      end if
-      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), self%vd(1:nq), self%gaps)
-      self%gaps(:, 2) = (self%gaps(:, 2) + self%dlambda)/h
-      call move_along(self, system, self%x, self%gaps(:, 2), h**3, ok)
-      self%jerk = merge(self%dx(1:nq), 0.0_wp, ok)
+    real(wp), intent(in), contiguous :: x(:)       !! (nq + nz) [m, rad]
+    real(wp), intent(in), contiguous :: gap(:, :)  !! (rows, columns) [m] or a derivative
+    real(wp), intent(in) :: unit(:)           !! (columns) makes positions of them [1, s, s2]
+    logical, intent(out) :: moves_little(:)   !! (columns)
+    integer :: k
+    associate (n => size(gap, 2))
+      call system%along_rows(x(1:self%nq), gap, self%along(:, 1:n), self%mu(:, 1:n))
+      do k = 1, n
+        moves_little(k) = count(.not. unit(k)*abs(self%along(:, k))*self%measure%whole <= system%reach) == 0
+      end do
     end associate
-  end subroutine find_jerk
-
-  !> The motion dx and the multipliers that close the rows' gaps by the matrix that stands, so that stiff motion moves in balance
-  !> with them. ok is false where that moves more than the scene's size: rows that hold nothing.
-  subroutine move_along(self, system, x, gap, unit, ok)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in), contiguous :: x(:)      !! (nq + nz) [m, rad]
-    real(wp), intent(in), contiguous :: gap(:)    !! (rows) [m] or a derivative
-    real(wp), intent(in) :: unit              !! makes positions of dx [1, s, s2, s3]
-    logical, intent(out) :: ok
-    real(wp) :: norm, whole                   ! [-]
-    call system%along_rows(x(1:self%nq), gap, self%dx(1:self%nq), self%dlambda)
-    call measure_correction(self, norm, whole)
-    ok = unit*whole <= system%reach
-  end subroutine move_along
+  end subroutine along_rows
 
   !> Makes what depends on the present step's size alone; so it is made again after a restart.
   subroutine prepare_step(self, system, ok)
@@ -137,7 +117,7 @@ contains
   !> First guess: the accelerations of the step's start.
   pure subroutine predict(self)
     type(alpha_solver), intent(inout) :: self
-    real(wp) :: offset, a, a1                 ! [s2], [m/s2, rad/s2]
+    real(wp) :: a, a1                         ! [m/s2, rad/s2]
     integer :: i
     associate (s => self%now, x1 => self%x1, v1 => self%v1)
       do i = 1, size(self%x)
@@ -147,10 +127,9 @@ contains
         x1(i) = self%x(i) + s%h*self%v(i) + s%qa*a + s%qa1*a1
         v1(i) = self%v(i) + s%va*a + s%va1*a1
       end do
-      offset = self%method%offset*s%h**2
       do i = 1, self%nq
-        x1(i) = x1(i) - s%h*offset*self%jerk(i)
-        v1(i) = v1(i) - offset*self%jerk(i)
+        x1(i) = x1(i) - s%h*self%offset(i)
+        v1(i) = v1(i) - self%offset(i)
       end do
     end associate
     self%lambda1 = self%lambda
@@ -315,10 +294,10 @@ contains
         self%vd(i) = self%vd1(i)
       end do
       self%lambda = self%lambda1
+      self%offset = self%offset1
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     call self%measure%widen(self%x)
-    call find_jerk(self, system, t1, self%now%h)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

@@ -44,11 +44,13 @@ module alpha_state
     integer :: nq = 0, nz = 0, nzd = 0       !! coordinates, internal variables, those of second order
     real(wp), allocatable :: x(:), v(:), vd(:)         !! (nq + nz) with phi = phi' = phi'' = 0 [m, rad] and per second
     real(wp), allocatable :: lag(:)          !! (nq + nz) a is v' + h lag [m/s3, rad/s3]
-    real(wp), allocatable :: jerk(:)         !! (nq) v'' in the directions that constraints hold [m/s3, rad/s3]
+    real(wp), allocatable :: offset(:)       !! (nq) a step's rates begin at v - offset, for v'' along the constraints [m/s, rad/s]
+    real(wp), allocatable :: offset1(:)      !! (nq) the same of the next step [m/s, rad/s]
     real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! (nq + nz) the trial step [m, rad] and per second
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
-    real(wp), allocatable :: gaps(:, :)      !! (rows, 0:2) constraint rows and their derivatives [m], [m/s], [m/s2]
+    real(wp), allocatable :: gaps(:, :)      !! (rows, 0:3) rows, their derivatives, the offset's rates [m], [m/s], [m/s2], [m/s]
+    real(wp), allocatable :: along(:, :), mu(:, :)     !! (nq, 3), (rows, 3) what closes them [m, rad], [N] per s, s2
     real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
     real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
     type(energy_sums) :: energy
@@ -73,8 +75,9 @@ contains
     n = self%nq + self%nz
     allocate (self%x(n), self%v(n), self%vd(n), self%lag(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
               self%energy%pairs(n, 4), self%energy%sums(system%quadratures), self%energy%powers(system%quadratures), source=0.0_wp)
-    allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:2), &
-              self%gain(self%nz), self%resolved(self%nz), self%jerk(self%nq), source=0.0_wp)
+    allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:3), &
+              self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
+              self%along(self%nq, 3), self%mu(system%rows, 3), source=0.0_wp)
     allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha
@@ -108,7 +111,7 @@ contains
     call a%exchange(self%now%h)
     if (.not. a%saving) self%now = step_coefficients(self%method, self%now%h)
     call a%exchange(self%x, self%v, self%vd, self%lag)
-    call a%exchange(self%jerk)
+    call a%exchange(self%offset)
     call a%exchange(self%lambda, self%energy%sums, self%energy%powers)
     call a%exchange(self%energy%removed)
     call a%exchange(self%error%h)

@@ -70,7 +70,7 @@ contains
       self%started = .true.
       self%fresh = .true.
     else if (.not. same) then
-      call change_step(self%solver, system, self%t, h)
+      call change_step(self%solver, system, h)
     end if
     if (self%passes) then
       self%dense_times = [self%t, h]

@@ -173,16 +173,16 @@ contains
     type(radau_stage_values), intent(inout) :: s
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
-    real(wp) :: mu(s%rows)                    ! [N] and its derivatives
+    real(wp) :: mu(s%rows, 1)                 ! [N] and its derivatives
     integer :: k
     if (s%rows == 0) return
-    associate (gap => s%work%gap, dx => s%work%dq(:, 1))
+    associate (gap => s%work%gap, dx => s%work%dq(:, 1:1))
       do k = 1, 3
-        call system%gaps(t, s%q0, s%v0, s%a0, gap)
-        call system%along_rows(s%q0, gap(:, k), dx, mu)
-        if (k == 1) s%q0 = s%q0 + dx
-        if (k == 2) s%v0 = s%v0 + dx
-        if (k == 3) s%a0 = s%a0 + dx
+        call system%gaps(t, s%q0, s%v0, s%a0, s%a0, gap)
+        call system%along_rows(s%q0, gap(:, k:k), dx, mu)
+        if (k == 1) s%q0 = s%q0 + dx(:, 1)
+        if (k == 2) s%v0 = s%v0 + dx(:, 1)
+        if (k == 3) s%a0 = s%a0 + dx(:, 1)
       end do
     end associate
   end subroutine close_gaps

@@ -20,7 +20,6 @@ module second_order_system
     integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
     integer :: rows = 0                       !! constraint rows
     integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
-    logical :: redundant = .false.            !! constraints depend on each other everywhere
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
@@ -194,22 +193,23 @@ module second_order_system
       real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
       logical, intent(out) :: ok
     end subroutine smooth_start
-    !> All rows, their first and, where there is room, second derivatives, at positions q, rates v and accelerations a.
-    subroutine find_gaps(self, t, q, v, a, gap)
+    !> All rows, their first and second derivatives and, where there is room, their rates by u alone, at positions q, rates v and
+    !> accelerations a.
+    subroutine find_gaps(self, t, q, v, a, u, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:1 or 0:2) [m], [m/s], [m/s2]
+      real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
+      real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
     end subroutine find_gaps
-    !> dq and dlambda with T dq + Phi_q^T dlambda = 0 and Phi_q dq = -gap, by the matrix in use.
+    !> dq and dlambda with T dq + Phi_q^T dlambda = 0 and Phi_q dq = -gap, by the matrix in use, for each column of gaps.
     subroutine close_gaps(self, q, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: q(:)          !! (nq) positions at which the rows were looked at [m, rad]
-      real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m] and its derivatives
-      real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad] and theirs
-      real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N] and theirs
+      real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
+      real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
+      real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
     end subroutine close_gaps
     !> Takes out of two vectors what vibrates much faster than the step resolves.
     subroutine filter_pair(self, x, y)

@@ -9,11 +9,11 @@
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
 module border_rows
   use kinds, only: wp, number
+  use band_lu, only: factor_lu, solve_lu
   use border_row_lists, only: row_lists
-  use lapack, only: gbtrf, gbtrs
   implicit none (type, external)
   private
-  public :: row_system, set_up_rows, factor_rows, hold_weak_rows, solve_rows
+  public :: row_system, set_up_rows, factor_rows, hold_weak_rows, solve_rows, solve_gaps
 
   real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! of constraint rows: uneven masses allow no more [-]
   real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! where redundant; where held [-]
@@ -26,7 +26,8 @@ module border_rows
     real(number), allocatable :: lu(:, :)      !! (3 kd + 1, n) LAPACK band storage [-]
     real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
     integer, allocatable :: pivots(:)        !! (n)
-    real(number), allocatable :: x(:, :)     !! (n, 1) right-hand side, by position [-]
+    integer :: upper = 0                     !! diagonals of the factor above the main one
+    real(number), allocatable :: x(:, :)     !! (n, 3) right-hand sides, by position [-]
   end type row_equations
 
   !> Rows, and the system between them. The force of a law is force_i = sum_j k_ij u_j + g_ij y_j.
@@ -40,6 +41,7 @@ module border_rows
     type(row_equations) :: system
     real(number), allocatable :: d(:)        !! (n) rows of the correction without rows [m]
     real(number), allocatable :: y(:)        !! (n) solution, by row [N]
+    real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -53,9 +55,9 @@ contains
     r%row_lists = lists
     associate (n => r%n, kd => r%kd, sides => size(r%row), laws => size(r%laws))
       allocate (r%marker_row(3, sides), r%marker_column(3, sides), r%frame_row(3, sides), r%frame_column(3, sides), &
-                r%solved_column(3, sides), r%k(6, 6, laws), r%s(-kd:kd, n), r%d(n), r%y(n))
+                r%solved_column(3, sides), r%k(6, 6, laws), r%s(-kd:kd, n), r%d(n), r%y(n), r%closing(n, 3))
       allocate (r%g(6, 6, laws), source=0.0_wp)
-      allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%x(n, 1), r%system%pivots(n))
+      allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%x(n, 3), r%system%pivots(n))
     end associate
   end subroutine set_up_rows
 
@@ -63,7 +65,7 @@ contains
   subroutine factor_rows(r, shift)
     type(row_system), intent(inout) :: r
     real(wp), intent(in) :: shift            !! added to the diagonal of constraint rows, relative [-]
-    integer :: i, j, k, p, o, n, info
+    integer :: i, j, k, p, o, n
     real(number) :: x
     real(wp) :: largest
     n = r%n
@@ -106,8 +108,7 @@ contains
         r%system%lu(2*r%kd + 1 - o, i + o) = r%system%e(o, i)*r%system%scale(i)
       end do
     end do
-    call gbtrf(n, n, r%kd, r%kd, r%system%lu, 3*r%kd + 1, r%system%pivots, info)
-    r%bad = info /= 0
+    call factor_lu(n, r%kd, r%system%lu, r%system%pivots, r%system%upper, r%bad)
     r%weakest = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
 
@@ -134,7 +135,7 @@ contains
   subroutine solve_rows(r, phi)
     type(row_system), intent(inout) :: r
     real(number), intent(in) :: phi(:)       !! (nc) [m]
-    integer :: i, j, k, p, info
+    integer :: i, j, k, p
     if (r%n == 0) return
     do i = 1, r%nc
       r%system%x(r%position(i), 1) = r%d(i) + phi(i)
@@ -153,12 +154,39 @@ contains
         end do
       end associate
     end do
-    do i = 1, r%n
-      r%system%x(i, 1) = r%system%x(i, 1)*r%system%scale(i)
-    end do
-    call gbtrs('N', r%n, r%kd, r%kd, 1, r%system%lu, 3*r%kd + 1, r%system%pivots, r%system%x, r%n, info)
+    call substitute(r, 1)
     do i = 1, r%n
       r%y(i) = r%system%x(r%position(i), 1)
     end do
   end subroutine solve_rows
+
+  !> The same without a residual, for several columns of gaps: r%closing.
+  subroutine solve_gaps(r, gap)
+    type(row_system), intent(inout) :: r
+    real(number), intent(in) :: gap(:, :)    !! (nc, columns) [m] or its derivatives
+    integer :: i, columns
+    if (r%n == 0) return
+    columns = size(gap, 2)
+    do i = 1, r%nc
+      r%system%x(r%position(i), 1:columns) = gap(i, :)
+    end do
+    do i = r%nc + 1, r%n
+      r%system%x(r%position(i), 1:columns) = 0.0_wp
+    end do
+    call substitute(r, columns)
+    do i = 1, r%n
+      r%closing(i, 1:columns) = r%system%x(r%position(i), 1:columns)
+    end do
+  end subroutine solve_gaps
+
+  !> Solves for the first right-hand sides.
+  subroutine substitute(r, columns)
+    type(row_system), intent(inout) :: r
+    integer, intent(in) :: columns
+    integer :: k
+    do k = 1, columns
+      r%system%x(:, k) = r%system%x(:, k)*r%system%scale
+    end do
+    call solve_lu(r%n, r%kd, r%system%lu, r%system%pivots, r%system%upper, columns, r%system%x)
+  end subroutine substitute
 end module border_rows

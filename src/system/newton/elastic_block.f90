@@ -3,13 +3,13 @@
 !> stiffening add, c1 m_ff + c2 (C - 2 theta' Z) + K - theta'2 m - theta'' Z + geometric (theory.md, section 7). Refilling and
 !> factoring allocate nothing.
 module elastic_block
+  use band_lu, only: factor_lu, solve_lu
   use kinds, only: wp, number
   use banded, only: band_factor, band_solve, band_solve_two, factor_again, order_band
   use beam_element, only: element_stiffness, stiffening_tangent
   use body, only: body_model
   use body_terms, only: body_equations
   use elastic_operators, only: elastic_operator
-  use lapack, only: gbtrf, gbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
@@ -27,6 +27,7 @@ module elastic_block
     integer, allocatable :: position(:)      !! (n) its ordering
     real(number), allocatable :: lu(:, :)    !! its LU in LAPACK's band storage [N/m, N, N m]
     integer, allocatable :: pivots(:)        !! (n)
+    integer :: upper = 0                     !! diagonals of its factor above the main one
     real(number), allocatable :: x(:, :)     !! (n, 1) work of its solves [any]
     real(number), allocatable :: work(:, :)  !! (2, n) of those with T0 [any]
   contains
@@ -93,7 +94,7 @@ contains
     real(wp), intent(in) :: wd               !! frame acceleration [rad/s2]
     logical, intent(out) :: bad
     real(number) :: turn
-    integer :: e, info
+    integer :: e
     turn = 2*c2*w + wd
     self%lu = 0.0_wp
     associate (op => body%op)
@@ -109,8 +110,7 @@ contains
         call add_stiffening(self, eq, body, e)
       end do
     end if
-    call gbtrf(self%n, self%n, self%kb, self%kb, self%lu, 3*self%kb + 1, self%pivots, info)
-    bad = info /= 0
+    call factor_lu(self%n, self%kb, self%lu, self%pivots, self%upper, bad)
   end subroutine factor_full
 
   !> Adds an entry of the full block.
@@ -153,7 +153,7 @@ contains
     class(block_factor), intent(inout) :: self
     logical, intent(in) :: full_block
     real(number), intent(inout) :: x(:)      !! (n) forces [N, N m], then displacements [m, rad]
-    integer :: i, info
+    integer :: i
     if (.not. full_block) then
       call band_solve(self%base, self%n, x, self%work)
       return
@@ -161,7 +161,7 @@ contains
     do i = 1, self%n
       self%x(self%position(i), 1) = x(i)
     end do
-    call gbtrs('N', self%n, self%kb, self%kb, 1, self%lu, 3*self%kb + 1, self%pivots, self%x, self%n, info)
+    call solve_lu(self%n, self%kb, self%lu, self%pivots, self%upper, 1, self%x)
     do i = 1, self%n
       x(i) = self%x(self%position(i), 1)
     end do

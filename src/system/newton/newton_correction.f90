@@ -2,7 +2,7 @@
 !> section 7).
 module newton_correction
   use kinds, only: wp, number
-  use border_rows, only: solve_rows
+  use border_rows, only: solve_rows, solve_gaps
   use condensed_system, only: condensed_matrix
   use elastic_columns, only: seen
   use evaluation_results, only: evaluation
@@ -60,25 +60,28 @@ contains
     end do
     call solve_rows(self%rows, gap)
     do b = 1, size(self%b)
-      call body_correction(self, m, ev, b, dq)
+      call body_correction(self, m, ev, b, self%rows%y, dq)
     end do
   end subroutine correction
 
-  !> The same without residuals: what the rows' gaps alone ask for.
-  subroutine row_correction(self, m, ev, gap, dq)
+  !> The same without residuals: what each column of the rows' gaps asks for.
+  subroutine row_correction(self, m, ev, gap, dq, dlambda)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(number), intent(in) :: gap(:)       !! (rows) [m] or its derivatives
-    real(number), intent(out) :: dq(:)       !! (nq) [m, rad] or theirs
-    integer :: b
-    self%rows%d = 0.0_wp
-    call solve_rows(self%rows, gap)
+    real(number), intent(in) :: gap(:, :)    !! (rows, columns) [m] or its derivatives
+    real(number), intent(out) :: dq(:, :)    !! (nq, columns) [m, rad] or theirs
+    real(number), intent(out) :: dlambda(:, :)   !! (rows, columns) [N] or theirs
+    integer :: b, k
+    call solve_gaps(self%rows, gap)
     do b = 1, size(self%b)
       self%b(b)%free = 0.0_wp
       if (self%b(b)%n > 0) self%b(b)%elastic = 0.0_wp
-      call body_correction(self, m, ev, b, dq)
+      do k = 1, size(gap, 2)
+        call body_correction(self, m, ev, b, self%rows%closing(:, k), dq(:, k))
+      end do
     end do
+    dlambda = self%rows%closing(1:size(gap, 1), 1:size(gap, 2))
   end subroutine row_correction
 
   !> A frame's correction without rows, and what the rows see of it.
@@ -116,11 +119,12 @@ contains
   end subroutine free_frame
 
   !> A body's part of dq.
-  subroutine body_correction(self, m, ev, b, dq)
+  subroutine body_correction(self, m, ev, b, y, dq)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: b
+    real(number), intent(in) :: y(:)         !! of all rows [N]
     real(number), intent(inout) :: dq(:)     !! (nq) [m, rad]
     real(number) :: x(3)
     integer :: e, i, k, c, col
@@ -128,11 +132,11 @@ contains
       x = t%free
       if (t%n > 0) t%at%load = 0.0_wp
       do e = r%first(b), r%first(b + 1) - 1
-        x = x - r%solved_column(:, e)*r%y(r%row(e))
+        x = x - r%solved_column(:, e)*y(r%row(e))
         if (t%n == 0) cycle
         do c = 1, 3
           col = t%at%column(c, r%local(e))
-          if (col > 0) t%at%load(col) = t%at%load(col) + r%marker_column(c, e)*r%y(r%row(e))
+          if (col > 0) t%at%load(col) = t%at%load(col) + r%marker_column(c, e)*y(r%row(e))
         end do
       end do
       i = m%s%qo(b)

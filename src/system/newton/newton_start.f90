@@ -51,26 +51,29 @@ contains
     if (.not. bad) a = x
   end subroutine smooth_accelerations
 
-  !> All rows and as many of their derivatives, first and second, as there is room for.
-  subroutine row_gaps(m, ev, t, q, v, a, gap)
+  !> All rows, their first and second derivatives and, where there is room, their rates by u alone.
+  subroutine row_gaps(m, ev, t, q, v, a, u, gap)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)     !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:1 or 0:2) [m], [m/s], [m/s2]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
+    real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
     integer :: i
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, ev%options, t)
     gap(:, 0) = ev%rows%phi
     call row_rates(m, ev, gap(:, 1))
-    if (ubound(gap, 2) < 2) return
     do i = 1, m%s%rows
-      gap(i, 2) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
-                  + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
+      ev%schur%r(i) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
+                      + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
     end do
     call marker_kinematics(m, ev, q, a)
-    call row_rates(m, ev, ev%schur%r)
+    call row_rates(m, ev, gap(:, 2))
     gap(:, 2) = gap(:, 2) + ev%schur%r - ev%rows%phi_t
+    if (ubound(gap, 2) < 3) return
+    call marker_kinematics(m, ev, q, u)
+    call row_rates(m, ev, gap(:, 3))
+    gap(:, 3) = gap(:, 3) - ev%rows%phi_t
   end subroutine row_gaps
 end module newton_start
