@@ -1,5 +1,5 @@
 !> Events: a step ends where a root of the system first falls to zero. The lengths of real steps from the present state are tried
-!> until one ends there to rounding, so that an event has the method's own order (theory.md, section 12). Which length comes next
+!> until one ends there to rounding, so that an event has the method's own order (theory.md, section 11). Which length comes next
 !> follows from the cubic Hermite interpolants of the roots between lengths that have been tried; a root that is positive at
 !> both ends of such an interval but dips to zero between them is found by the minimum of its interpolant.
 module event_location

@@ -1,5 +1,5 @@
 !> Discrete states of force elements along a run: what roots they watch, what their events change, and a list of the events since it
-!> was last emptied (theory.md, section 12).
+!> was last emptied (theory.md, section 11).
 module switching
   use kinds, only: wp, ip
   use archive, only: value_archive

@@ -10,7 +10,7 @@ module march_failure
   use step_control, only: error_norm
   use text, only: es_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
-                          trouble_rounding
+                          trouble_rounding, trouble_events
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
@@ -75,6 +75,10 @@ contains
       else
         text = text//advice('try a smaller step', 'try a larger tolerance', run)
       end if
+    case (trouble_events)
+      text = 'events follow one another without end at t = '//number(march%t)//' s, in'//last_elements(run)// &
+             ': more than 1000 in a millionth of the run; their limits may exclude one another, or a drive may press against a '// &
+             'limit that yields too little: check limits and stiffnesses'
     case default      ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
@@ -121,6 +125,25 @@ contains
                     ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
                     'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
   end subroutine explain_drift
+
+  !> The elements of the last events, as part of a sentence.
+  function last_elements(run) result(text)
+    type(run_state), intent(in) :: run
+    character(:), allocatable :: text
+    integer :: k, i, n
+    text = ''
+    n = 0
+    associate (list => run%sys%events, s => run%sys%m%s)
+      do k = 1, size(s%switching)
+        if (.not. any(list%items(max(1, list%count - 99):list%count)%element == k)) cycle
+        n = n + 1
+        if (n == 5) text = text//' and others'
+        if (n > 4) cycle
+        i = s%switching(k)
+        text = text//' "'//trim(s%forces(i)%item%name)//'"'
+      end do
+    end associate
+  end function last_elements
 
   !> The body that grows most, as part of a sentence.
   function culprit(run, norm, y) result(text)

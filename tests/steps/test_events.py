@@ -1,0 +1,123 @@
+"""Events: located to rounding in all methods, none missed or invented, anywhere in a step; the methods keep their order."""
+
+import numpy as np
+import pytest
+
+ARM = """&scene gravity=0.0,-9.81 /
+&body name='arm' mass=1.6 inertia=0.05 position=0.35,0.0 angular_velocity=4.0 /
+&joint name='p' type='revolute' body_a='arm' point_a=-0.35,0.0 point_b=0.0,0.0 /
+&stop name='low' type='rotation' body_a='arm' lower=-0.5 upper=0.3 stiffness={} exponent={} {} /
+&spring name='s' type='torsional' body_a='arm' stiffness=20.0 free_angle=0.0 /
+&sensor name='a' quantity='position' body='arm' point=0.2,0.0 /
+&sensor name='v' quantity='velocity' body='arm' point=0.2,0.0 /
+&sensor name='acc' quantity='acceleration' body='arm' point=0.2,0.0 /
+&sensor name='pin' quantity='reaction' joint='p' /
+&sensor name='contact' quantity='stop' stop='low' /
+&transient t_end=1.5 method={} output_step=0.05 accept_unstable=.true. /
+"""
+
+
+def errors(history, exact):
+    """Return the largest error of each column that moves, over its range."""
+    names = [name for name in exact.names[1:] if np.ptp(exact[name]) > 0.0 and not name.endswith("state")]
+    return {name: np.abs(history[name] - exact[name]).max() / np.ptp(exact[name]) for name in names}
+
+
+def events_of(run):
+    """Return the words of each line of events.txt."""
+    lines = (run.folder / "events.txt").read_text(encoding="utf-8").splitlines()
+    return [line.split() for line in lines if not line.startswith("#")]
+
+
+@pytest.mark.parametrize(("exponent", "stiffness"), [(1, 200), (2, 1500), (3, 10000)])
+@pytest.mark.parametrize(
+    ("method", "order", "step"), [("rk4", 4, 5e-3), ("dopri5", 5, 5e-3), ("radau", 5, 5e-3), ("generalized_alpha", 2, 2.5e-3)]
+)
+def test_methods_keep_their_order_across_contacts(method, order, step, exponent, stiffness, run_deck):
+    """Positions, rates, accelerations, reactions and the contact's force, across contacts that begin and end anywhere in a step."""
+    runs = []
+    for k in (1, 2, 4):
+        deck = ARM.format(stiffness, exponent, "damping=0.1", f"'{method}' step={step / k}")
+        runs.append(run_deck(deck, name=f"h{k}"))
+        states = [words[2:4] for words in events_of(runs[-1])]
+        assert states == (3 * [["open", "lower"], ["lower", "open"]])[: len(states)]
+        assert len(states) > 4
+    coarse = errors(runs[0].history, runs[1].history)
+    fine = errors(runs[1].history, runs[2].history)
+    for column, error in fine.items():
+        assert order - 0.25 < np.log2(coarse[column] / error) < order + 0.6, column
+
+
+@pytest.mark.parametrize("exponent", [1, 1.5, 2.2])
+def test_errors_stay_within_a_hundred_tolerances(exponent, run_deck):
+    deck = ARM.format(3e3 * 10 ** (2 * exponent - 2), exponent, "restitution=0.7", "{}")
+    exact = run_deck(deck.format("'dopri5' tolerance=1e-12"), name="exact").history
+    for method, tolerance in (("dopri5", 1e-6), ("dopri5", 1e-10), ("radau", 1e-6), ("radau", 1e-8)):
+        run = run_deck(deck.format(f"'{method}' tolerance={tolerance}"), name=f"{method}{tolerance:g}")
+        assert max(errors(run.history, exact).values()) < 100 * tolerance, (method, tolerance)
+
+
+def rotors(fractions, step, stiffness):
+    """Return a deck of free rotors, each of which comes to its stop at a fraction of the sixth step, and where the stops are."""
+    limits = [(5 + fraction) * step for fraction in fractions]
+    deck = ""
+    for k, limit in enumerate(limits):
+        deck += f"&body name='b{k}' mass=1.0 inertia=1.0 angular_velocity=1.0 /\n"
+        deck += f"&stop name='t{k}' type='rotation' body_a='b{k}' upper={limit:.17g} stiffness={stiffness} exponent=1 /\n"
+        deck += f"&sensor name='x{k}' quantity='angle' body='b{k}' /\n"
+    return deck + "&transient t_end=0.6 method={} output_step=0.06 /\n", np.array(limits)
+
+
+@pytest.mark.parametrize(
+    ("method", "error"),
+    [
+        ("'rk4' step=0.01", 2e-5),
+        ("'dopri5' step=0.01", 2e-7),
+        ("'radau' step=0.01", 1e-7),
+        ("'generalized_alpha' step=0.01", 2e-3),
+        ("'dopri5' tolerance=1e-9", 2e-9),
+        ("'radau' tolerance=1e-9", 1e-10),
+    ],
+)
+def test_events_lie_anywhere_in_a_step(method, error, run_deck):
+    """From 1e-16 to 1 of a step from its ends, alone and at equal times; the exact motion is half a sine in contact."""
+    ends = [10.0**-k for k in range(1, 17)]
+    for fractions in ([0.0, 0.0, *ends, 0.3, 0.3, 0.5, *[1 - x for x in ends]], *[[x] for x in (2e-6, 1 - 2e-6, 1 - 5e-7)]):
+        deck, limits = rotors(fractions, 0.01, 400)
+        run = run_deck(deck.format(method))
+        assert len(events_of(run)) == 2 * len(fractions)
+        for k, limit in enumerate(limits):
+            since = run.history["t"] - limit
+            x = np.where(since < 0, since, np.where(since < np.pi / 20, np.sin(20 * since) / 20, np.pi / 20 - since)) + limit
+            assert np.abs(run.history[f"x{k}"] - x).max() < error, fractions[k]
+        for words in events_of(run):
+            if words[2] == "open":
+                assert abs(float(words[0]) - limits[int(words[1][1:])]) < 1e-13
+
+
+@pytest.mark.parametrize("method", ["'rk4' step=0.005", "'radau' step=0.0125", "'dopri5' tolerance=1e-9"])
+def test_no_grazing_contact_is_missed_or_invented(method, run_deck):
+    """Two hundred vibrations whose amplitudes differ from their limits by a millionth at most: touches within a step."""
+    random = np.random.default_rng(3)
+    speed = 2 * np.pi
+    deck, touching = "", set()
+    for k in range(200):
+        phase, margin = random.uniform(0.05, speed - 0.05), random.choice([-1, 1]) * random.uniform(1e-8, 1e-6)
+        deck += f"&body name='b{k}' mass=1.0 inertia=1.0 angle={np.sin(phase)} angular_velocity={speed * np.cos(phase)} /\n"
+        deck += f"&spring name='s{k}' type='torsional' body_a='b{k}' stiffness={speed**2} free_angle=0.0 /\n"
+        deck += f"&stop name='t{k}' type='rotation' body_a='b{k}' upper={1 + margin} stiffness=1e4 exponent=1.0 /\n"
+        if margin < 0.0 and (np.pi / 2 - phase) % speed < np.pi:
+            touching.add(f"t{k}")
+    run = run_deck(
+        deck + f"&sensor name='x' quantity='angle' body='b0' /\n&transient t_end=0.5 method={method} output_step=0.1 /\n"
+    )
+    assert {words[1] for words in events_of(run)} == touching
+    assert len(events_of(run)) == 2 * len(touching)
+
+
+def test_events_without_end_are_told_with_names(run_deck):
+    deck = "&body name='b' mass=1.0 inertia=1.0 angular_velocity=1.0 /\n&sensor name='x' quantity='angle' body='b' /\n"
+    deck += "&stop name='tight' type='rotation' body_a='b' lower=-1e-9 upper=1e-9 stiffness=1e14 exponent=1 /\n"
+    run = run_deck(deck + "&transient t_end=1000 method='dopri5' tolerance=1e-6 output_step=1 /\n", expect=1)
+    assert "events follow one another without end at t = " in run.stderr
+    assert 's, in "tight": more than 1000 in a millionth of the run' in run.stderr
