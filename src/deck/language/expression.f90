@@ -262,8 +262,11 @@ contains
 
     !> Moves behind a closing parenthesis.
     subroutine close_parenthesis()
-      if (now%kind == ' ') call fail('has ( without ), expected a closing )')
-      if (now%kind /= ')') call fail('has '//shown()//' where an operator is due, expected one of + - * / ^ )')
+      if (now%kind == ' ') then
+        call fail('has ( without ), expected a closing )')
+      else if (now%kind /= ')') then
+        call fail('has '//shown()//' where an operator is due, expected one of + - * / ^ )')
+      end if
       if (len(problem) == 0) now = next_symbol(text, now)
     end subroutine close_parenthesis
 
