@@ -1,17 +1,22 @@
 """Edits a deck as text: values change, everything else, comments and layout included, stays as it was written.
 
 A deck is split into groups and assignments with their places in the text (the grammar of biela's namelist files: `&name ... /`,
-`!` comments, quotes). An edit returns a new `DeckText`; the old one stays valid.
+`!` comments, quotes, expressions in braces). An edit returns a new `DeckText`; the old one stays valid. Expressions are text here:
+what they are worth the solver says (`read`).
 """
 
 from __future__ import annotations
 
 import re
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+from .command import SOLVER
+
 GROUP = re.compile(r"&([A-Za-z_]\w*)")
 ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*=")
+ITEM = re.compile(r"(?:\{[^}\n]*\}|[^,\s{])+")
 REPEATED = re.compile(r"(\d+)\*(.+)")
 
 
@@ -49,9 +54,9 @@ class Group:
     def items(self, key: str) -> list[str]:
         """Return the items of a list as written, repeat counts (3*0.5) written out."""
         found = []
-        for item in re.split(r"[,\s]+", self.values.get(key, "").strip().strip(",")):
+        for item in ITEM.findall(self.values.get(key, "")):
             repeated = REPEATED.fullmatch(item)
-            found += [repeated[2]] * int(repeated[1]) if repeated else [item] * bool(item)
+            found += [repeated[2]] * int(repeated[1]) if repeated else [item]
         return found
 
     def numbers(self, key: str) -> list[float]:
@@ -136,7 +141,7 @@ def _comment_spans(text: str, hidden: str) -> list[tuple[int, int, int]]:
 
 
 def mask(text: str) -> str:
-    r"""Return text of the same length with quoted characters as `q` and comments as NUL characters."""
+    r"""Return text of the same length with characters in quotes and braces as `q` and comments as NUL characters."""
     out, quote, comment = [], "", False
     for c in text:
         if c == "\n":
@@ -147,8 +152,8 @@ def mask(text: str) -> str:
         elif quote:
             out.append("q")
             quote = "" if c == quote else quote
-        elif c in "'\"":
-            quote = c
+        elif c in "'\"{":
+            quote = "}" if c == "{" else c
             out.append("q")
         elif c == "!":
             comment = True
@@ -185,32 +190,33 @@ def _group(text: str, hidden: str, head: re.Match, end: int) -> Group:
     return Group(head[1].lower(), head.start(), end, spans, values)
 
 
-def read(path: Path) -> DeckText:
-    """Read a deck with what it includes put in place of its `&include` lines, files of tables named by their whole paths.
+def read(path: Path, *settings: str, biela: Path = SOLVER) -> DeckText:
+    """Read a deck as the solver states it in one text: included files and parts in their places, numbers for expressions.
+
+    Args:
+        path: of the deck
+        settings: NAME=VALUE of parameters that get another value
+        biela: the solver
 
     Raises:
-        DeckError: a file is missing or is no text, or includes itself.
+        DeckError: the solver cannot be called or refuses the deck; the first line that it says.
     """
-    return parse(_inlined(path, ()))
-
-
-def _inlined(path: Path, above: tuple[Path, ...]) -> str:
+    words = [word for setting in settings for word in ("--set", setting)]
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise DeckError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as fault:
+        done = subprocess.run([biela.resolve(), "--flat", *words, path], capture_output=True, check=False)
+        text = done.stdout.decode("utf-8")
+    except OSError as fault:
+        raise DeckError(f"{biela}: cannot be run ({fault.strerror}): build it, or name it with --biela") from None
+    except UnicodeDecodeError as fault:
         raise DeckError(f"{path}: cannot be read as text ({fault})") from None
-    here = (*above, path.resolve())
-    deck = parse(text)
-    for group in sorted([*deck.all("include"), *deck.all("history")], key=lambda group: -group.start):
-        inner = path.parent / group.values.get("file", "").strip().strip("'\"")
-        if group.kind == "history":
-            if "file" in group.values:  # a table's file lies beside this deck, wherever the copy goes
-                _, first, last = group.spans["file"]
-                text = f"{text[:first]}'{inner.resolve()}'{text[last:]}"
-            continue
-        if inner.resolve() in here:
-            raise DeckError(f"{path}: {inner} includes itself")
-        text = f"{text[: group.start]}! from {inner.name}:\n{_inlined(inner, here)}{text[group.end :]}"
-    return text
+    if done.returncode:
+        said = done.stderr.decode("utf-8", errors="replace").splitlines() or [f"{path}: the solver ended with {done.returncode}"]
+        raise DeckError(said[0])
+    return parse(text)
+
+
+def sources(path: Path) -> str:
+    """Return the texts of a deck and of the files that it includes, as they are written."""
+    text = path.read_text(encoding="utf-8")
+    inner = [path.parent / group.values.get("file", "").strip().strip("'\"") for group in parse(text).all("include")]
+    return text + "".join(sources(file) for file in dict.fromkeys(inner))

@@ -43,7 +43,7 @@ def check(args: argparse.Namespace) -> None:
 
 def read_material(args: argparse.Namespace) -> tuple[str, Material, float]:
     """Return name, modulus and density of the deck's material; DeckError."""
-    deck = deck_text.read(args.source)
+    deck = deck_text.read(args.source, biela=args.biela)
     group = deck.one("material", (args.name or "").lower())
     return group.word("name"), of_group(group), group.number("density")
 
@@ -164,7 +164,7 @@ def picture(
 
 def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
     """Return what the solver says of the explicit steps of a deck whose material NAME gets the terms; DataError."""
-    deck = deck_text.read(args.deck)
+    deck = deck_text.read(args.deck, biela=args.biela)
     group = deck.one("material", (args.name or "").lower())
     values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale")) | material.assignments()
     with tempfile.TemporaryDirectory() as folder:

@@ -15,11 +15,9 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from dataclasses import asdict
 from pathlib import Path
 
-import f90nml
-
 from . import deck_text
 from .result_files import HistoryError, remove_noted
-from .sweep_run import Batch, Row, assign, run_batch
+from .sweep_run import Batch, Row, assign, assignments, literal, run_batch
 from .sweep_study import Study, StudyError, read
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
@@ -89,17 +87,14 @@ def keys(study: Study, text: str, biela: Path) -> list[str]:
     return found
 
 
-def batches(study: Study, text: str, wanted: list[int], args: argparse.Namespace, folder: Path) -> Iterator[Batch]:
+def batches(study: Study, wanted: list[int], args: argparse.Namespace, folder: Path) -> Iterator[Batch]:
     """Yield batches of the runs that are still to be made."""
     workers = max(args.jobs, 1)
     size = max(1, min(BATCH, len(wanted) // (4 * workers) or 1))
     for first in range(0, len(wanted), size):
-        assignments = {}
-        for number in wanted[first : first + size]:
-            values = study.points[number]
-            assignments[number] = tuple((target, values[p.name]) for p in study.parameters for target in p.targets)
+        runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
         keep = str(folder / "runs") if args.keep else None
-        yield Batch(str(args.biela.resolve()), text, str(study.deck.parent), assignments, study.scalars, keep, not args.keep)
+        yield Batch(str(args.biela.resolve()), str(study.deck), runs, study.scalars, keep, not args.keep)
 
 
 def _on_worker(folder: str, batch: bytes) -> list[Row]:
@@ -144,7 +139,7 @@ def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace,
     begun, done = time.monotonic(), 0
     if not wanted:
         return
-    waiting = batches(study, text, wanted, args, folder)
+    waiting = batches(study, wanted, args, folder)
     pool = executor(args)
     running: set[Future] = set()
     try:
@@ -238,19 +233,24 @@ def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> st
 
 def sweep(args: argparse.Namespace) -> int:
     """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
-    try:
-        study = read(args.study)
-        text = deck_text.read(study.deck).text
-        base = f90nml.reads(text)
-        for parameter in study.parameters:
-            for target in parameter.targets:
-                assign(base, target, study.points[0][parameter.name])
-    except (StudyError, deck_text.DeckError) as fault:
-        raise HistoryError(str(fault)) from None
     if args.jobs < 1:
         raise HistoryError(f"--jobs {args.jobs}: 1 or more expected")
     if not args.biela.is_file():
         raise HistoryError(f"{args.biela}: no such program: build it with make, or name it with --biela")
+    try:
+        study = read(args.study)
+        base = deck_text.read(study.deck, biela=args.biela)
+        known = [group.name for group in base.all("parameter")]
+        for parameter in study.parameters:
+            if not parameter.targets and parameter.name.lower() not in known:
+                raise StudyError(
+                    f"parameter {parameter.name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})"
+                )
+            for target in parameter.targets:
+                base = assign(base, target, literal(parameter.values[0]))
+        text = deck_text.sources(study.deck)
+    except (StudyError, deck_text.DeckError) as fault:
+        raise HistoryError(str(fault)) from None
     folder = args.output or Path("results") / "sweep" / study.name
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ def draw(
         best: the row that is marked
         limits: (column, value) of conditions, which a map shows as lines
     """
-    free = [k for k, parameter in enumerate(study.parameters) if not parameter.expression and len({row[k] for row in rows}) > 1]
+    free = [k for k, parameter in enumerate(study.parameters) if len({row[k] for row in rows}) > 1]
     results = range(len(study.parameters), len(header) - 1)
     good = [row for row in rows if not row[-1]]
     numeric = all(isinstance(row[k], (int, float)) for row in rows for k in free)

@@ -1,4 +1,4 @@
-"""Runs a batch of a sweep's decks: decks edited with f90nml, one call of the solver for all, numbers taken from the results.
+"""Runs a batch of a sweep's decks: each flat, with its values, one call of the solver for all, numbers taken from the results.
 
 A batch is what a worker gets at a time, on this machine or another: a run lasts milliseconds, so that starting the solver and
 handing over one run at a time would cost more than the run.
@@ -6,7 +6,6 @@ handing over one run at a time would cost more than the run.
 
 from __future__ import annotations
 
-import io
 import re
 import shutil
 import subprocess
@@ -14,10 +13,11 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import f90nml
-
+from .deck_text import DeckError, DeckText, parse, read
 from .sweep_scalars import Scalar, measure
-from .sweep_study import StudyError, Target
+from .sweep_study import Study, StudyError, Target
+
+Assignments = tuple[tuple[str, ...], tuple[tuple[Target, object], ...]]
 
 FAULT = re.compile(r"^(?P<deck>[^\s:]*?(?P<number>\d{6})\.nml)(?::\d+)?:\s*(?P<words>.*)$")
 
@@ -28,18 +28,16 @@ class Batch:
 
     Attributes:
         biela: path of the solver
-        text: the base deck, what it includes put in place
-        folder: of the base deck; files that it names lie relative to it
-        assignments: of each run, by its number: (variable of the deck, value)
+        deck: path of the base deck
+        assignments: of each run, by its number: parameters, NAME=VALUE, and (variable of the deck, value)
         scalars: what is measured
         keep: folder in which decks and results stay, None: they are deleted
         lean: sensors that no scalar uses are left out of the decks
     """
 
     biela: str
-    text: str
-    folder: str
-    assignments: dict[int, tuple[tuple[Target, object], ...]]
+    deck: str
+    assignments: dict[int, Assignments]
     scalars: tuple[Scalar, ...]
     keep: str | None
     lean: bool
@@ -62,57 +60,53 @@ class Row:
     reason: str
 
 
-def groups(deck: f90nml.Namelist, kind: str) -> list:
-    """Return the groups of one kind."""
-    found = deck.get(kind, [])
-    return [found] if isinstance(found, f90nml.Namelist) else list(found)
-
-
-def assign(deck: f90nml.Namelist, target: Target, value: object) -> None:
-    """Set a variable of a deck; StudyError where the deck has no such group or list."""
-    found = [one for one in groups(deck, target.group) if not target.name or str(one.get("name", "")).lower() == target.name]
+def assign(deck: DeckText, target: Target, value: str) -> DeckText:
+    """Return the deck with a variable set, as text; StudyError where the deck has no such group or list."""
+    found = [group for group in deck.all(target.group) if not target.name or group.name == target.name]
     words = f"{target.group}{'/' + target.name if target.name else ''}"
     if len(found) != 1:
         raise StudyError(f"{words}: the deck has {len(found)} such groups, one expected")
-    if not target.index:
-        found[0][target.variable] = value
-        return
-    before = found[0].get(target.variable, [])
-    items = list(before) if isinstance(before, list) else [before]
-    if target.index > len(items):
-        raise StudyError(f"{words}/{target.variable}: the deck gives {len(items)} values, no number {target.index}")
-    items[target.index - 1] = value
-    found[0][target.variable] = items
+    if target.index:
+        items = found[0].items(target.variable)
+        if target.index > len(items):
+            raise StudyError(f"{words}/{target.variable}: the deck gives {len(items)} values, no number {target.index}")
+        items[target.index - 1] = value
+        value = ",".join(items)
+    return deck.set(found[0], **{target.variable: value})
 
 
-def lean_deck(deck: f90nml.Namelist, scalars: tuple[Scalar, ...]) -> f90nml.Namelist:
+def lean_deck(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
     """Return the deck without sensors and motion files that no scalar uses."""
     if any(scalar.file not in ("history", "energy") for scalar in scalars):
         return deck
     used = {scalar.column.partition(".")[0].lower() for scalar in scalars if scalar.file == "history"}
-    lean = f90nml.Namelist()
-    for kind, group in deck.items():
-        if kind == "sensor" and used and str(group.get("name", "")).lower() not in used:
-            continue
-        group.pop("motion_step", None)
-        lean.add_cogroup(kind, group)
+    text = deck.text
+    for group in reversed(deck.all("sensor")):
+        if used and group.name not in used:
+            text = text[: group.start] + text[group.end :]
+    lean = parse(text)
+    for group in lean.all("transient"):
+        lean = lean.set(group, motion_step=None)
     return lean
 
 
-def template(batch: Batch) -> str:
-    """Return the text of the batch's decks with a mark, '@number@', in the place of each assigned value; raises StudyError."""
-    deck = f90nml.reads(batch.text)
-    for one in groups(deck, "history"):
-        if "file" in one:
-            one["file"] = str((Path(batch.folder) / one["file"]).resolve())
-    first = next(iter(batch.assignments.values()))
-    for k, (target, _) in enumerate(first):
-        assign(deck, target, f"@{k}@")
-    if batch.lean:
-        deck = lean_deck(deck, batch.scalars)
-    text = io.StringIO()
-    deck.write(text)
-    return text.getvalue()
+def template(batch: Batch, settings: tuple[str, ...], targets: tuple[Target, ...]) -> str:
+    """Return the text of runs with those parameters, with a mark, '@number@', in the place of each variable that is set.
+
+    Raises:
+        StudyError: the deck has no such variable
+        DeckError: what the solver says of the deck with these parameters
+    """
+    deck = read(Path(batch.deck), *settings, biela=Path(batch.biela))
+    for k, target in enumerate(targets):
+        deck = assign(deck, target, f"@{k}@")
+    return (lean_deck(deck, batch.scalars) if batch.lean else deck).text
+
+
+def assignments(study: Study, point: dict) -> Assignments:
+    """Return what a run sets: parameters as the solver takes them, variables with their values."""
+    settings = tuple(f"{one.name}={point[one.name]!r}" for one in study.parameters if not one.targets)
+    return settings, tuple((target, point[one.name]) for one in study.parameters for target in one.targets)
 
 
 def literal(value: object) -> str:
@@ -135,18 +129,26 @@ def run_batch(batch: Batch) -> list[Row]:
 
 def _rows(batch: Batch, place: Path) -> list[Row]:
     """Write the decks, run them, read the results."""
-    text = template(batch)
-    decks = {}
-    for number, values in batch.assignments.items():
-        deck = text
-        for k, (_, value) in enumerate(values):
-            deck = deck.replace(f"'@{k}@'", literal(value))
+    texts: dict[tuple[str, ...], str] = {}
+    decks, said = {}, {}
+    for number, (settings, values) in batch.assignments.items():
         decks[number] = place / f"{number:06d}.nml"
+        try:
+            if settings not in texts:
+                texts[settings] = template(batch, settings, tuple(target for target, _ in values))
+        except DeckError as fault:
+            said[number] = str(fault)
+            continue
+        deck = texts[settings]
+        for k, (_, value) in enumerate(values):
+            deck = deck.replace(f"@{k}@", literal(value))
         decks[number].write_text(deck, encoding="utf-8")
-    names = [path.name for path in decks.values()]
-    done = subprocess.run([batch.biela, "--quiet", *names], cwd=place, capture_output=True, text=True, check=False)
-    said = _reasons(done.stderr)
-    stopped = f"the solver was stopped by signal {abs(done.returncode) % 128}" if not 0 <= done.returncode <= 128 else ""
+    names = [path.name for number, path in decks.items() if number not in said]
+    stopped = ""
+    if names:
+        done = subprocess.run([batch.biela, "--quiet", *names], cwd=place, capture_output=True, text=True, check=False)
+        said |= _reasons(done.stderr)
+        stopped = f"the solver was stopped by signal {abs(done.returncode) % 128}" if not 0 <= done.returncode <= 128 else ""
     return [_row(number, place / "results" / path.stem, batch.scalars, said.get(number, stopped)) for number, path in decks.items()]
 
 

@@ -3,27 +3,24 @@
     deck = "slider_crank.nml"            # relative to this file
     design = "grid"                      # or "zip", "latin_hypercube" (samples, seed)
     [[parameter]]
-    name = "height"                      # how the table calls it
-    set = ["section/rod/height"]         # group/name/variable, group/variable, or .../variable(2) of a list
+    name = "height"                      # of a &parameter of the deck; with `set` only how the table calls it
     unit = "m"                           # as the table and the pictures show it; optional
-    values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"; or: expression = "2*width"
+    values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"
+    set = ["section/rod/height"]         # in a deck without that parameter: group/name/variable, group/variable, .../variable(2)
     [[result]]
     name = "peak"                        # how the table calls it
     measure = "peak"                     # the kinds of sweep_scalars.py
     column = "mid.v"
 
-Parameters that follow from others by an expression are linked to them: numbers, + - * / **, pi, sqrt, exp, log, sin and the like.
+What follows from a parameter says the deck itself: `&parameter name='area' value={width*height} /`.
 """
 
 from __future__ import annotations
 
-import ast
 import itertools
 import math
-import operator
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,20 +35,7 @@ else:
 
 TARGET = re.compile(r"(?P<group>\w+)/(?:(?P<name>[\w-]+)/)?(?P<variable>\w+)(?:\((?P<index>\d+)\))?")
 DESIGNS = ("grid", "zip", "latin_hypercube")
-LONGEST = 1000  # characters of an expression
-DEEPEST = 50  # operations within each other
-EXACT = 2**53  # integers up to this size are floating-point numbers, too
 MOST_RUNS = 1_000_000  # of a study
-OPERATORS = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: math.pow,  # no complex numbers
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-}
-FUNCTIONS = {name: getattr(math, name) for name in ("sqrt", "exp", "log", "log10", "sin", "cos", "tan", "atan", "atan2", "hypot")}
 
 
 class StudyError(Exception):
@@ -77,13 +61,12 @@ class Target:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A quantity that is varied, or follows from those that are.
+    """A quantity that is varied.
 
     Attributes:
-        name: column of the table
-        targets: where the deck gets it
-        values: what it takes; empty where it follows from an expression
-        expression: of other parameters
+        name: column of the table; of the deck's parameter where there are no targets
+        targets: variables that get it, in the place of a parameter
+        values: what it takes
         log: a Latin hypercube samples it by its logarithm
         unit: as the table and the pictures show it
     """
@@ -91,7 +74,6 @@ class Parameter:
     name: str
     targets: tuple[Target, ...]
     values: tuple
-    expression: str
     log: bool
     unit: str = ""
 
@@ -118,61 +100,6 @@ class Study:
     parameters: tuple[Parameter, ...]
     scalars: tuple[Scalar, ...]
     points: tuple[dict, ...]
-
-
-def evaluate(expression: str, values: dict[str, float]) -> float:
-    """Return the value of an arithmetic expression of parameters; StudyError where it is none or has no value.
-
-    All operations are those of floating-point numbers: integers of any length would let `9**9**9` run for ever.
-    """
-    shown = expression if len(expression) < 60 else f"{expression[:50]}... ({len(expression)} characters)"
-
-    def value(node: ast.AST, depth: int = 1) -> float:
-        if depth > DEEPEST:
-            raise StudyError(f"expression {shown!r} is nested deeper than {DEEPEST} operations")
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            return _number(node.value)
-        if isinstance(node, ast.Name) and node.id in values:
-            return values[node.id]
-        if isinstance(node, ast.Name) and node.id == "pi":
-            return math.pi
-        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            return _applied(OPERATORS[type(node.op)], value(node.left, depth + 1), value(node.right, depth + 1))
-        if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
-            return _applied(OPERATORS[type(node.op)], value(node.operand, depth + 1))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
-            return FUNCTIONS[node.func.id](*(value(argument, depth + 1) for argument in node.args))
-        part = ast.get_source_segment(expression, node) or expression
-        known = ", ".join([*values, "pi", *FUNCTIONS])
-        raise StudyError(f"expression {shown!r}: {part[:60]!r} is not known; numbers, + - * / **, and {known} are")
-
-    if len(expression) > LONGEST:
-        raise StudyError(f"expression {shown!r}: at most {LONGEST} characters expected")
-    try:
-        found = value(ast.parse(expression.strip(), mode="eval").body)
-        return found if isinstance(found, str) else _number(found)
-    except (SyntaxError, RecursionError, MemoryError):
-        raise StudyError(f"expression {shown!r}: is no expression") from None
-    except (ArithmeticError, ValueError, TypeError) as fault:
-        raise StudyError(f"expression {shown!r} has no value at {values}: {fault}") from None
-
-
-def _applied(operation: Callable[..., float], *operands: float) -> float:
-    """Return what an operation makes of numbers; an integer where the operands are integers and so is the result."""
-    if not all(isinstance(operand, (int, float)) for operand in operands):
-        raise TypeError("a word is no number")
-    found = operation(*map(float, operands))
-    whole = operation is not operator.truediv and all(isinstance(operand, int) for operand in operands)
-    return int(found) if whole and found.is_integer() and abs(found) <= EXACT else found
-
-
-def _number(value: float) -> float:
-    """Return a number as the computation takes it: an integer where a floating-point number holds it exactly."""
-    if isinstance(value, int) and abs(value) <= EXACT:
-        return value
-    if not math.isfinite(float(value)):
-        raise OverflowError("the number is too large")
-    return float(value)
 
 
 def read(path: Path) -> Study:
@@ -234,26 +161,27 @@ def _target(text: object) -> Target:
 
 def _parameter(entry: dict) -> Parameter:
     """Return one [[parameter]]."""
-    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "expression", "unit"), "[[parameter]]")
+    if "expression" in entry:
+        raise StudyError("expression: expected in the deck, &parameter name='...' value={...}, whose value follows those that vary")
+    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "unit"), "[[parameter]]")
     name = entry.get("name", "")
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
     said = entry.get("set", [])
     targets = tuple(_target(text) for text in (said if isinstance(said, list) else [said]))
-    ways = [way for way in ("values", "from", "expression") if way in entry]
-    if len(ways) != 1:
-        raise StudyError(f"parameter {name}: one of values, from (with to and points), expression expected")
+    if ("values" in entry) == ("from" in entry):
+        raise StudyError(f"parameter {name}: either values or from (with to and points) expected")
     log = entry.get("spacing", "linear") == "log"
     values: tuple = ()
     if "values" in entry:
         values = tuple(entry["values"]) if isinstance(entry["values"], list) else ()
         if not values or not all(isinstance(value, (int, float, str, bool)) for value in values):
             raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
-    elif "from" in entry:
+    else:
         values = _range(name, entry, log)
-    elif not str(entry["expression"]).strip():
-        raise StudyError(f"parameter {name}: expression = '...' expected")
-    return Parameter(name, targets, values, str(entry.get("expression", "")), log, str(entry.get("unit", "")))
+    if not targets and not all(type(value) in (int, float) for value in values):
+        raise StudyError(f"parameter {name}: numbers expected; words go to variables that `set` names")
+    return Parameter(name, targets, values, log, str(entry.get("unit", "")))
 
 
 def _range(name: str, entry: dict, log: bool) -> tuple:
@@ -284,44 +212,34 @@ def _scalar(entry: dict) -> Scalar:
 
 def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
     """Return the values of all parameters of every run."""
-    free = [parameter for parameter in parameters if not parameter.expression]
     design = said.get("design", "grid")
     if design not in DESIGNS:
         raise StudyError(f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
     if design == "grid":
-        if math.prod(len(parameter.values) for parameter in free) > MOST_RUNS:
+        if math.prod(len(parameter.values) for parameter in parameters) > MOST_RUNS:
             raise StudyError(f"design = 'grid': the parameters' values make more than {MOST_RUNS} runs")
-        rows = itertools.product(*(parameter.values for parameter in free))
+        rows = itertools.product(*(parameter.values for parameter in parameters))
     elif design == "zip":
-        if len({len(parameter.values) for parameter in free}) > 1:
+        if len({len(parameter.values) for parameter in parameters}) > 1:
             raise StudyError("design = 'zip': all parameters need as many values as the first")
-        rows = zip(*(parameter.values for parameter in free))
+        rows = zip(*(parameter.values for parameter in parameters))
     else:
-        rows = _hypercube(said, free)
-    points = []
-    for row in rows:
-        values = dict(zip((parameter.name for parameter in free), row))
-        for parameter in parameters:
-            if parameter.expression:
-                values[parameter.name] = evaluate(parameter.expression, values)
-        points.append({parameter.name: values[parameter.name] for parameter in parameters})
-    if not points:
-        raise StudyError(f"design = {design!r}: a [[parameter]] with values of its own, or from and to, is missing")
-    return tuple(points)
+        rows = _hypercube(said, parameters)
+    return tuple(dict(zip((parameter.name for parameter in parameters), row)) for row in rows)
 
 
-def _hypercube(said: dict, free: list[Parameter]) -> list[tuple]:
+def _hypercube(said: dict, parameters: tuple[Parameter, ...]) -> list[tuple]:
     """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter."""
     samples, seed = said.get("samples"), said.get("seed", 0)
     if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
         raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
     if samples > MOST_RUNS:
         raise StudyError(f"design = 'latin_hypercube': samples = {samples}: at most {MOST_RUNS} runs expected")
-    if not all(isinstance(value, (int, float)) for parameter in free for value in parameter.values):
+    if not all(isinstance(value, (int, float)) for parameter in parameters for value in parameter.values):
         raise StudyError("design = 'latin_hypercube': parameters have to be numbers")
     generator = np.random.default_rng(seed)
     columns = []
-    for parameter in free:
+    for parameter in parameters:
         part = (generator.permutation(samples) + generator.random(samples)) / samples  # one value in each of as many strata
         low, high = min(parameter.values), max(parameter.values)
         if parameter.log and low * high <= 0.0:

@@ -165,7 +165,7 @@ def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) ->
 
 def run(args: argparse.Namespace) -> int:
     """Make the whole study; the exit status."""
-    deck = read(args.deck)
+    deck = read(args.deck, biela=args.biela)
     folder = args.output or Path("results") / "tradeoff" / args.deck.stem
     study = study_of(args, deck, folder)
     runner = study.runner

@@ -58,8 +58,12 @@ contains
     type(summary_record) :: text
     integer :: k
     status = status_bad_input
-    call read_deck(path, run%d, faults, options%settings, flat)
-    if (faults%count == 0 .and. .not. options%flat) call prepare_run(run, faults, fail)
+    if (options%flat) then
+      call read_deck(path, run%d, faults, options%settings, flat)
+    else
+      call read_deck(path, run%d, faults, options%settings)
+      if (faults%count == 0) call prepare_run(run, faults, fail)
+    end if
     if (faults%count > 0) then
       call faults%print()
       return

@@ -6,7 +6,7 @@ module summary
   use deck_records, only: deck
   use mechanism, only: mechanism_model
   use posix, only: tell
-  use summary_text, only: summary_record
+  use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
   use text, only: to_text
   implicit none (type, external)
@@ -53,6 +53,13 @@ contains
     call text%line('')
     if (len(d%scene%title) > 0) call text%line('title: '//one_line(d%scene%title))
     call text%member('title', json_text(d%scene%title))
+    if (size(d%parameters) > 0) then
+      call text%open('parameters', '{')
+      do k = 1, size(d%parameters)
+        call text%member(trim(d%parameters(k)%name), json_number(d%parameters(k)%value))
+      end do
+      call text%close()
+    end if
     call text%line('')
     call text%line('model')
     call text%open('model', '{')

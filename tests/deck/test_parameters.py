@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import re
 import subprocess
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from conftest import ROOT, Run, wait_for
 NAMES = {"pi": math.pi, "deg": math.pi / 180, "rpm": math.pi / 30, "mm": 1e-3, "um": 1e-6, "ms": 1e-3, "us": 1e-6}
 NAMES |= {"kN": 1e3, "MPa": 1e6, "GPa": 1e9, "abs": abs, "min": min, "max": max}
 NAMES |= {name: getattr(math, name) for name in ["sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt", "exp", "log"]}
+STATED = re.compile(r"^&parameter name='(\w+)' value=(\S+) /$", re.MULTILINE)
 DISC = "&body name='disc' mass=1 inertia=1 /\n"
 
 
@@ -27,8 +29,7 @@ def flat(biela: Path, folder: Path, text: str, *options: str) -> str:
 def values(biela: Path, folder: Path, expressions: dict[str, str], *options: str) -> dict[str, float]:
     """Return the values that parameters have."""
     text = DISC + "".join(f"&parameter name='{name}' value={{{text}}} /\n" for name, text in expressions.items())
-    lines = [line.split() for line in flat(biela, folder, text, *options).splitlines() if line.startswith("! parameter ")]
-    return {line[2]: float(line[4]) for line in lines}
+    return {name: float(value) for name, value in STATED.findall(flat(biela, folder, text, *options))}
 
 
 def written(draw: random.Random, depth: int) -> str:
@@ -143,7 +144,7 @@ def test_repeated_parts_and_the_flat_deck_are_the_deck_written_by_hand(run_deck,
     assert rows(run_deck(hand, "--quiet", name="hand")) == wanted
     text = flat(biela, tmp_path, hand)
     assert "{" not in text
-    assert "! parameter left_L = 0.06\n" in text
+    assert "&parameter name='left_L' value=0.06 /\n" in text
     assert text.count("! comments stay") == 2
     for part in (tmp_path / "parts").iterdir():
         part.unlink()

@@ -259,7 +259,7 @@ def expressed(dice: random.Random, text: str) -> str:
         quoted[k] = NUMBER.sub(lambda found: dice.choice(forms).format(found[0]) if dice.random() < 0.3 else found[0], quoted[k])
     text = "".join(quoted) + "&parameter name='zero' value={one-1} /\n&parameter name='one' value={exp(0)} /\n"
     part = f"&include file='{ROOT}/tests/fuzz/part.nml' prefix='{{}}' set='mass={some(dice, -2, 1)}','arm=one/4' /\n"
-    return text + "".join(part.format(prefix) for prefix in dice.choice([[], ["p_"], ["p_", "q-"]]))
+    return text + "".join(part.format(prefix) for prefix in dice.choice([[], ["p_"], ["p_", "q"]]))
 
 
 def drawn(dice: random.Random) -> str:

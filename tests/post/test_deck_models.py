@@ -66,9 +66,12 @@ def test_a_frame_on_the_mesh_of_the_truth_keeps_its_model(tmp_path):
 def test_numbers_and_decks_that_cannot_be_read(tmp_path):
     with pytest.raises(deck_text.DeckError, match=r"^&body b: length = 1.0m is no list of numbers$"):
         deck_text.parse("&body name='b' length=1.0m /").one("body").number("length")
-    (tmp_path / "deck.nml").write_bytes(b"\xff\xfe")
-    for path in (tmp_path, tmp_path / "deck.nml"):
-        with pytest.raises(deck_text.DeckError, match="cannot be read as text"):
+    (tmp_path / "deck.nml").write_bytes(b"! \xff\xfe\n")
+    for path, told in ((tmp_path, "cannot be read: is a directory"), (tmp_path / "deck.nml", "cannot be read as text")):
+        with pytest.raises(deck_text.DeckError, match=told):
             deck_text.read(path)
+    deck = deck_text.parse("&parameter name='L' value={2 ! 3, /} / ! {\n&body n=3 position=2*{max(1, 2)},{L/2} angle=0 /\n")
+    assert deck.one("body").items("position") == ["{max(1, 2)}"] * 2 + ["{L/2}"]
+    assert deck.set(deck.one("parameter"), value="{L}").one("body").values == deck.one("body").values
     with pytest.raises(deck_text.DeckError, match=r"the deck's &transient states no t_end"):
         grid_of(deck_text.parse("&transient step=1e-4 /"))

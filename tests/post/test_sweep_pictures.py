@@ -8,7 +8,7 @@ from biela.sweep_scalars import Scalar
 
 
 def named(name: str, **words: object) -> sweep_study.Parameter:
-    return sweep_study.Parameter(**{"name": name, "targets": (), "values": (1.0, 2.0), "expression": "", "log": False, **words})
+    return sweep_study.Parameter(**{"name": name, "targets": (), "values": (1.0, 2.0), "log": False, **words})
 
 
 def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Parameter, **marks: list) -> list:

@@ -302,9 +302,9 @@ def test_interrupt_keeps_what_was_run(biela: Path, tmp_path: Path):
         (None, [], "no such file"),
         ("&scene /\n", [], "no &sensor"),
         ("&scene \n", [], "no closing slash"),
-        ("&sensor name='a' quantity='angle' body='b' /\n", [], "no &transient"),
+        ("&body name='b' mass=1 inertia=1 /\n&sensor name='a' quantity='angle' body='b' /\n", [], "no &transient"),
         ("good", ["--sensor", "nonsense"], "no sensor 'nonsense'"),
-        ("faulty", [], "does not run"),
+        ("faulty", [], "unknown variable yonug, did you mean young?"),
     ],
 )
 def test_faults_are_one_line(study, tmp_path, text, options, fault):
@@ -336,6 +336,7 @@ COMMENTED = """! head
 INNER = """&material name='steel' density=7800.0 young=2e11
  ghm_alpha=0.5, ! slow
  0.2 ! fast
+ ghm_zeta=1,1 ghm_omega=30,500
  /
 """
 
@@ -346,7 +347,7 @@ def test_edits_keep_comments_and_layout(tmp_path):
     deck = deck_text.read(tmp_path / "deck.nml")
     again = deck_models.with_elements(deck, "rod", 2, {"a"})
     again = again.set(again.one("transient"), step="2e-4", output_step="1e-2")
-    again = again.set(again.one("material"), ghm_alpha="0.1")
+    again = again.set(again.one("material"), ghm_alpha="0.1", ghm_zeta="1", ghm_omega="30")
     for words in ("! head", "! the material", "! four / of them & more", "! end", "! keep", "! explicit", "! slow", "elements=2"):
         assert words in again.text
     assert again.one("transient").number("step") == 2e-4

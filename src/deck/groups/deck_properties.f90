@@ -1,8 +1,8 @@
 !> Readers of &parameter, &scene, &material and &section.
 module deck_properties
   use kinds, only: wp, pi
-  use expression, only: is_reserved
-  use text, only: to_text, joined, lower, quoted
+  use expression, only: is_name, is_reserved
+  use text, only: to_text, joined, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
   use deck_lists, only: get_list
@@ -30,7 +30,7 @@ contains
     name = deck%peek('name')
     if (is_reserved(name)) then
       call deck%complain('name', 'name='//quoted(name)//' means something else in expressions, expected another name')
-    else if (index(name, '-') > 0 .or. scan(lower(name(1:1)), 'abcdefghijklmnopqrstuvwxyz') == 0) then
+    else if (.not. is_name(name)) then
       call deck%complain('name', 'name='//quoted(name)//' cannot stand in expressions, expected a letter, then letters, '// &
         'digits and _')
     end if

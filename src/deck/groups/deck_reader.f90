@@ -35,7 +35,7 @@ contains
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
     character(*), intent(in), optional :: settings(:)          !! NAME=VALUE of parameters that the command line sets
-    character(:), allocatable, intent(out), optional :: flat   !! the deck as one text without expressions
+    character(:), allocatable, intent(out), optional :: flat   !! the deck, or a library without bodies, as one text of numbers
     type(deck_source) :: source
     type(parameter_value), allocatable :: p(:)
     type(text_buffer) :: text
@@ -65,7 +65,8 @@ contains
     call check_histories(source, d%histories, d%transient%t_end)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
-    if (source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
+    if (source%names(in_body)%is_empty() .and. .not. present(flat)) call source%faults%add(path, 0, '', 'no &body, expected '// &
+      'at least one')
     call sort_faults()
     if (present(flat)) flat = ''
     if (present(flat) .and. faults%count == 0) flat = flat_text(source%parts, d%parameters%name, d%parameters%value)

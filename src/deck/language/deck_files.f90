@@ -2,11 +2,12 @@
 module deck_files
   use whole_file, only: read_file
   use readable_text, only: printable
-  use text, only: lower, nearest_word, quoted, to_text
+  use text, only: nearest_word, quoted, to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get
-  use deck_kinds, only: group_names, group_number, in_include, name_characters
+  use deck_kinds, only: group_names, group_number, in_include
   use deck_lexer, only: split_groups
+  use expression, only: is_name
   use deck_paths, only: beside
   implicit none (type, external)
   private
@@ -81,9 +82,9 @@ contains
         'name of a deck file')
       call get(deck, 'prefix', prefix)
       call deck%look_up('set', expected='', assignment=settings)      ! read with the parameters
-      if (verify(lower(prefix), name_characters) > 0) then
-        call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' has a character that names may not have, '// &
-          'expected letters, digits, _ and -')
+      if (len(prefix) > 0 .and. .not. is_name(prefix)) then
+        call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' cannot begin the names of parameters, '// &
+          'expected a letter, then letters, digits and _')
         name = ''
       end if
       call deck%close()

@@ -1,5 +1,5 @@
 !> A deck as one text that runs alone: included files in their places, names with the prefixes of their parts, numbers in the
-!> places of expressions. Comments and layout stay as they are.
+!> places of expressions, parameters with their values. Comments and layout stay as they are.
 module deck_flat
   use growing_text, only: text_buffer
   use kinds, only: wp
@@ -42,11 +42,9 @@ contains
               last = group%slash
             else if (group_number(s%text(group%first:group%last)) == in_parameter) then
               parameters = parameters + 1
-              call flat%add(s%text(last + 1:group%first - 2)//'! parameter '//trim(names(parameters))//' = '// &
-                exact_text(values(parameters)))
+              call flat%add(s%text(last + 1:group%first - 2)//'&parameter name='''//trim(names(parameters))//''' value='// &
+                number_text(values(parameters))//' /')
               last = group%slash
-              if (ends_line(s%text, last)) cycle
-              call flat%add(lf)
             else
               call add_group(file, g, last)
             end if
@@ -71,8 +69,7 @@ contains
               else if (token%part > 0) then
                 call replace(s%text, token%first, token%first - 1, parts%sources(token%part)%prefix, last)
               else if (parts%assignments(a)%name == 'file') then      ! a table's
-                if (index(s%text(token%first:token%last), '/') /= 1) call replace(s%text, token%first, token%last, &
-                  current_folder()//beside(s%path, s%text(token%first:token%last)), last)
+                call replace(s%text, token%first, token%last, whole_path(beside(s%path, s%text(token%first:token%last))), last)
               end if
             end associate
           end do
@@ -92,6 +89,14 @@ contains
     end subroutine replace
   end function flat_text
 
+  !> A path from the root.
+  function whole_path(path) result(whole)
+    character(*), intent(in) :: path           !! of a file, from the root or the current folder
+    character(:), allocatable :: whole
+    whole = path
+    if (index(path, '/') /= 1) whole = current_folder()//path
+  end function whole_path
+
   !> A number in as few digits as give it back; a whole one as an integer, since a variable may ask for that.
   function number_text(x) result(text)
     real(wp), intent(in) :: x                  !! [any]
@@ -99,14 +104,4 @@ contains
     text = exact_text(x)
     if (abs(x) < huge(1) .and. abs(x - anint(x)) <= 0.0_wp) text = to_text(nint(x))
   end function number_text
-
-  !> Whether nothing but blanks or a comment stands behind a character on its line.
-  pure logical function ends_line(text, position) result(yes)
-    character(*), intent(in) :: text
-    integer, intent(in) :: position            !! of that character
-    integer :: next
-    next = position + verify(text(position + 1:), ' '//achar(9)//achar(13))
-    yes = next > position
-    if (yes) yes = scan(text(next:next), '!'//lf) > 0
-  end function ends_line
 end module deck_flat

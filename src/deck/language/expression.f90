@@ -8,7 +8,7 @@ module expression
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
-  public :: evaluate, find_names, is_reserved, nearest_constant
+  public :: evaluate, find_names, is_name, is_reserved, nearest_constant
 
   integer, parameter, public :: name_letters = 33       !! more than a name may have, so that a longer one is not taken for it
   integer, parameter, public :: most_names = 100        !! in one expression
@@ -90,6 +90,12 @@ contains
       now = next
     end do
   end subroutine find_names
+
+  !> Whether a word may be a name in expressions: a letter, then letters, digits and _.
+  pure logical function is_name(word) result(yes)
+    character(*), intent(in) :: word     !! any case
+    yes = scan(lower(word(:min(1, len(word)))), letters) == 1 .and. verify(lower(word), letters//digits//'_') == 0
+  end function is_name
 
   !> Whether a word is a constant or a function of expressions.
   pure logical function is_reserved(word) result(yes)
