@@ -185,15 +185,27 @@ INPUTS = {
 }
 
 
-@pytest.mark.parametrize("kind", sorted(INPUTS))
-def test_every_sensor_of_a_loaded_four_bar_against_the_oracle(response_of, probe, tmp_path, kind):
+def loaded_four_bar(source=""):
+    """Return the deck under all inputs, of which one has a history; at t = 0 they are the same."""
     deck = "&scene title='t' gravity=0.0,-9.81 /\n" + closed_mechanism("four_bar", 0.9) + TIES + SENSORS
-    deck += f"&force name='in' {INPUTS[kind]} history='w' /\n"
-    twins = Twins(probe, tmp_path, deck)
+    histories = {source: " history='w'"}
+    return deck + "".join(f"&force name='{k}' {INPUTS[k]}{histories.get(k, '')} /\n" for k in INPUTS)
+
+
+@pytest.fixture(scope="module")
+def four_bar_at_rest(probe, tmp_path_factory):
+    """The linear oracle about the equilibrium."""
+    twins = Twins(probe, tmp_path_factory.mktemp("at_rest"), loaded_four_bar())
     about = settle(twins.oracle, twins.q0)
-    scene = about.scene
-    assert np.max(np.abs(scene.solve(0.0, about.q, about.zero, about.z, 0 * about.z)[0])) < 1e-6, "no equilibrium"
-    response = response_of(deck + "&static tolerance=1.0e-12 /\n" + sweep(2.0, 400.0, 7, source="in"))
+    assert np.max(np.abs(about.scene.solve(0.0, about.q, about.zero, about.z, 0 * about.z)[0])) < 1e-6, "no equilibrium"
+    return about
+
+
+@pytest.mark.parametrize("kind", sorted(INPUTS))
+def test_every_sensor_of_a_loaded_four_bar_against_the_oracle(four_bar_at_rest, response_of, probe, tmp_path, kind):
+    deck, about = loaded_four_bar(kind), four_bar_at_rest
+    scene = Twins(probe, tmp_path, deck).oracle
+    response = response_of(deck + "&static tolerance=1.0e-12 /\n" + sweep(2.0, 400.0, 7, source=kind))
     moment = 1.0e-3 / (2 * np.pi)  # the factor is 1 + sin(2 pi t): its change over t is the input
     load = scene.load_forces(moment, about.q) - scene.load_forces(0.0, about.q)
     load = load / np.sin(2 * np.pi * moment)

@@ -143,7 +143,7 @@ def paired(found, expected, count):
 
 
 @pytest.mark.parametrize("hold", sorted(HELD))
-@pytest.mark.parametrize("angle", [0.4, 1.6, 3.5])
+@pytest.mark.parametrize("angle", [0.4, 3.5])
 @pytest.mark.parametrize("kind", ["four_bar", "slider_crank"])
 def test_mechanisms_against_an_independent_null_space_computation(modes_of, probe, tmp_path, kind, angle, hold):
     deck = closed_mechanism(kind, angle) + HELD[hold].format(angle=angle)
@@ -303,7 +303,7 @@ def test_coriolis_coupling_with_stretch_lowers_the_frequency(modes_of, rotating_
 
 @pytest.mark.parametrize("ghm", ["", GHM[2]])
 def test_spinning_arm_against_differences_of_the_oracles_accelerations(modes_of, probe, tmp_path, ghm):
-    deck = spinning_arm(4.0, 70.0, elements=3)[0].replace(" /\n&section", f" {ghm} /\n&section", 1)
+    deck = spinning_arm(4.0, 70.0, elements=2)[0].replace(" /\n&section", f" {ghm} /\n&section", 1)
     modes = modes_of(deck)
     arm = TurningArm(Twins(probe, tmp_path, deck).oracle)
     found = modes.poles[modes.kind == (VIBRATION if ghm else UNDAMPED)]

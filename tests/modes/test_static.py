@@ -69,9 +69,9 @@ def test_a_scene_of_any_size_takes_the_same_steps_to_its_equilibrium(static_of):
     np.testing.assert_allclose(found, [found[1]] * 3, rtol=1e-9)
 
 
-@pytest.mark.parametrize("elements", [2000, 5000])
-def test_a_fine_mesh_is_not_taken_for_a_free_body(elements, run_deck):
+def test_a_fine_mesh_is_not_taken_for_a_free_body(run_deck):
     """Its lowest frequency is small beside what rounding of the largest one is."""
+    elements = 2500
     held = f"&joint name='one' type='{{}}' body_a='b' node_a={elements + 1} point_b={LENGTH},0.0 /\n"
     deck = beam(elements, "pinned-pinned").split("&joint")[0] + "{}&static load_steps=1 /\n"
     run_deck(deck.format(held.format("weld")), "--check")

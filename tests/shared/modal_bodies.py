@@ -27,7 +27,7 @@ SENSORS = """&sensor name='tip' quantity='position' body='b' node=-1 /
 &sensor name='r' quantity='reaction' joint='o' /
 &sensor name='k' quantity='spring' spring='k' /
 """
-TRANSIENT = "&transient t_end=0.04 method='rk4' step={step} output_step=2.0e-4 /\n"
+TRANSIENT = "&transient t_end=0.015 method='rk4' step={step} output_step=2.0e-4 /\n"
 SCENES = {  # body, its options, number of elastic coordinates
     "pinned": (BEAM, "reference='pinned'", 9),
     "clamped": (BEAM, "reference='clamped'", 9),
