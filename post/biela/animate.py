@@ -20,6 +20,7 @@ from .plot import LOOK, body_look, plain_numbers
 from .result_files import HistoryError, note
 
 DARK = "#333333"
+TOUCHED = "#e0452f"
 FILMS = (".gif", ".mp4")
 MARGIN = 0.1  # around what is drawn, by its larger side
 SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
@@ -39,6 +40,8 @@ class Picture:
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
         self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
+        self.stops = [axis.plot([], [], "-", lw=2.0, zorder=2)[0] for _ in scene.stops]
+        self.wall = 0.03 * max(high - low)
         self.bodies = [
             axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
             for colour, style in map(body_look, range(len(scene.bodies)))
@@ -56,7 +59,7 @@ class Picture:
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
-        lines = [*self.rails, *self.links, *self.springs, *self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
+        lines = [*self.rails, *self.links, *self.springs, *self.stops, *self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
     def show(self, row: int) -> None:
@@ -79,6 +82,10 @@ class Picture:
             angle = direction + (base.body.frame[row, 2] if base.body else 0.0)
             along = self.reach * np.array([np.cos(angle), np.sin(angle)])
             line.set_data(*np.transpose([scene.at(base, row) - along, scene.at(base, row) + along]))
+        for line, stop in zip(self.stops, scene.stops):
+            wall, touches = stop.walls(scene, row, self.wall)
+            line.set_data(*wall.T)
+            line.set_color(TOUCHED if touches else DARK)
         _dots(self.lumps, [scene.at(place, row) for place in scene.lumps])
         _dots(self.blocks, [scene.at(place, row) for place, _, _ in scene.sliders])
         _dots(self.pins, [scene.at(place, row) for place in scene.pins])

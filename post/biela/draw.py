@@ -12,7 +12,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.patches import Arc, Polygon
+from matplotlib.patches import Arc, Circle, Polygon
 
 from . import labels
 from .histories import read_summary
@@ -22,7 +22,7 @@ from .plot import COLOURS, LOOK, body_look, plain_numbers
 from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
-DRIVE, FORCE, SPRING, SENSOR = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00"
+DRIVE, FORCE, SPRING, SENSOR, STOP = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00", "#b0126e"
 SIGNS = {"revolute": "o", "weld": "s", "slider": "s", "prismatic": "s", "distance": "o"}
 SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
 
@@ -52,7 +52,7 @@ class ScenePicture:
         self.axis, self.scene = axis, scene
         self.labels: list[labels.Label] = []
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
-        ends = [np.array(item[side]["at"]) for kind in ("joints", "springs") for item in scene[kind] for side in "ab"]
+        ends = [np.array(item[side]["at"]) for kind in ("joints", "springs", "stops") for item in scene.get(kind, []) for side in "ab"]
         points = np.array([*points, *ends])
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.span = float(max(self.high - self.low)) or 1.0
@@ -73,6 +73,8 @@ class ScenePicture:
             self._joint(joint)
         for drive in self.scene["drives"]:
             self._drive(drive)
+        for stop in self.scene.get("stops", []):  # older runs do not tell them
+            self._stop(stop)
         for force in self.scene["forces"]:
             self._force(force)
         for sensor in self.scene["sensors"]:
@@ -110,7 +112,8 @@ class ScenePicture:
 
     def _places(self, name: str) -> list:
         """Return where joints, springs and forces hold a body."""
-        found = [item[side] for kind in ("joints", "drives", "springs") for item in self.scene[kind] for side in "ab"]
+        kinds = ("joints", "drives", "springs", "stops")
+        found = [item[side] for kind in kinds for item in self.scene.get(kind, []) for side in "ab"]
         found += [force["at"] for force in self.scene["forces"]]
         return [place["at"] for place in found if place["body"] == name]
 
@@ -159,6 +162,32 @@ class ScenePicture:
         if spring["b"]["body"] is None:
             self._ground(b)
         self._label((a + b) / 2.0, spring["name"], SPRING)
+
+    def _stop(self, stop: dict) -> None:
+        """Draw a stop: a wall at each limit of a position, the hole of a clearance, the ends of the arc of an angle."""
+        a, b = (np.array(stop[side]["at"]) for side in "ab")
+        size = 1.2 * SYMBOL * self.span
+        limits = [x for x in (stop["lower"], stop["upper"]) if x is not None]
+        at = a
+        if stop["kind"] == "clearance":
+            r = max(stop["upper"], 0.5 * size)  # a gap that cannot be seen is drawn as a ring
+            self.axis.add_patch(Circle(b, r, facecolor="none", edgecolor=STOP, lw=1.4, zorder=7))
+        elif stop["kind"] == "position":
+            along = np.array([np.cos(stop["direction"]), np.sin(stop["direction"])])
+            across = size * np.array([-along[1], along[0]])
+            a_line = a - along * ((a - b) @ along)  # where the quantity is 0, beside a
+            for limit in limits:
+                at = a_line + limit * along
+                self.axis.plot(*np.transpose([at - across, at + across]), "-", color=STOP, lw=2.2, zorder=7)
+            ends = [a_line + limit * along for limit in limits] + ([a] if len(limits) == 1 else [])
+            self.axis.plot(*np.transpose(ends), ":", color=STOP, lw=1.0, zorder=2)
+        else:
+            self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=-60.0, theta2=60.0, color=STOP, lw=1.4, zorder=7))
+            for angle in (np.radians([-60.0, 60.0]))[2 - len(limits) :]:
+                ray = np.array([np.cos(angle), np.sin(angle)])
+                self.axis.plot(*np.transpose([a + 1.2 * size * ray, a + 1.8 * size * ray]), "-", color=STOP, lw=2.2, zorder=7)
+        shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits))
+        self._label(at, f"{stop['name']} (stop, {shown.format(stop['lower'], stop['upper'])})", STOP)
 
     def _turn(self, at: np.ndarray, colour: str, sign: float = 1.0) -> None:
         """Draw an arrow that turns about a place."""
@@ -212,11 +241,11 @@ class ScenePicture:
     def _key(self) -> None:
         """Say which colour stands for what, of the kinds that are there."""
         kinds = {"joints": ("o", DARK), "drives": (r"$\circlearrowleft$", DRIVE), "forces": (r"$\rightarrow$", FORCE)}
-        kinds |= {"springs": (r"$\sim$", SPRING), "sensors": ("D", SENSOR)}
+        kinds |= {"springs": (r"$\sim$", SPRING), "stops": ("|", STOP), "sensors": ("D", SENSOR)}
         lines = [
             self.axis.plot([], [], marker=marker, color="white", mec=colour, ls="none", ms=7, label=kind)[0]
             for kind, (marker, colour) in kinds.items()
-            if self.scene[kind]
+            if self.scene.get(kind)
         ]
         if lines:
             found = self.axis.figure.legend(handles=lines, loc="outside lower center", ncol=5, fontsize=8)

@@ -12,11 +12,11 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .result_files import RESULT_FILES, HistoryError
+from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
     import pandas
@@ -117,6 +117,40 @@ def read(source: str | Path, kind: str = "history") -> History:
     data = _rows(path, lines, first, len(names), separator)
     _check_order(path, names[0], data[:, 0])
     return History(path, names, dict(columns), data)
+
+
+class Event(NamedTuple):
+    """A line of events.txt: time [s], element, its states before and after, speed at touching [m/s] or [rad/s], else 0."""
+
+    time: float
+    element: str
+    before: str
+    after: str
+    speed: float
+
+
+def read_events(folder: str | Path) -> list[Event]:
+    """Read the events of a run; a scene in which nothing switches leaves no such file, and has none.
+
+    Raises:
+        HistoryError: the file is unreadable or damaged.
+    """
+    path = Path(folder) / EVENTS
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as fault:
+        raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
+    events = []
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        if not words or line.startswith("#"):
+            continue
+        if len(words) != 5 or not (_finite(words[0]) and _finite(words[4])):
+            raise HistoryError(f"{path}:{number}: is no event: time, element, states before and after, speed expected")
+        events.append(Event(float(words[0]), *words[1:4], float(words[4])))
+    return events
 
 
 def read_summary(folder: str | Path) -> dict:

@@ -55,6 +55,33 @@ class Place:
 
 
 @dataclass
+class Stop:
+    """A stop that limits a position along a line through b, or the distance from b: its limits, None where there is none [m]."""
+
+    a: Place
+    b: Place
+    direction: float | None  # from the frame of b's body [rad]; None: a clearance
+    lower: float | None
+    upper: float | None
+
+    def walls(self, scene: Mechanism, row: int, half: float) -> tuple[np.ndarray, bool]:
+        """Return the line to draw, shape (n, 2) [m], NaN rows between walls of half that length, and whether a touches one."""
+        a, b = scene.at(self.a, row), scene.at(self.b, row)
+        if self.direction is None:
+            turn = np.linspace(0.0, 2.0 * np.pi, 61)
+            r = max(self.upper, 0.5 * half)
+            return b + r * np.transpose([np.cos(turn), np.sin(turn)]), bool(np.hypot(*(a - b)) >= self.upper)
+        angle = self.direction + (self.b.body.frame[row, 2] if self.b.body else 0.0)
+        along, x = np.array([np.cos(angle), np.sin(angle)]), 0.0
+        x = (a - b) @ along
+        across = half * np.array([-along[1], along[0]])
+        limits = [limit for limit in (self.lower, self.upper) if limit is not None]
+        walls = [point for limit in limits for point in (a + (limit - x) * along - across, a + (limit - x) * along + across, [np.nan] * 2)]
+        beyond = (self.lower is not None and x <= self.lower) or (self.upper is not None and x >= self.upper)
+        return np.array(walls), bool(beyond)
+
+
+@dataclass
 class Mechanism:
     """Bodies and sensors' places by name in lower case, massless links and springs as pairs of places, slider lines, pins, lumps.
 
@@ -71,6 +98,7 @@ class Mechanism:
     lumps: list[Place] = field(default_factory=list)
     sensors: dict[str, Place] = field(default_factory=dict)
     traces: list[np.ndarray] = field(default_factory=list)
+    stops: list[Stop] = field(default_factory=list)
 
     def nodes(self, body: Body, row: int) -> np.ndarray:
         """Return a body's nodes in its axes with the deflections exaggerated, shape (nodes, 2) [m]."""
@@ -242,6 +270,13 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         a, b = place(spring["a"]), place(spring["b"])
         if spring["kind"] == "linear":
             mechanism.springs.append((a, b))
+    for stop in scene.get("stops", []):  # older runs do not tell them
+        a, b = place(stop["a"]), place(stop["b"])
+        if stop["kind"] == "rotation":
+            continue
+        turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
+        direction = stop["direction"] - turned if stop["kind"] == "position" else None
+        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"]))
     for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
         place(item)
     mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import ScalarFormatter
 
-from .histories import History, read
+from .histories import History, read, read_events
 from .picture_files import save
 from .result_files import RESULT_FILES, HistoryError
 
@@ -236,6 +236,24 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     return names, [] if patterns else [name for name in idle if name not in names]
 
 
+def mark_events(figure: plt.Figure, runs: list[History]) -> int:
+    """Mark the events of the runs in all panels: touching by a line, opening and letting go by a dotted one. Return how many."""
+    count = 0
+    for k, run in enumerate(runs):
+        events = read_events(run.path.parent)
+        count += len(events)
+        for axis in figure.axes:
+            if not axis.lines:
+                continue
+            room = axis.get_xlim()
+            for touching, style in ((True, "-"), (False, ":")):
+                times = [event.time for event in events if (event.before == "open") == touching and room[0] <= event.time <= room[1]]
+                colour = COLOURS[k % len(COLOURS)] if len(runs) > 1 else "#b0126e"
+                marks = axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=axis.get_xaxis_transform())
+                marks.set_in_layout(False)
+    return count
+
+
 def usual_stem(words: list[str]) -> str:
     """Return the name of a picture from what it shows: kind of file, columns, runs."""
     return re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
@@ -254,6 +272,10 @@ def plot(args: argparse.Namespace) -> int:
     names, idle = chosen_columns(runs, args.columns, args.against)
     labels = args.labels or names_of([run.path for run in runs])
     figure = draw(runs, labels, names, args.against, args.title)
+    if args.events:
+        if (args.against or runs[0].names[0]) != "t":
+            raise HistoryError("--events marks times: the horizontal axis has to be t")
+        print(f"events marked: {mark_events(figure, runs)}")
     words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
     path = save(figure, args.output or runs[0].path.parent / usual_stem(words))
     if idle:

@@ -13,6 +13,7 @@ RESULT_FILES = {
     "modes": "modes.txt",
     "frequency_response": "frequency_response.txt",
 }
+EVENTS = "events.txt"  # words beside numbers: not one of the tables above
 TABLES = {"csv": ".csv", "parquet": ".parquet", "matlab": ".mat"}  # suffix of each format of a table
 
 

@@ -46,7 +46,9 @@ contains
     call text%close()
     call text%open('stops', '[')
     do k = 1, size(d%stops)
-      call pair(d%stops(k)%name, d%stops(k)%type, d%stops(k)%a, d%stops(k)%b, d%stops(k)%direction)
+      associate (r => d%stops(k))
+        call pair(r%name, r%type, r%a, r%b, r%direction, ', "lower": '//json_number(r%lower)//', "upper": '//json_number(r%upper))
+      end associate
     end do
     call text%close()
     call text%open('forces', '[')
@@ -91,13 +93,17 @@ contains
     end subroutine add_body
 
     !> What acts between two markers, with its direction in global axes.
-    subroutine pair(name, kind, a, b, direction)
+    subroutine pair(name, kind, a, b, direction, rest)
       character(*), intent(in) :: name, kind
       type(marker_record), intent(in) :: a, b
       real(wp), intent(in) :: direction        !! from the section of b [rad]
+      character(*), intent(in), optional :: rest   !! further members
+      character(:), allocatable :: members
+      members = ''
+      if (present(rest)) members = rest
       associate (at_b => pose(b))
         call text%member('', item(name, kind)//', "a": '//marker(a)//', "b": '//marker(b)//', "direction": '// &
-                         json_number(direction + at_b(3))//'}')
+                         json_number(direction + at_b(3))//members//'}')
       end associate
     end subroutine pair
 

@@ -17,12 +17,12 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 
-@pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "andrews"])
+@pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "clearance_slider_crank", "end_stop"])
 def test_all_names_are_drawn(name, biela):
     figures = draw.figures_of(ROOT / "input" / f"{name}.nml", biela)
     figure = draw.draw(figures)
     shown = " ".join(text.get_text() for text in figure.axes[0].texts)
-    for kind in ("bodies", "joints", "drives", "springs", "forces", "sensors"):
+    for kind in ("bodies", "joints", "drives", "springs", "stops", "forces", "sensors"):
         for item in figures["scene"][kind]:
             assert item["name"] in shown
     axis = figure.axes[0]

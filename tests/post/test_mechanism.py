@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from biela import animate, mechanism
 from biela.histories import History, HistoryError
-from biela.mechanism import Mechanism, add_scene, add_trace, from_motion
+from biela.mechanism import Body, Mechanism, Place, Stop, add_scene, add_trace, from_motion
 from scipy.interpolate import CubicSpline
 
 TIME = np.linspace(0.0, 1.0, 5)
@@ -148,3 +148,17 @@ def test_a_film_that_cannot_be_written_is_told(tmp_path, monkeypatch):
 def test_a_motion_file_has_frames():
     with pytest.raises(HistoryError, match=r"has no body frames"):
         mechanism.from_motion(History(Path("history.txt"), ["t"], {"t": "s"}, np.zeros((2, 1))))
+
+
+def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
+    """A wall 0.5 m along x of the turned body b, a hole of 0.1 m about the same point."""
+    plate = Body(np.array([[1.0, 2.0, QUARTER]]), np.zeros((1, 0, 2)), np.zeros((0, 2)))
+    scene = Mechanism(np.zeros(1), {"plate": plate})
+    base = Place(plate, None, np.zeros(2))
+    for y, touches in ((2.4, False), (2.5, True)):
+        walls, found = Stop(Place(None, None, np.array([1.3, y])), base, 0.0, None, 0.5).walls(scene, 0, 0.1)
+        np.testing.assert_allclose(walls[:2], [[1.4, 2.5], [1.2, 2.5]], atol=1e-15)
+        assert found is touches
+    circle, found = Stop(Place(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
+    np.testing.assert_allclose(np.hypot(*(circle - [1.0, 2.0]).T), 0.1, rtol=1e-12)
+    assert not found

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from biela import animate, mechanism, plot
+from biela import animate, histories, mechanism, plot
 from biela.commands import animate as animate_command
 from biela.commands import plot as plot_command
 from biela.histories import HistoryError, read
@@ -364,3 +364,19 @@ def test_a_panel_that_is_not_needed_is_empty(tmp_path):
     assert len(figure.axes) % 2 == 0
     assert figure.get_suptitle() == "odd"
     plot.plt.close(figure)
+
+
+def test_events_are_marked_in_every_panel(runs, capsys):
+    """Two touches and an opening, of which one lies outside the picture."""
+    lines = ["# columns: t[s] element from to speed[m/s]", "1e-3 pad open lower 0.5", "2e-3 pad lower open 0", "0.5 pad open upper 0.1"]
+    (runs[0] / "events.txt").write_text("\n".join(lines) + "\n")
+    picture = runs[0] / "marked.png"
+    assert plot_command.main([str(runs[0]), "--columns", "large", "q.q", "--events", "--output", str(picture)]) == 0
+    assert picture.is_file()
+    assert "events marked: 3" in capsys.readouterr().out
+    assert [event.after for event in histories.read_events(runs[0])] == ["lower", "open", "upper"]
+    assert histories.read_events(runs[1]) == []
+    assert plot_command.main([str(runs[0]), "--columns", "large", "--events", "--against", "near", "--output", str(picture)]) == 2
+    (runs[0] / "events.txt").write_text("1e-3 pad open\n")
+    assert plot_command.main([str(runs[0]), "--columns", "large", "--events", "--output", str(picture)]) == 2
+    assert "events.txt:1: is no event" in capsys.readouterr().err

@@ -23,6 +23,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
     parser.add_argument("--against", metavar="NAME", help="column of the horizontal axis (the first: time, load, frequency)")
     parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
+    parser.add_argument("--events", action="store_true", help="mark the events of the runs, e.g. when stops touch, by lines")
     parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
     parser.add_argument("--title", default="", help="written above the picture")
     parser.add_argument("--output", type=Path, metavar="FILE", help="the picture, .png, .pdf or .svg (in the first run's folder)")
