@@ -17,7 +17,7 @@ module run_deck
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use tableaux, only: method_names
-  use step_advice, only: stability_advice, advise
+  use step_advice, only: stability_advice, advise, find_turning_line, line_turn
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use stop_advice, only: advise_stops
@@ -180,6 +180,9 @@ contains
     k = method_number(run%d%transient%method)
     if (k == 0) then
       line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
+      call text%line('  this deck: '//line)
+      if (run%d%transient%method == 'generalized_alpha') call turning_line_bound(run, text)
+      return
     else if (run%d%transient%adaptive) then
       line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
              'its steps near or below the current bound'
@@ -203,6 +206,26 @@ contains
     end if
     call text%line('  this deck: '//line)
   end subroutine deck_step
+
+  !> The step up to which generalized_alpha is known to be stable on lines that turn; a warning where the deck's step is longer.
+  subroutine turning_line_bound(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: name
+    real(wp) :: rate                        ! [rad/s]
+    associate (nq => run%sys%m%s%nq, t => run%d%transient)
+      call find_turning_line(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), t%t_end, rate, name)
+      if (rate <= 0.0_wp) return
+      call text%figure('    on the line of "'//name//'", which turns at ', 'line_rate', rate, 4)
+      call text%figure(' rad/s, with steps up to ', 'line_step', line_turn/rate, 4)
+      call text%line(' s ('//to_text(line_turn)//' rad a step)')
+      if (t%adaptive .or. fixed_step_of(run)*rate <= line_turn) return
+      call add_warnings(text, t%at%file//':'//to_text(t%at%line), 'warning: transient/step: the line of "'//name//'" turns by '// &
+                        adjustl(es_text(fixed_step_of(run)*rate, 3))//' rad in a step of '//to_text(fixed_step_of(run))// &
+                        ' s, in which motion along it may grow without bound; expected at most '// &
+                        adjustl(es_text(line_turn/rate, 3))//' s, or radau'//new_line('a'))
+    end associate
+  end subroutine turning_line_bound
 
   !> Runs the analyses with the results folder locked.
   integer function run_in_folder(run, text) result(status)

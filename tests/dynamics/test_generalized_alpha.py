@@ -360,6 +360,14 @@ def test_a_guide_that_turns_steadily(joint, radius, step, run_deck):
     assert run.history["x.d"][40:] == pytest.approx(0.0507042253521127, abs=0.03 * step**2)
 
 
+@pytest.mark.parametrize(("rate", "step", "told"), [("0.,1.5", 0.5, True), ("0.,1.5", 0.4, False), ("0.,0.,0.1", 0.5, True)])
+def test_a_step_too_long_for_a_turning_line_is_told(rate, step, told, run_deck):
+    """Of a line that turns steadily, or whose drive is to turn it faster than at the start."""
+    text = TURNING_GUIDE.format("slider").replace("0.,1.5", rate).replace("angular_velocity=1.5", "")
+    run = run_deck(text + march(f"t_end=10 step={step}"))
+    assert ('the line of "e" turns by' in run.summary) == told
+
+
 def test_a_step_that_fails_is_divided_and_the_summary_says_so(run_deck):
     """Near its dead points a rigid slider-crank cannot be solved in steps of three quarters of a radian."""
     deck = CRANK.format(young="2.1e10", elements=1, ghm="").replace("position=", "flexible=.false. position=")

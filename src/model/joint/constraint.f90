@@ -52,6 +52,7 @@ module constraint
     procedure :: start_value                  !! what a drive makes of it at t = 0
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
     procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
+    procedure :: line_turns => has_no_line     !! whether it holds marker a on a line that turns with section b
     procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
@@ -111,6 +112,12 @@ contains
     integer, allocatable :: list(:)
     allocate (list(0))
   end function no_components
+
+  !> Most constraints have no line.
+  pure logical function has_no_line(self) result(yes)
+    class(constraint_model), intent(in) :: self
+    yes = .false.
+  end function has_no_line
 
   !> Most constraints can hold wherever their markers are.
   pure function no_fault(self, gap) result(text)

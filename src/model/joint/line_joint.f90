@@ -21,6 +21,7 @@ module line_joint
     procedure :: init_from_deck => line_begin
     procedure :: measure => distance_along
     procedure :: components => line_components
+    procedure :: line_turns
     procedure :: release_angle => prismatic_release
     procedure :: acts_on => line_acts_on
   end type line_model
@@ -89,6 +90,12 @@ contains
     list = [1, 2, 4, 5, 6]
     if (grounded) list = list(:0)
   end function line_components
+
+  !> The line turns with section b, if that is no part of the ground.
+  pure logical function line_turns(self) result(yes)
+    class(line_model), intent(in) :: self
+    yes = .not. self%fixed
+  end function line_turns
 
   !> The line turns with section b; a prismatic joint keeps section a's angle.
   pure function line_acts_on(self) result(yes)
