@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from . import command, deck_models
+from . import command, deck_models, labels
 from .deck_runs import InterruptedRunsError, Outcome, Runner, RunsError
 from .deck_text import DeckError, DeckText, read
 from .histories import History
@@ -105,21 +105,26 @@ def table(found: list[Row]) -> str:
 
 def draw(found: list[Row], path: Path) -> None:
     """Draw the error of the mid-rod deflection against evaluations, one curve a mesh and method (spectral radius 0.9)."""
-    figure, axes = plt.subplots(figsize=(9.2, 4.6))
-    marks = dict(zip(FAMILIES, "os^v"))
+    figure, axes = plt.subplots(figsize=(8.0, 4.8), layout="constrained")
+    marks = dict(zip(FAMILIES, "os^vDP"))
+    ends = []
     for n in MESHES:
+        colour = f"C{MESHES.index(n)}"
         for family in FAMILIES:
             mine = [r for r in found if r.elements == n and r.curve in (family, f"{family}, radius {RADII[0]:g}")]
             if mine:
                 points = [(r.outcome.evaluations, r.errors[2]) for r in mine]
-                style = {"color": f"C{MESHES.index(n)}", "ms": 4, "lw": 1, "label": f"{n} elements, {family}"}
-                axes.loglog(*zip(*points), marks[family] + "-", **style)
+                axes.loglog(*zip(*points), marks[family] + "-", color=colour, ms=4, lw=1)
+                ends.append((*max(points), n, colour))
+    last = {n: max(end for end in ends if end[2] == n) for n in dict.fromkeys(end[2] for end in ends)}
+    names = [labels.Label(np.array([x, y]), f"{n} elements", colour) for x, y, n, colour in last.values()]
     axes.set_xlabel("evaluations of the equations of motion (implicit: Newton iterations)")
     axes.set_ylabel("largest error of the mid-rod deflection / range")
     axes.set_title("Flexible slider-crank of the IVP test set, against its converged history", fontsize=10)
     axes.grid(which="major", alpha=0.3)
-    axes.legend(fontsize=7, bbox_to_anchor=(1.01, 1.0), loc="upper left")
-    figure.tight_layout()
+    handles = [plt.Line2D([], [], color="0.3", marker=mark, ms=4, lw=1, label=family) for family, mark in marks.items()]
+    figure.legend(handles=handles, fontsize=8, ncols=3, loc="outside lower center")
+    labels.write(axes, names)
     figure.savefig(path, dpi=100)
     plt.close(figure)
 

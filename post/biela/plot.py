@@ -22,6 +22,7 @@ COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5
 STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
 RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 FLAT = 50.0
+STEADY = 1.0e-9  # share of its size by which a column varies that is constant
 ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
 PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
 ONE_COLUMN = 5  # more panels stand in two columns
@@ -85,17 +86,19 @@ def unit_of(runs: list[History], name: str) -> str:
 
 
 def panels(runs: list[History], names: list[str]) -> list[list[str]]:
-    """Return the names panel by panel: one unit a panel, and no column below a fiftieth of its panel's largest range.
+    """Return the names panel by panel: one unit a panel, and no column whose range is below a fiftieth of its panel's height.
 
     A panel holds no more columns than there are line styles.
     """
     result: list[list[str]] = []
-    span = {name: max(float(np.ptp(run[name])) for run in runs if name in run) for name in names}
+    ends = {name: [(run[name].min(), run[name].max()) for run in runs if name in run] for name in names}
+    low, high = ({name: pick(one[k] for one in ends[name]) for name in names} for k, pick in enumerate((min, max)))
+    span = {name: high[name] - low[name] for name in names}
     for name in names:
         for panel in result:
-            first = panel[0]
-            near = span[name] == span[first] == 0.0 or 1.0 / FLAT < span[name] / (span[first] or 1.0e-300) < FLAT
-            if unit_of(runs, first) == unit_of(runs, name) != "" and near and len(panel) < len(STYLES):
+            both = [*panel, name]
+            least, height = min(span[one] for one in both), max(high[one] for one in both) - min(low[one] for one in both)
+            if unit_of(runs, panel[0]) == unit_of(runs, name) != "" and least * FLAT >= height and len(panel) < len(STYLES):
                 panel.append(name)
                 break
         else:
@@ -125,19 +128,23 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
         if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == "m":
             size = _to_scale(runs, groups[0], abscissa)
-        figure, axes = plt.subplots(lines, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
-        for axis, group in zip(axes.T.flat, groups):
+        figure = plt.figure(figsize=size, layout="constrained")
+        wide = len(groups) % columns  # the first panel of an odd number is as wide as both columns: no place stays empty
+        grid = figure.add_gridspec(lines, columns)
+        places = [grid[0, :]] * wide + [grid[j, k] for k in range(columns) for j in range(wide, lines)]
+        axes = [figure.add_subplot(places[0])]
+        axes += [figure.add_subplot(place, sharex=axes[0]) for place in places[1:]]
+        for axis, group in zip(axes, groups):
             plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa)
             axis.margins(x=0.01)
             _log_scales(axis, runs, group, abscissa)
             if path and unit_of(runs, group[0]) == "m":
                 axis.set_aspect("equal", adjustable="datalim")
-        for axis in axes.T.flat[len(groups) :]:
-            axis.axis("off")
-        for axis in (axes.T.flat[min(lines * (k + 1), len(groups)) - 1] for k in range(columns)):
-            axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
-            axis.tick_params(labelbottom=True)
+            lowest = axis.get_subplotspec().is_last_row()
+            axis.tick_params(labelbottom=lowest)
+            if lowest:
+                axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
         figure.align_ylabels()
         if len(runs) > 1:
             looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
@@ -212,11 +219,14 @@ def moving(runs: list[History], names: list[str]) -> list[str]:
     size = {name: max((float(np.max(np.abs(run[name]))) for run in runs if name in run), default=0.0) for name in names}
     units = {name: unit_of(runs, name) for name in names}
     largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}
+    time = min((float(np.ptp(run.time)) for run in runs if run.names[0] == "t"), default=0.0) or np.inf
+    natural = {"rad": 1.0, "rad/s": 1.0 / time, "rad/s2": 1.0 / time**2, "Nm": largest.get("N", 0.0) * largest.get("m", 0.0)}
+    largest = {unit: max(value, natural.get(unit, 0.0)) for unit, value in largest.items()}
     return [name for name in names if size[name] > (ROUNDING * largest[units[name]] if units[name] else 0.0)]
 
 
 def chosen_columns(runs: list[History], patterns: list[str] | None, against: str | None) -> tuple[list[str], list[str]]:
-    """Return the columns that are drawn, and those that are not because they are zero throughout, or rounding, in every run.
+    """Return the columns that are drawn, and those that are not: zero throughout, rounding, or constant in every run.
 
     Raises:
         HistoryError: a pattern selects nothing in a run, or a column is not in every run.
@@ -231,9 +241,13 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     else:
         large = moving(runs, runs[0].names[1:])
         idle = [name for name in runs[0].names[1:] if name not in large]
-    if not patterns:
-        names = [name for name in names if name not in idle] or names
-    return names, [] if patterns else [name for name in idle if name not in names]
+    if patterns:
+        return names, []
+    names = [name for name in names if name not in idle] or names
+    idle = [name for name in idle if name not in names]
+    constant = [name for name in names if all(np.ptp(run[name]) <= STEADY * np.abs(run[name]).max() for run in runs)]
+    told = [f"{name} = {runs[0][name][0]:.6g} {pretty_unit(unit_of(runs, name))}".rstrip() for name in constant]
+    return [name for name in names if name not in constant] or names, idle + (told if len(constant) < len(names) else [])
 
 
 def mark_events(figure: plt.Figure, runs: list[History]) -> int:
@@ -271,7 +285,7 @@ def plot(args: argparse.Namespace) -> int:
         raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
     names, idle = chosen_columns(runs, args.columns, args.against)
     labels = args.labels or names_of([run.path for run in runs])
-    figure = draw(runs, labels, names, args.against, args.title)
+    figure = draw(runs, labels, names, args.against, args.title or f"{args.file} of {', '.join(labels)}")
     if args.events:
         if (args.against or runs[0].names[0]) != "t":
             raise HistoryError("--events marks times: the horizontal axis has to be t")
@@ -279,6 +293,6 @@ def plot(args: argparse.Namespace) -> int:
     words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
     path = save(figure, args.output or runs[0].path.parent / usual_stem(words))
     if idle:
-        print(f"left out, zero or rounding throughout: {', '.join(idle)}")
+        print(f"left out, zero, rounding or constant throughout: {', '.join(idle)}")
     print(f"wrote {path}")
     return 0

@@ -16,8 +16,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
+from . import deck_text, engineering, modes, plot
 from . import draw as scene_picture
-from . import modes, plot
 from .animate import sheet
 from .histories import History, read, read_summary
 from .mechanism import from_run
@@ -61,6 +61,11 @@ class Section:
     parts: list[Part]
 
     @property
+    def pair(self) -> bool:
+        """Whether its parts are those of two runs, which stand side by side where the page is wide."""
+        return len(self.parts) == 2 and all(part.heading for part in self.parts)
+
+    @property
     def id(self) -> str:
         """The anchor."""
         return self.title.lower().replace(" ", "-")
@@ -91,8 +96,16 @@ class Run:
 
     @property
     def outcome(self) -> str:
-        """How the run ended."""
-        return self.figures["outcome"]
+        """How the run ended, and whether the solver warns."""
+        count = len(self.figures["warnings"])
+        if count:
+            return f"{self.figures['outcome']}, but with {count} warning{'s' if count > 1 else ''}"
+        return self.figures["outcome"] + (", within what the model can tell" if "  validity: " in self.words else "")
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing speaks against its results."""
+        return self.ok and not self.figures["warnings"]
 
     def table(self, kind: str) -> History | None:
         """Return a results file, None where the run has none, or no row of it."""
@@ -158,6 +171,51 @@ def key(runs: list[Run]) -> str:
     return ": " + ", ".join(f"{run.letter} {run.label}" for run in runs) if len(runs) > 1 else ""
 
 
+def findings(run: Run) -> dict[str, str]:
+    """Return what a designer asks of a run, in words by what it is."""
+    deck = parse_deck(run)
+    found: list[tuple[str, str]] = []
+    table, motions, energies = (run.table(kind) for kind in ("history", "motion", "energy"))
+    scene = run.figures["scene"]
+    moved = from_run(motions) if motions is not None else None
+    if moved is not None:
+        reach = {body["name"].lower(): np.array(body["nodes"] or [[0.0, 0.0]], dtype=float) for body in scene["bodies"]}
+        found += engineering.of_motion(moved, {name: float(np.linalg.norm(np.ptp(nodes, axis=0))) for name, nodes in reach.items()})
+    if table is not None:
+        kinds = {sensor["name"]: sensor["kind"] for sensor in scene["sensors"]}
+        rounding = set(table.names[1:]) - set(plot.moving([table], table.names[1:]))
+        found += engineering.of_history(table, kinds, rounding)
+        found += engineering.of_drives(table, scene, deck, moved)
+    if energies is not None:
+        found += engineering.of_energy(energies)
+    return dict([*found, *engineering.of_modes(run.figures)])
+
+
+def parse_deck(run: Run) -> deck_text.DeckText:
+    """Return the deck that a run kept, without what it includes."""
+    try:
+        return deck_text.parse(run.figures["deck_text"])
+    except deck_text.DeckError:
+        return deck_text.parse("")
+
+
+def results(runs: list[Run]) -> Section:
+    """Return warnings first, then the results that a designer asks for, runs side by side, and the moduli of materials."""
+    warnings = [Part(heading=f"Warnings: {run.label}", paragraphs=run.figures["warnings"], warning=True) for run in runs]
+    found = [findings(run) for run in runs]
+    names = list(dict.fromkeys(name for one in found for name in one))
+    table = [[name, *(one.get(name, "–") for one in found)] for name in names]
+    pictures = []
+    for run in runs:
+        poles = run.figures.get("modes", {}).get("poles", [])
+        frequencies = [pole["frequency"] for pole in poles if pole["kind"] == "damped" and pole["frequency"] > 0.0]
+        for name, law, band in engineering.materials(parse_deck(run)):
+            figure = engineering.modulus_picture(name, law, band, frequencies)
+            pictures.append(embed(figure, f"{run.label}: modulus of material {name}"))
+    head = ["", *(run.label for run in runs)]
+    return Section("Results", [*(part for part in warnings if part.paragraphs), Part(head=head, rows=table, pictures=pictures)])
+
+
 def glance(runs: list[Run]) -> Section:
     """Return the table of what both runs are and cost."""
     rows = [
@@ -190,10 +248,7 @@ def glance(runs: list[Run]) -> Section:
                 values.append("")
         if any(values):
             table.append([name, *values])
-    warnings = [Part(heading=f"Warnings: {run.label}", paragraphs=run.figures["warnings"], warning=True) for run in runs]
-    return Section(
-        "At a glance", [Part(head=["", *(run.label for run in runs)], rows=table), *(w for w in warnings if w.paragraphs)]
-    )
+    return Section("Solver", [Part(head=["", *(run.label for run in runs)], rows=table)])
 
 
 def model(runs: list[Run]) -> Section:
@@ -336,16 +391,17 @@ def sections(runs: list[Run], study: Path | None) -> list[Section]:
     statics = [Part(heading=run.label if len(runs) > 1 else "", text=text) for run in runs if (text := run.lines("static"))]
     decks = [Part(heading=run.label if len(runs) > 1 else "", text=run.figures["deck_text"]) for run in runs]
     found = [
-        glance(runs),
+        results(runs),
         model(runs),
         histories(runs),
         motion(runs),
-        energy(runs),
         Section("Equilibrium", statics) if statics else None,
         modal(runs),
         responses(runs),
-        Section("Stable steps", steps) if steps else None,
         tradeoff(runs, study),
+        energy(runs),
+        glance(runs),
+        Section("Stable steps", steps) if steps else None,
         Section("Decks" if len(runs) > 1 else "Deck", decks),
     ]
     return [section for section in found if section]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 from html.parser import HTMLParser
 
@@ -74,14 +75,52 @@ def test_the_page_is_whole_and_self_contained(page):
 def test_sections_are_those_that_the_runs_have(page):
     headings = Page(page).headings
     assert headings == [
-        "At a glance",
+        "Results",
         "Scene and model",
         "Histories",
         *(["Motion"] if "motion_step" in CRANK else []),
         "Energy, accuracy, validity",
+        "Solver",
         "Stable steps",
         "Decks",
     ]
+
+
+def test_what_a_designer_asks_comes_first(run_deck):
+    """A rigid arm, turned by 2 N m at a constant rate of 3 rad/s against a damper: the drive's work is lost in it."""
+    deck = """&body name='arm' kind='rigid' mass=1.0 inertia=0.1 /
+&joint name='pin' type='revolute' body_a='arm' /
+&spring name='d' type='torsional' body_a='arm' stiffness=1e-9 damping=0.6666666666666666 /
+&history name='h' kind='polynomial' coefficients=0.0,3.0 /
+&drive name='motor' type='rotation' body_a='arm' history='h' /
+&sensor name='m' quantity='reaction' drive='motor' /
+&sensor name='p' quantity='reaction' joint='pin' /
+&material name='rubber' density=1e3 young=1e6 prony_alpha=1.0 prony_tau=0.01 band=1.0,100.0 /
+&transient t_end=1.0 method='rk4' step=1e-2 output_step=1e-2 motion_step=1e-2 /
+"""
+    run = report_tool.load(run_deck(deck).folder, "arm", "A")
+    found = report_tool.findings(run)
+    assert re.fullmatch(r"2 N m at t = \S+ s; mean 2 N m", found["torque of drive motor"])
+    assert re.fullmatch(r"6 W at t = \S+ s; energy 6 J", found["power of drive motor"])
+    assert (found["work of drives and loads"], found["energy lost in damping"]) == ("6 J", "6 J")
+    assert "largest force, p" not in found, "rounding"
+    first = report_tool.results([run])
+    assert first.parts[-1].pictures[0].caption == "arm: modulus of material rubber"
+    assert run.outcome == "done, within what the model can tell"
+    run.figures["warnings"].append("body bends too far")
+    assert run.outcome == "done, but with 1 warning"
+    assert report_tool.results([run]).parts[0].paragraphs == ["body bends too far"]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not shutil.which("chromium"), reason="needs a browser")
+@pytest.mark.parametrize("width", [500, 1920])
+def test_the_page_is_as_wide_as_its_window(page, tmp_path, width):
+    script = "<script>document.body.dataset.width = document.documentElement.scrollWidth</script></body>"
+    (tmp_path / "page.html").write_text(page.replace("</body>", script))
+    words = ["--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900", "--dump-dom", f"{tmp_path}/page.html"]
+    done = subprocess.run(["chromium", *words], capture_output=True, text=True, check=True, timeout=100)
+    assert int(re.search(r'data-width="(\d+)"', done.stdout)[1]) <= width
 
 
 def test_the_differences_and_both_decks_are_there(page):

@@ -1,0 +1,135 @@
+"""What a designer asks of a run: deflections, stresses, drives, reactions, energies, frequencies, the modulus of its materials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from . import deck_text
+from .histories import History
+from .material_law import Material, of_group
+from .mechanism import Mechanism
+from .plot import COLOURS, LOOK, pretty_unit
+
+MODES = 6  # that are listed
+WAYS = {
+    ("deflection", "v"): ("largest deflection, {}", ("u", "v")),
+    ("internal", "s"): ("largest stress, {}", ("s",)),
+    ("internal", "m1"): ("largest bending moment, {}", ("m1", "m2")),
+    ("reaction", "fx"): ("largest force, {}", ("fx", "fy")),
+    ("reaction", "m"): ("largest moment, {}", ("m",)),
+    ("spring", "f"): ("largest force of spring, {}", ("f",)),
+    ("stop", "f"): ("largest force of stop, {}", ("f",)),
+}  # by kind of sensor and column: in words, and the parts of the vector; of moments the larger one
+ENERGIES = ("kinetic", "dissipated", "stops", "work")  # of energy.txt
+
+
+def _peak(time: np.ndarray, size: np.ndarray, unit: str) -> str:
+    """Return the largest value and its time, '' where nothing is more than zero."""
+    k = int(np.argmax(size))
+    return f"{size[k]:.4g} {pretty_unit(unit)} at t = {time[k]:.4g} s" if size[k] > 0.0 else ""
+
+
+def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str, str]]:
+    """Yield the largest deflection of each flexible body, where and when, with its share of the body's length."""
+    for name, body in scene.bodies.items():
+        if not len(body.rest):
+            continue
+        size = np.linalg.norm(body.local - body.rest, axis=2)
+        row, node = np.unravel_index(int(np.argmax(size)), size.shape)
+        if size[row, node] > 0.0:
+            share = f" ({100.0 * size[row, node] / lengths[name]:.2g} % of its length)" if lengths.get(name) else ""
+            yield f"largest deflection, {name}", f"{size[row, node]:.4g} m{share} at node {node + 1}, t = {scene.time[row]:.4g} s"
+
+
+def of_history(table: History, kinds: dict[str, str], rounding: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield the largest values of sensors; kinds: of each sensor, by name; rounding: columns that hold nothing else."""
+    for name in table.names[1:]:
+        sensor, _, part = name.rpartition(".")
+        words, parts = WAYS.get((kinds.get(sensor, ""), part), ("", ()))
+        if not words or all(f"{sensor}.{one}" in rounding for one in parts):
+            continue
+        columns = np.abs([table[f"{sensor}.{one}"] for one in parts])
+        size = columns.max(axis=0) if part == "m1" else np.linalg.norm(columns, axis=0)
+        if told := _peak(table.time, size, table.units[name]):
+            yield words.format(sensor), told
+
+
+def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
+    """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known."""
+    measured = {group.word("drive"): group.word("name") for group in deck.all("sensor") if group.word("drive")}
+    for drive in scene["drives"]:
+        sensor = measured.get(drive["name"].lower(), "")
+        column = next((name for name in table.names if name.lower() == f"{sensor}.m"), None)
+        if drive["kind"] != "rotation" or column is None:
+            continue
+        torque = table[column]
+        mean = np.trapezoid(torque, table.time) / np.ptp(table.time)
+        yield f"torque of drive {drive['name']}", f"{_peak(table.time, np.abs(torque), 'Nm') or '0 N m'}; mean {mean:.4g} N m"
+        if motion is None or len(motion.time) < 3:
+            continue
+        turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
+        angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)
+        inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
+        power = torque[inside] * np.interp(table.time[inside], motion.time, np.gradient(angle, motion.time))
+        energy = np.trapezoid(power, table.time[inside])
+        yield f"power of drive {drive['name']}", f"{_peak(table.time[inside], np.abs(power), 'W') or '0 W'}; energy {energy:.4g} J"
+
+
+def of_energy(table: History) -> Iterator[tuple[str, str]]:
+    """Yield largest kinetic energy, losses and work."""
+    for name in ENERGIES:
+        if name in table and np.any(table[name]):
+            largest = name == "kinetic"
+            words = {"kinetic": "largest kinetic energy", "dissipated": "energy lost in damping", "stops": "energy lost in stops"}
+            value = _peak(table.time, table[name], "J") if largest else f"{table[name][-1]:.4g} J"
+            yield words.get(name, "work of drives and loads"), value
+
+
+def of_modes(figures: dict) -> Iterator[tuple[str, str]]:
+    """Yield frequency and damping of the lowest modes, of the vibrations where there are such."""
+    poles = figures.get("modes", {}).get("poles", [])
+    kind = "damped" if any(pole["kind"] == "damped" for pole in poles) else "undamped"
+    for pole in [pole for pole in poles if pole["kind"] == kind][:MODES]:
+        yield f"mode {pole['mode']}", f"{pole['frequency']:.4g} Hz, damping ratio {pole['damping_ratio']:.3g}"
+
+
+def materials(deck: deck_text.DeckText) -> list[tuple[str, Material, tuple[float, float]]]:
+    """Return name, modulus and band [Hz] of each viscoelastic material that a deck states in numbers."""
+    found = []
+    for group in deck.all("material"):
+        try:
+            law, band = of_group(group), group.numbers("band")
+            scale = group.number("ghm_frequency_scale", 1.0)
+        except deck_text.DeckError:  # expressions, which only the solver evaluates
+            continue
+        if law.internal_variables:
+            ends = (scale * band[0], scale * band[1]) if len(band) == 2 else (law.slowest_pole / 20.0, law.fastest_pole / 2.0)
+            found.append((group.name, law, ends))
+    return found
+
+
+def modulus_picture(name: str, law: Material, band: tuple[float, float], frequencies: list[float]) -> plt.Figure:
+    """Draw storage modulus and loss factor over the band, with lines at the frequencies of modes [Hz]."""
+    wide = np.logspace(*np.log10(band), 300)
+    curve = law.modulus(wide)
+    inside = [f for f in frequencies if band[0] <= f <= band[1]]
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(2, 1, figsize=(8.0, 4.4), sharex=True, layout="constrained")
+        axes[0].loglog(wide, curve.real)
+        axes[1].semilogx(wide, curve.imag / curve.real)
+        axes[0].set_ylabel("storage modulus [Pa]")
+        axes[1].set(ylabel="loss factor [-]", xlabel="frequency [Hz]", ylim=(0.0, None))
+        for axis in axes:
+            axis.margins(x=0.0)
+            for k, frequency in enumerate(inside):
+                axis.axvline(frequency, color=COLOURS[1], lw=0.8, ls="--", label="modes" if axis is axes[0] and k == 0 else None)
+        if inside:
+            axes[0].legend(loc="upper left")
+        left_out = (
+            f", {len(frequencies) - len(inside)} of {len(frequencies)} modes outside" if len(inside) < len(frequencies) else ""
+        )
+        figure.suptitle(f"{name}: {band[0]:.4g} to {band[1]:.4g} Hz{left_out}", fontsize=10)
+    return figure
