@@ -184,7 +184,10 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
     for k, quantity in enumerate(["position", "velocity", "acceleration", "angle", "angular_velocity", "angular_acceleration"]):
         name, nodes = dice.choice(bodies)
         place = marker(dice, nodes, "") if k < 3 or (nodes and dice.random() < 0.5) else ""
-        text += maybe(dice, 0.6, f"&sensor name='{quantity}' quantity='{quantity}' body='{name}' {place} /\n")
+        other, others = dice.choice(bodies)
+        against = maybe(dice, 0.3, f" body_b='{other}' {marker(dice, others, '_b') if k < 3 else ''}")
+        text += maybe(dice, 0.6, f"&sensor name='{quantity}' quantity='{quantity}' body='{name}' {place}{against} /\n")
+        text += maybe(dice, 0.2 * (k < 1), f"&sensor name='far' quantity='distance' body='{name}' {place}{against} /\n")
     flexible = [b for b in bodies if b[1] > 0]
     if flexible:
         name, nodes = dice.choice(flexible)

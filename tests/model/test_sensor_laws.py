@@ -57,6 +57,10 @@ def run(request, run_deck_once):
         for quantity in ("position", "velocity", "acceleration", "angle", "angular_velocity", "angular_acceleration"):
             where = place.split(" point")[0] if "ang" in quantity else place
             text += f"&sensor name='{name}_{quantity}' quantity='{quantity}' {where} /\n"
+    for quantity in ("position", "velocity", "acceleration", "distance"):
+        text += f"&sensor name='seen_{quantity}' quantity='{quantity}' body='b' node=-1 body_b='arm' point_b=0.12,-0.05 /\n"
+    for quantity in ("angle", "angular_velocity", "angular_acceleration"):
+        text += f"&sensor name='seen_{quantity}' quantity='{quantity}' body='b' node=-1 body_b='arm' /\n"
     for node in (1, 2, 3):
         text += f"&sensor name='d{node}' quantity='deflection' body='b' node={node} /\n"
     text += "&sensor name='frame' quantity='angle' body='b' /\n&sensor name='q' quantity='coordinate' body='b' index=3 /\n"
@@ -77,6 +81,15 @@ def test_rates_are_the_derivatives_of_what_they_rate(run):
         close(differentiate(h[f"{name}_angular_velocity"], step), h[f"{name}_angular_acceleration"][3:-3], 2e-5)
     close(differentiate(h["q.q"], step), h["q.qd"][3:-3])
     close(differentiate(h["q.qd"], step), h["q.qdd"][3:-3], 2e-5)
+
+
+def test_what_is_measured_against_another_marker_is_the_difference(run):
+    h = run.history
+    for quantity in ("position.x", "velocity.x", "acceleration.y", "angle", "angular_velocity", "angular_acceleration"):
+        np.testing.assert_array_equal(h[f"seen_{quantity}"], h[f"t_{quantity}"] - h[f"p_{quantity}"])
+    distance = np.hypot(h["seen_position.x"], h["seen_position.y"])
+    np.testing.assert_allclose(h["seen_distance"], distance, rtol=1e-15)
+    assert np.ptp(distance) > 1e-2
 
 
 def test_deflections_and_section_angles_fit_the_motion(run):

@@ -49,6 +49,8 @@ def scene(more: str) -> str:
 &sensor name='tip_turn' quantity='angle' body='arm' node=3 /
 &sensor name='tip_rate' quantity='angular_velocity' body='arm' node=3 /
 &sensor name='tip_jerk' quantity='angular_acceleration' body='arm' node=3 /
+&sensor name='gap' quantity='distance' body='bead' body_b='arm' node_b=2 /
+&sensor name='seen' quantity='velocity' body='bead' body_b='arm' node_b=3 /
 &sensor name='d2' quantity='deflection' body='arm' node=2 /
 &sensor name='d3' quantity='deflection' body='arm' node=3 /
 &sensor name='rod' quantity='reaction' joint='rod' /
@@ -114,6 +116,8 @@ def test_the_beads_reaction_is_newtons(response):
     e = gap0 / length
     gap = response("bead_p.x", "bead_p.y") - response("mid_p.x", "mid_p.y")
     same(response("hold.d")[0], e @ gap)
+    same(response("gap"), response("hold.d"))
+    same(response("seen.x", "seen.y"), response("bead_v.x", "bead_v.y") - response("tip_v.x", "tip_v.y"))
     across = (gap - np.outer(e, e @ gap)) / length
     pull = np.outer(e, spring) + response.now("hold.f") * across
     push = np.array([[0.8], [-0.6]])

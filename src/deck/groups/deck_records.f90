@@ -178,6 +178,8 @@ module deck_records
   type, extends(named_record), public :: sensor_record
     character(20) :: quantity = ''           !! a word of the deck: 'position', ..., 'stop'
     type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
+    logical :: relative = .false.            !! against another marker
+    type(marker_record) :: other             !! that marker
     integer :: joint = 0                     !! reaction: index of the joint, or
     integer :: drive = 0                     !! reaction: index of the drive
     integer :: spring = 0                    !! spring: index

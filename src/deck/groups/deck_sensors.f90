@@ -12,7 +12,7 @@ module deck_sensors
   private
   public :: read_sensor
 
-  character(*), parameter :: points = 'position velocity acceleration'
+  character(*), parameter :: points = 'position velocity acceleration distance'
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
   character(*), parameter :: elastic = 'deflection coordinate internal'
   character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! of no sensor
@@ -26,19 +26,22 @@ contains
     type(sensor_record), intent(inout) :: s
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
-      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop'], &
-      required)
+      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
+      'distance'], required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic, &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
+    call read_marker(deck, d, '_b', s%other, .not. required, body_kinds=points//' '//angles, node_kinds=points//' '//angles, &
+      point_kinds=points, frame_kinds=angles)
+    s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
     call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
     call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction')
     call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
-    if (deck%is_choice(angles) .and. any(lower(s%name) == columns)) call deck%complain('name', 'name='''//trim(s%name)// &
-      ''' is that of another column of the results, expected another one')
+    if (deck%is_choice(angles//' distance') .and. any(lower(s%name) == columns)) call deck%complain('name', &
+      'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_reaction()
     call check_elastic()
   contains

@@ -10,9 +10,10 @@ module sensors
   use dynamics, only: one_marker
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: marker_states
+  use marker, only: marker_model, marker_states
   use point_sensor, only: point_sensor_model
   use reaction_sensor, only: reaction_sensor_model
+  use relative_sensor, only: relative_sensor_model
   use section_sensor, only: section_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
   use spring_sensor, only: spring_sensor_model
@@ -29,7 +30,8 @@ module sensors
     integer, allocatable :: first(:)                !! first column of each sensor
     integer :: columns = 0
     character(80), allocatable :: names(:)          !! name[unit] of each column
-    type(marker_states) :: p
+    type(marker_model), allocatable :: markers(:)   !! where they measure, then the markers against which relative ones do
+    type(marker_states) :: p                        !! of these markers
   end type sensor_list
 
 contains
@@ -43,14 +45,19 @@ contains
     integer :: k, j, n
     n = size(d%sensors)
     allocate (list%sensors(n), list%first(n), list%names(4*n))
-    call list%p%allocate(n)
+    list%markers = [(make_marker(m%s, d%sensors(k)%marker), k=1, n)]
     do k = 1, n
       call make_sensor(d%sensors(k), m, list%sensors(k)%item, suffix)
       associate (s => list%sensors(k)%item)
         s%name = d%sensors(k)%name
         s%number = k
-        s%marker = make_marker(m%s, d%sensors(k)%marker)
+        s%marker = list%markers(k)
       end associate
+      if (d%sensors(k)%relative) then
+        list%markers = [list%markers, make_marker(m%s, d%sensors(k)%other)]
+        call make_relative(list%sensors(k)%item, list%markers(size(list%markers)), size(list%markers), size(suffix), &
+                           d%sensors(k)%quantity == 'distance')
+      end if
       list%first(k) = list%columns + 1
       if (list%columns + size(suffix) > size(list%names)) list%names = [list%names, list%names]
       do j = 1, size(suffix)
@@ -58,7 +65,28 @@ contains
         list%names(list%columns) = trim(d%sensors(k)%name)//suffix(j)
       end do
     end do
+    call list%p%allocate(size(list%markers))
   end subroutine set_up_sensors
+
+  !> Makes a sensor one that measures against another marker.
+  subroutine make_relative(item, marker, number, columns, distance)
+    class(sensor_model), allocatable, intent(inout) :: item
+    type(marker_model), intent(in) :: marker       !! the other one
+    integer, intent(in) :: number                  !! of it among all markers of sensors
+    integer, intent(in) :: columns                 !! of the sensor
+    logical, intent(in) :: distance                !! the length of the difference is asked for
+    type(relative_sensor_model) :: both
+    both%name = item%name
+    both%number = item%number
+    both%marker = item%marker
+    both%columns = columns
+    both%distance = distance
+    allocate (both%b, source=item)
+    both%b%number = number
+    both%b%marker = marker
+    call move_alloc(item, both%a)
+    allocate (item, source=both)
+  end subroutine make_relative
 
   !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
   subroutine make_sensor(r, m, item, suffixes)
@@ -76,6 +104,9 @@ contains
       order = findloc(points, r%quantity, 1) - 1
       item = point_sensor_model(order=order)
       suffixes = [character(suffix_length) :: '.x[m'//per(order), '.y[m'//per(order)]
+    case ('distance')
+      item = point_sensor_model()
+      suffixes = [character(suffix_length) :: '[m]']
     case ('angle', 'angular_velocity', 'angular_acceleration')
       order = findloc(angles, r%quantity, 1) - 1
       item = angle_sensor_model(order=order)
@@ -117,20 +148,20 @@ contains
     real(wp), intent(in), contiguous, target :: y(:)  !! state [m, rad] and per second
     real(wp), intent(out), contiguous :: values(:)    !! (columns) [their units]
     integer :: k, b, i, j, n
+    do k = 1, size(list%markers)
+      b = list%markers(k)%body
+      if (b > 0) then
+        i = m%s%qo(b)
+        j = m%s%nq + i
+        n = m%s%bodies(b)%nf
+        call one_marker(list%markers(k), ev%frame%cos(b), ev%frame%sin(b), y(i + 1:i + 3), y(j + 1:j + 3), n, &
+                        y(i + 4:i + 3 + n), y(j + 4:j + 3 + n), list%p, k)
+      else
+        list%p%r(:, k) = list%markers(k)%x
+      end if
+    end do
     do k = 1, size(list%sensors)
-      associate (s => list%sensors(k)%item)
-        b = s%marker%body
-        if (b > 0) then
-          i = m%s%qo(b)
-          j = m%s%nq + i
-          n = m%s%bodies(b)%nf
-          call one_marker(s%marker, ev%frame%cos(b), ev%frame%sin(b), y(i + 1:i + 3), y(j + 1:j + 3), n, &
-                          y(i + 4:i + 3 + n), y(j + 4:j + 3 + n), list%p, k)
-        else
-          list%p%r(:, k) = s%marker%x
-        end if
-        call s%read(observation(m, ev, list%p, y), values(list%first(k):))
-      end associate
+      call list%sensors(k)%item%read(observation(m, ev, list%p, y), values(list%first(k):))
     end do
   end subroutine read_sensors
 
