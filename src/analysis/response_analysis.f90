@@ -151,13 +151,11 @@ contains
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3)
-    integer :: k, b
+    integer :: k
     associate (m => run%sys%m, ev => run%sys%ev)
       k = m%s%springs + run%d%response%force
       associate (f => m%s%forces(k)%item)
-        b = m%markers%body(f%ia)
         w = f%unit_wrench(ev%p, conditions_of(m, ev, k))
-        w(1:2) = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
         call marker_jacobian(m, ev, f%ia, cols, jac)
         x(cols) = matmul(w, jac)
       end associate

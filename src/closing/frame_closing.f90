@@ -6,7 +6,7 @@
 module frame_closing
   use kinds, only: wp
   use joint_response, only: solve_frames, turn_frames
-  use joint_system, only: add_frame_compliance
+  use joint_system, only: add_frame_compliance, rigid_wrenches
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -36,21 +36,6 @@ contains
     ev%closing%weakest = well_held
     call ev%closing%factor_strong(usable)
   end subroutine prepare_frames
-
-  !> Wrenches on markers, moved to the frame's origin.
-  pure subroutine rigid_wrenches(n, marker, w, np, rho, rigid_wrench)
-    integer, intent(in) :: n, np
-    integer, intent(in) :: marker(n)
-    real(wp), intent(in) :: w(3, n)            !! unit wrenches, body axes [-, m]
-    real(wp), intent(in) :: rho(2, np)         !! [m]
-    real(wp), intent(out) :: rigid_wrench(3, n) !! the same on the frames [-, m]
-    integer :: e
-    do e = 1, n
-      rigid_wrench(1, e) = w(1, e)
-      rigid_wrench(2, e) = w(2, e)
-      rigid_wrench(3, e) = w(3, e) + rho(1, marker(e))*w(2, e) - rho(2, marker(e))*w(1, e)
-    end do
-  end subroutine rigid_wrenches
 
   !> Moves the frames so that the joints, open by phi, close to first order.
   subroutine close_frames(self, ev, phi, q)

@@ -45,14 +45,12 @@ contains
   !> E_k x: what the marker sees of a vector of its body's elastic coordinates: u, v, rotation.
   pure function elastic(self, x) result(u)
     class(marker_model), intent(in) :: self
-    real(wp), intent(in) :: x(:)             !! (nf) [m, rad], or their rates
+    real(wp), intent(in), contiguous :: x(:) !! (nf) [m, rad], or their rates
     real(wp) :: u(3)                         !! body axes
     integer :: c
     u = 0.0_wp
     if (allocated(self%psi)) then
-      do c = 1, size(x)
-        u = u + self%psi(:, c)*x(c)
-      end do
+      call add_modes(size(x), self%psi, x, u)
     else
       do c = 1, 3
         if (self%dof(c) > 0) u(c) = x(self%dof(c))

@@ -30,7 +30,7 @@ contains
                                            v(i + 4:i + 3 + n))
         p = body%i1
         if (n > 0) p = p + body%shape%moment(q(i + 4:i + 3 + n))
-        p = [ev%frame%cos(b)*p(1) - ev%frame%sin(b)*p(2), ev%frame%sin(b)*p(1) + ev%frame%cos(b)*p(2)]
+        p = ev%frame%to_global(b, p)
         strain(b) = strain_energy(body, ev%elastic(b), q(i + 4:i + 3 + n), z, zd)
         potential = potential - dot_product(self%s%gravity, body%mass*q(i + 1:i + 2) + p) + strain(b)
       end associate

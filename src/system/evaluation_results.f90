@@ -23,6 +23,9 @@ module evaluation_results
     real(wp), allocatable :: free(:, :)         !! (3, nb) accelerations without multipliers, body axes [m/s2, rad/s2]
     real(wp), allocatable :: response(:, :)     !! (3, nb) to multipliers: accelerations, corrections, body axes [m/s2, rad/s2]
     real(wp), allocatable :: first_moment(:, :) !! (2, nb) p = I1 + S-bar q_f, body axes [kg m]
+  contains
+    procedure :: to_body
+    procedure :: to_global
   end type frame_results
 
   !> Wrenches of unit multipliers on the sides of constraint rows (`row_incidence`).
@@ -60,6 +63,7 @@ module evaluation_results
     type(multiplier_system) :: schur            !! S = Phi_q M^-1 Phi_q^T
     type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
     logical :: elastic_held = .false.           !! S is that of the frames alone: elastic coordinates do not move
+    real(wp), allocatable :: displacement(:, :) !! (3, markers) work: by small motions of the coordinates, global axes [m, m, rad]
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
     type(element_action), allocatable :: action(:)   !! what each force element does
     type(switch_states) :: switches             !! discrete states of the force elements that have such
@@ -107,6 +111,7 @@ contains
       allocate (ev%attached(k)%ex(3, n), ev%attached(k)%ey(3, n), ev%attached(k)%load(size(m%attached(k)%columns, 2)), &
                 source=0.0_wp)
     end do
+    allocate (ev%displacement(3, size(m%s%markers)), source=0.0_wp)
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
     allocate (ev%switches%state(size(m%s%switching)), source=by_position)
@@ -117,6 +122,26 @@ contains
       ev%p%rho(:, k) = m%s%markers(k)%x
     end do
   end subroutine set_up_evaluation
+
+  !> A global vector in the axes of a body; those of the ground are global.
+  pure function to_body(self, b, x) result(y)
+    class(frame_results), intent(in) :: self
+    integer, intent(in) :: b                    !! body, 0: the ground
+    real(wp), intent(in) :: x(2)                !! [any]
+    real(wp) :: y(2)
+    y = x
+    if (b > 0) y = [self%cos(b)*x(1) + self%sin(b)*x(2), self%cos(b)*x(2) - self%sin(b)*x(1)]
+  end function to_body
+
+  !> And back.
+  pure function to_global(self, b, x) result(y)
+    class(frame_results), intent(in) :: self
+    integer, intent(in) :: b                    !! body, 0: the ground
+    real(wp), intent(in) :: x(2)                !! [any]
+    real(wp) :: y(2)
+    y = x
+    if (b > 0) y = [self%cos(b)*x(1) - self%sin(b)*x(2), self%sin(b)*x(1) + self%cos(b)*x(2)]
+  end function to_global
 
   !> What force element k may depend on beside the motion of its markers, in the last evaluation.
   pure type(conditions) function conditions_of(m, ev, k) result(with)

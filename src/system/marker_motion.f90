@@ -3,10 +3,10 @@ module marker_motion
   use kinds, only: wp
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker, only: add_modes, marker_model, marker_states
+  use marker, only: add_modes, marker_model, marker_states, turn
   implicit none (type, external)
   private
-  public :: set_frames, marker_kinematics, one_marker
+  public :: set_frames, marker_kinematics, marker_displacement, one_marker
 
 contains
 
@@ -132,6 +132,23 @@ contains
     angle = q(3) + turned
     rate = w + ud(3)
   end subroutine move_marker
+
+  !> Displacement of a marker, global axes, and turn of its section, from a change of the coordinates; of the ground none.
+  pure function marker_displacement(self, ev, k, dq) result(d)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                !! marker
+    real(wp), intent(in), contiguous :: dq(:)   !! (nq) [m, rad], or its derivatives
+    real(wp) :: d(3)                        !! [m, m, rad], likewise
+    integer :: b, i
+    d = 0.0_wp
+    b = self%markers%body(k)
+    if (b == 0) return
+    i = self%s%qo(b)
+    d = self%s%markers(k)%elastic(dq(i + 4:i + 3 + self%s%bodies(b)%nf))
+    d(1:2) = ev%frame%to_global(b, d(1:2) + dq(i + 3)*turn(ev%p%rho(:, k)))
+    d = d + dq(i + 1:i + 3)
+  end function marker_displacement
 
   !> State of one marker (theory.md, section 6).
   pure subroutine one_marker(marker, c, s, q, v, nf, qf, vf, p, k)

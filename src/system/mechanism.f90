@@ -2,21 +2,15 @@
 !> and compliances). Constant once `mechanism_setup` has filled it and `assembly` has given joints and springs their start.
 module mechanism
   use kinds, only: wp
+  use row_sides, only: attached_markers, side_list
   use scene_model, only: scene
   implicit none (type, external)
   private
   public :: mechanism_model, row_incidence, marker_arrays, flexible_attachments, factor_frame
 
-  !> The sides of constraint rows on moving bodies, grouped by body.
-  type :: row_incidence
-    integer, allocatable :: first(:)            !! (nb+1) first side of each body
-    integer, allocatable :: row(:)              !! row of each side
-    integer, allocatable :: marker(:)           !! its marker
-    integer, allocatable :: body(:)             !! its body
-    integer, allocatable :: attachment(:)       !! its marker's number among the body's attachments (flexible bodies)
-    logical, allocatable :: is_a(:)             !! side of the row
+  !> The sides of constraint rows on moving bodies.
+  type, extends(side_list) :: row_incidence
     integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
-    integer, allocatable :: of_row(:, :)        !! (2, rows) sides of each row, 0: on the ground
     integer, allocatable :: entry(:)            !! entry of S for each pair of sides f <= e of one body, body by body; negative
                                                 !! where both are sides of one row, whose entry gets the pair twice
   end type row_incidence
@@ -32,10 +26,8 @@ module mechanism
   end type marker_arrays
 
   !> Attached markers of a flexible body: columns m_ff^-1 E_k^T and the compliances between them.
-  type :: flexible_attachments
-    integer, allocatable :: marker(:)           !! attached markers (indices in the scene's list)
+  type, extends(attached_markers) :: flexible_attachments
     real(wp), allocatable :: columns(:, :)      !! (nf, nc) m_ff^-1 E^T [1/kg ...]
-    integer, allocatable :: column(:, :)        !! (3, na) column of each marker's u, v, rotation, 0: none needed
     real(wp), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i m_ff^-1 E_j^T [1/kg ...]
     real(wp), allocatable :: ep(:, :, :)        !! (3, 2, na) E_k m_ff^-1 S-bar^T [-]
   end type flexible_attachments

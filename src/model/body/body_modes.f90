@@ -3,11 +3,12 @@
 module body_modes
   use kinds, only: wp
   use banded, only: band_factor, band_solve
-  use beam_element, only: deformation_law, deformation_matrix
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
-  use elastic_operators, only: elastic_operator, factor_entries, mass_product
+  use body_setup, only: element_basis
+  use elastic_operators, only: factor_entries, mass_product
   use lapack, only: dsyev, dsygvd
+  use nodal_basis, only: nodal_model
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
   private
@@ -24,12 +25,10 @@ module body_modes
 
   !> K + shift M and m_ff of a body.
   type, extends(inertia_operator) :: body_operator
-    type(elastic_operator) :: matrices
     real(wp), allocatable :: rigid(:, :)                 !! (nf, n) free rigid motions, mass-orthonormal [m, rad, over kg^.5 m]
     type(band_factor) :: factor                          !! of K + shift M
-    integer, allocatable :: edof(:, :)                   !! (6, ne) coordinates of the elements, 0: removed
-    real(wp), allocatable :: strain(:, :, :)             !! (3, 6, ne) deformations from coordinates [-, 1/m]
-    real(wp), allocatable :: law(:, :, :)                !! (3, 3, ne) forces from deformations [N/m, N m]
+    type(body_model) :: body
+    type(nodal_model) :: elements                        !! deformations and forces of its elements
     logical :: exactly = .true.                          !! whether solutions are made exact
     logical :: unsettled = .false.                       !! one could not be
   contains
@@ -148,14 +147,8 @@ contains
     type(body_model), intent(in) :: b
     logical, intent(in) :: large                         !! a shift of the order of the lowest frequency
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
-    integer :: e
-    self%matrices = b%op
-    self%edof = b%edof
-    allocate (self%strain(3, 6, b%ne), self%law(3, 3, b%ne))
-    do e = 1, b%ne
-      self%strain(:, :, e) = deformation_matrix(b%elements(e))
-      self%law(:, :, e) = deformation_law(b%elements(e))
-    end do
+    self%body = b
+    self%elements = element_basis(b)
     call find_rigid_modes(b, self)
     self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
     if (large) then
@@ -236,21 +229,13 @@ contains
     class(body_operator), intent(in) :: self
     real(wp), intent(in) :: x(:)                         !! (nf) [m, rad]
     real(wp) :: y(size(x))                               !! [N, N m]
-    real(wp) :: q(0:size(x)), f(0:size(x)), d(3), s(3)   ! entry 0 of removed coordinates; deformations and forces of an element
-    integer :: e, k
+    real(wp) :: q(0:size(x)), f(0:size(x))               ! entry 0 of removed coordinates
+    real(wp) :: d(self%body%nd, self%body%ne)            ! deformations
     q(0) = 0.0_wp
     q(1:) = x
     f = 0.0_wp
-    do e = 1, size(self%edof, 2)
-      d = 0.0_wp
-      do k = 1, 6
-        d = d + self%strain(:, k, e)*q(self%edof(k, e))
-      end do
-      s = matmul(self%law(:, :, e), d)
-      do k = 1, 6
-        f(self%edof(k, e)) = f(self%edof(k, e)) + dot_product(self%strain(:, k, e), s)
-      end do
-    end do
+    call self%elements%deform(self%body, q, d)
+    call self%elements%add_stress(self%body, d, d, q, 1.0_wp, f)
     y = f(1:)
   end function stiffness_times
 
@@ -259,7 +244,7 @@ contains
     class(body_operator), intent(in) :: self
     real(wp), intent(in) :: x(:)                         !! (nf) [m, rad]
     real(wp) :: y(size(x))                               !! [kg m, kg m2]
-    call mass_product(self%matrices, x, y)
+    call mass_product(self%body%op, x, y)
   end function mass_times
 
   !> All modes of a small body.

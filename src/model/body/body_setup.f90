@@ -12,7 +12,7 @@ module body_setup
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal
-  public :: finish_elastic, body_length, sort_segments
+  public :: element_basis, finish_elastic, body_length, sort_segments
 
 contains
 
@@ -110,6 +110,7 @@ contains
     logical, intent(out) :: bad           !! m_ff is not positive definite
     type(nodal_model) :: nodal
     integer :: k
+    nodal = element_basis(b)
     call factor_entries(b%op%symmetric, b%op%m + b%op%j, nodal%mff, bad)
     nodal%factors = 1
     nodal%columns = b%ne
@@ -118,14 +119,6 @@ contains
     nodal%rotation(pack(b%dof(3, :), b%dof(3, :) > 0)) = .true.
     nodal%reach = [(1.0_wp, k=1, b%nf)]
     nodal%carried = pi**2*minval(sqrt(b%elements%ei_l/b%elements%mass)/b%elements%length)      ! half a wave an element
-    nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
-    nodal%chain = nodal%straight .and. .not. b%stiffening .and. all(b%en(1, 2:) == b%en(2, :b%ne - 1))
-    allocate (nodal%constants(10, b%ne))
-    do k = 1, b%ne
-      associate (g => b%elements(k))
-        nodal%constants(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
-      end associate
-    end do
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))
         segment%ei_l = b%elements(segment%first:segment%last)%ei_l
@@ -134,6 +127,20 @@ contains
     end do
     allocate (b%basis, source=nodal)
   end subroutine make_nodal
+
+  !> What deformations and forces of the elements need.
+  pure type(nodal_model) function element_basis(b) result(nodal)
+    type(body_model), intent(in) :: b
+    integer :: k
+    nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
+    nodal%chain = nodal%straight .and. .not. b%stiffening .and. all(b%en(1, 2:) == b%en(2, :b%ne - 1))
+    allocate (nodal%constants(10, b%ne))
+    do k = 1, b%ne
+      associate (g => b%elements(k))
+        nodal%constants(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
+      end associate
+    end do
+  end function element_basis
 
   !> What m_ff makes of the shape integrals, and the number of internal variables.
   subroutine finish_elastic(b)

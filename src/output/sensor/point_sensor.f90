@@ -32,9 +32,7 @@ contains
       i = at%m%s%qo(b)
       u = self%elastic_part(at%m, at%ev%a)
       u(1:2) = u(1:2) + at%ev%a(i + 3)*turn(at%p%rho(:, self%number))
-      associate (c => at%ev%frame%cos(b), s => at%ev%frame%sin(b))
-        x(1:2) = at%ev%a(i + 1:i + 2) + at%p%bias(:, self%number) + [c*u(1) - s*u(2), s*u(1) + c*u(2)]
-      end associate
+      x(1:2) = at%ev%a(i + 1:i + 2) + at%p%bias(:, self%number) + at%ev%frame%to_global(b, u(1:2))
     end associate
   end subroutine read_point
 

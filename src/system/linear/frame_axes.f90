@@ -6,7 +6,7 @@ module frame_axes
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: to_global, to_body, turn_to_body
+  public :: to_global, to_body
 
 contains
 
@@ -20,7 +20,7 @@ contains
     y = x
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      y(i + 1:i + 2) = [ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2), ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)]
+      y(i + 1:i + 2) = ev%frame%to_global(b, x(i + 1:i + 2))
     end do
   end function to_global
 
@@ -30,23 +30,11 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
-    y = x
-    call turn_to_body(size(ev%frame%cos), m%s%qo, ev%frame%cos, ev%frame%sin, size(y), y)
-  end function to_body
-
-  !> The same in place.
-  pure subroutine turn_to_body(nb, offset, c, s, nq, x)
-    integer, intent(in) :: nb, nq
-    integer, intent(in) :: offset(nb)        !! of each body's coordinates
-    real(wp), intent(in) :: c(nb), s(nb)     !! of the frame angles [-]
-    real(wp), intent(inout) :: x(nq)         !! [any]
-    real(wp) :: y(2)
     integer :: b, i
-    do b = 1, nb
-      i = offset(b)
-      y = x(i + 1:i + 2)
-      x(i + 1) = c(b)*y(1) + s(b)*y(2)
-      x(i + 2) = c(b)*y(2) - s(b)*y(1)
+    y = x
+    do b = 1, size(m%s%bodies)
+      i = m%s%qo(b)
+      y(i + 1:i + 2) = ev%frame%to_body(b, x(i + 1:i + 2))
     end do
-  end subroutine turn_to_body
+  end function to_body
 end module frame_axes

@@ -10,9 +10,11 @@
 !> residuals of theory.md, sections 2 and 3, term by term.
 module linearisation
   use kinds, only: wp
+  use body_tangents, only: find_tangents, find_wrenches
+  use body_terms, only: body_equations, set_up_terms
   use constraint, only: marker_stiffness
-  use force_element, only: conditions, element_action
-  use linear_bodies, only: linear_body
+  use force_element, only: element_action
+  use linear_bodies, only: add_tangent, add_turning
   use linear_matrices, only: linear_mechanism, count_segments
   use evaluation_results, only: evaluation, conditions_of
   use mechanism, only: mechanism_model
@@ -32,28 +34,46 @@ contains
     real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
     type(element_action), intent(in) :: action(:)    !! (force elements)
     type(linear_mechanism), intent(out) :: lin
-    real(wp), allocatable :: wrench(:, :)   !! (3, markers) [N, N m]
+    type(body_equations), allocatable :: eq(:)
+    real(wp) :: wrench(3, size(m%s%markers))         ! [N, N m]
     integer :: b
     lin%n = m%s%nq
     lin%rows = m%s%rows
     call count_segments(m, lin)
-    allocate (wrench(3, size(m%s%markers)), source=0.0_wp)
-    call marker_terms(m, ev, v, lambda, action, lin, wrench)
+    call marker_terms(m, ev, v, lambda, action, lin)
     call constraint_rows_matrix(m, ev, lin)
-    do b = 1, size(m%s%bodies)
-      call linear_body(m, ev, b, q, v, a, lin)
+    call find_wrenches(m, ev, lambda, action, wrench)
+    allocate (eq(size(m%s%bodies)))
+    do b = 1, size(eq)
+      call set_up_terms(eq(b), m%s%bodies(b))
     end do
-    call turning_terms(m, ev, wrench, lin)
+    call add_bodies(1.0_wp, 0.0_wp, 0.0_wp, lin%mass)
+    call add_bodies(0.0_wp, 1.0_wp, 0.0_wp, lin%damping)
+    call add_bodies(0.0_wp, 0.0_wp, 1.0_wp, lin%stiffness)
+    do b = 1, size(eq)
+      call add_turning(m, ev, b, q, v, a, lin)
+    end do
+  contains
+    !> Adds one of the matrices of all bodies.
+    subroutine add_bodies(a2, a1, a0, matrix)
+      real(wp), intent(in) :: a2, a1, a0             !! one of them 1 [-]
+      type(triplet_matrix), intent(inout) :: matrix
+      integer :: b
+      call find_tangents(m, ev, wrench, action, a2, a1, a0, q, v, a, eq)
+      do b = 1, size(eq)
+        call add_tangent(eq(b), m%s%bodies(b), m%s%qo(b), a2, matrix)
+      end do
+    end subroutine add_bodies
   end subroutine linearise
 
-  !> Displacement of a marker in its body's axes (and its section's angle) from the body's unknowns: 3 x n matrix.
+  !> Displacement of a marker, global axes, and turn of its section from the body's unknowns: 3 x n matrix.
   subroutine marker_jacobian(m, ev, k, cols, jac)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                           !! marker of the scene
     integer, allocatable, intent(out) :: cols(:)       !! unknowns it depends on; none on the ground
     real(wp), allocatable, intent(out) :: jac(:, :)    !! (3, size(cols)) [-] or [m]
-    integer :: b, i, c, n
+    integer :: b, i, j, c, n
     b = m%s%markers(k)%body
     if (b == 0) then
       allocate (cols(0), jac(3, 0))
@@ -82,6 +102,9 @@ contains
           jac(c, n) = 1.0_wp
         end do
       end if
+      do j = 1, n
+        jac(1:2, j) = ev%frame%to_global(b, jac(1:2, j))
+      end do
     end associate
   end subroutine marker_jacobian
 
@@ -92,7 +115,7 @@ contains
     type(linear_mechanism), intent(inout) :: lin
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
-    real(wp) :: w(3), n(2)
+    real(wp) :: w(3)
     integer :: k, i, side, marker, j
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
@@ -100,8 +123,7 @@ contains
           marker = merge(c%ia, c%ib, side == 1)
           call marker_jacobian(m, ev, marker, cols, jac)
           do i = c%first, c%first + c%rows - 1
-            n = merge(ev%rows%na(:, i), ev%rows%nb(:, i), side == 1)
-            w = [to_body(m, ev, marker, n), merge(ev%rows%sa(i), ev%rows%sb(i), side == 1)]
+            w = merge([ev%rows%na(:, i), ev%rows%sa(i)], [ev%rows%nb(:, i), ev%rows%sb(i)], side == 1)
             do j = 1, size(cols)
               call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
             end do
@@ -111,30 +133,16 @@ contains
     end do
   end subroutine constraint_rows_matrix
 
-  !> A global vector in the axes of a marker's body.
-  pure function to_body(m, ev, marker, x) result(y)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: marker
-    real(wp), intent(in) :: x(2)            !! [any]
-    real(wp) :: y(2)
-    integer :: b
-    b = m%s%markers(marker)%body
-    y = x
-    if (b > 0) y = [ev%frame%cos(b)*x(1) + ev%frame%sin(b)*x(2), ev%frame%cos(b)*x(2) - ev%frame%sin(b)*x(1)]
-  end function to_body
-
-  !> Joints and force elements: marker-level stiffness and damping, and the residual wrench on every marker.
-  subroutine marker_terms(m, ev, v, lambda, action, lin, wrench)
+  !> Marker-level stiffness and damping of joints and force elements, with the segments of the elements' viscoelastic terms.
+  subroutine marker_terms(m, ev, v, lambda, action, lin)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: lambda(:)          !! (rows) [N]
     type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment [N, N m]
     type(marker_stiffness) :: t
-    integer :: k, i
+    integer :: k, segment
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         t%ia = c%ia
@@ -142,65 +150,24 @@ contains
         t%c = 0.0_wp
         call c%geometric(ev%p, lambda, t)
         call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
-        do i = c%first, c%first + c%rows - 1
-          call add_wrench(m, ev, c%ia, ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i), wrench)
-          call add_wrench(m, ev, c%ib, ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i), wrench)
-        end do
       end associate
     end do
-    call element_terms(m, ev, v, action, lin, wrench)
-  end subroutine marker_terms
-
-  !> Adds a force (global) and a moment to a marker's residual wrench.
-  pure subroutine add_wrench(m, ev, marker, force, moment, wrench)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: marker
-    real(wp), intent(in) :: force(2), moment !! [N], [N m]
-    real(wp), intent(inout) :: wrench(:, :) !! (3, markers) [N, N m]
-    wrench(1:2, marker) = wrench(1:2, marker) + to_body(m, ev, marker, force)
-    wrench(3, marker) = wrench(3, marker) + moment
-  end subroutine add_wrench
-
-  !> Force elements: their tangents, with the segments of their viscoelastic terms, and their wrenches. Forces that keep their
-  !> direction in the axes of a body turn with it.
-  subroutine element_terms(m, ev, v, action, lin, wrench)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
-    type(element_action), intent(in) :: action(:)   !! (force elements)
-    type(linear_mechanism), intent(inout) :: lin
-    real(wp), intent(inout) :: wrench(:, :)    !! (3, markers) [N, N m]
-    type(marker_stiffness) :: t
-    type(conditions) :: with
-    integer, allocatable :: cols(:)
-    real(wp), allocatable :: jac(:, :)
-    integer :: k, j, segment
     segment = findloc(lin%segments%element > 0, .true., 1) - 1
     do k = 1, size(m%s%forces)
-      associate (f => m%s%forces(k)%item, x => action(k))
-        with = conditions_of(m, ev, k)
+      associate (f => m%s%forces(k)%item, with => conditions_of(m, ev, k))
         t%ia = f%ia
         t%ib = f%ib
-        call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], x%force, t)
+        call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], action(k)%force, t)
         call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
-        call add_wrench(m, ev, f%ia, -x%a(1:2), -x%a(3), wrench)
-        if (f%ib /= f%ia) call add_wrench(m, ev, f%ib, -x%b(1:2), -x%b(3), wrench)
-        if (f%in_frame) then
-          call marker_jacobian(m, ev, f%ia, cols, jac)
-          do j = 1, size(cols)
-            call lin%stiffness%add(cols(j), cols(3), -dot_product(jac(1:2, j), turn(to_body(m, ev, f%ia, x%a(1:2)))))
-          end do
-        end if
         if (f%law%order() == 0) cycle
         segment = segment + 1
         call f%tangent(ev%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
         call add_pair(m, ev, t, v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
       end associate
     end do
-  end subroutine element_terms
+  end subroutine marker_terms
 
-  !> Adds J^T k J of a pair of markers, with k and c given in global axes; rates see J x' + (J' + theta' H J) x.
+  !> Adds J^T k J of a pair of markers; rates see J x' + J' x.
   subroutine add_pair(m, ev, t, v, stiffness, damping, rate_stiffness)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -215,8 +182,8 @@ contains
       pi = merge(t%ia, t%ib, side == 0)
       do other = 0, 1
         pj = merge(t%ia, t%ib, other == 0)
-        k = in_body_axes(m, ev, pi, pj, t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
-        c = in_body_axes(m, ev, pi, pj, t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3))
+        k = t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3)
+        c = t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3)
         call marker_jacobian(m, ev, pi, rows, ji)
         call marker_jacobian(m, ev, pj, cols, jj)
         if (size(rows) == 0 .or. size(cols) == 0) cycle
@@ -228,7 +195,7 @@ contains
     end do
   end subroutine add_pair
 
-  !> How a marker's velocity (body axes) depends on the displacements: theta' H J and the turn of the elastic rate.
+  !> How a marker's velocity depends on the displacements, J': theta' H J and the turn of the elastic rate.
   function rate_jacobian(m, ev, marker, v, jac) result(r)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -243,48 +210,7 @@ contains
       r(1:2, j) = thetad*turn(jac(1:2, j))
       r(3, j) = 0.0_wp
     end do
-    u = to_body(m, ev, marker, ev%p%v(:, marker) - v(i + 1:i + 2)) - thetad*turn(ev%p%rho(:, marker))
+    u = ev%p%v(:, marker) - v(i + 1:i + 2) - thetad*jac(1:2, 3)      ! jac(1:2, 3): H times the arm
     r(1:2, 3) = r(1:2, 3) + turn(u)
   end function rate_jacobian
-
-  !> A 3 x 3 marker block from global axes into those of the two markers' bodies.
-  pure function in_body_axes(m, ev, pi, pj, k) result(x)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: pi, pj
-    real(wp), intent(in) :: k(3, 3)         !! [N/m, N, N m]
-    real(wp) :: x(3, 3)
-    integer :: j
-    do j = 1, 3
-      x(1:2, j) = to_body(m, ev, pi, k(1:2, j))
-      x(3, j) = k(3, j)
-    end do
-    do j = 1, 3
-      x(j, 1:2) = to_body(m, ev, pj, x(j, 1:2))
-    end do
-  end function in_body_axes
-
-  !> Residual wrenches on markers turn with the body that carries them: theta-theta, theta-f and f-theta terms.
-  subroutine turning_terms(m, ev, wrench, lin)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: wrench(:, :)    !! (3, markers) [N, N m]
-    type(linear_mechanism), intent(inout) :: lin
-    integer, allocatable :: cols(:)
-    real(wp), allocatable :: jac(:, :)
-    real(wp) :: hf(2), x
-    integer :: k, j
-    do k = 1, size(m%s%markers)
-      if (m%s%markers(k)%body == 0) cycle
-      call marker_jacobian(m, ev, k, cols, jac)
-      call lin%stiffness%add(cols(3), cols(3), -dot_product(ev%p%rho(:, k), wrench(1:2, k)))
-      hf = -turn(wrench(1:2, k))            ! H^T F
-      do j = 4, size(cols)
-        x = dot_product(hf, jac(1:2, j))
-        call lin%stiffness%add(cols(3), cols(j), x)
-        call lin%stiffness%add(cols(j), cols(3), x)
-      end do
-    end do
-  end subroutine turning_terms
-
 end module linearisation

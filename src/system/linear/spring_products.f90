@@ -91,7 +91,7 @@ contains
     if (b == 0) return
     i = m%s%qo(b)
     u = m%s%markers(k)%displacement(ev%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
-    d = [ev%frame%cos(b)*u(1) - ev%frame%sin(b)*u(2), ev%frame%sin(b)*u(1) + ev%frame%cos(b)*u(2), u(3)]
+    d = [ev%frame%to_global(b, u(1:2)), u(3)]
   end function marker_displacement
 
   !> Adds a wrench (global force, moment) on a marker as generalised forces.
@@ -106,7 +106,7 @@ contains
     b = m%s%markers(k)%body
     if (b == 0) return
     i = m%s%qo(b)
-    w = [ev%frame%cos(b)*f(1) + ev%frame%sin(b)*f(2), ev%frame%cos(b)*f(2) - ev%frame%sin(b)*f(1), f(3)]
+    w = [ev%frame%to_body(b, f(1:2)), f(3)]
     call m%s%markers(k)%add_wrench(ev%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
   end subroutine add_force
 end module spring_products

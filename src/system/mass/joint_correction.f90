@@ -6,7 +6,8 @@
 module joint_correction
   use kinds, only: wp
   use joint_response, only: apply_multipliers
-  use joint_system, only: row_rates
+  use joint_system, only: row_accelerations, row_rates
+  use marker_motion, only: marker_displacement
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -52,12 +53,10 @@ contains
   pure real(wp) function largest_acceleration(self, ev) result(a)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
-    integer :: b, e
+    integer :: e
     a = max(maxval(abs(ev%p%bias)), maxval(abs(ev%rows%acceleration_bias)), norm2(ev%options%gravity), maxval(abs(ev%frame%free)))
-    do b = 1, size(ev%frame%cos)
-      do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-        a = max(a, maxval(abs(marker_acceleration(self, ev, b, self%incidence%marker(e)))))
-      end do
+    do e = 1, self%incidence%sides
+      a = max(a, maxval(abs(marker_displacement(self, ev, self%incidence%marker(e), ev%a))))
     end do
   end function largest_acceleration
 
@@ -66,36 +65,12 @@ contains
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(out), contiguous :: r(:)        !! (rows) [m/s2]
-    integer :: i, b, e
-    r = 0.0_wp
+    call row_accelerations(self, ev, ev%a, r)
     associate (baumgarte => ev%options%baumgarte)
       if (any(baumgarte > 0.0_wp)) then
-        call row_rates(self, ev, r)
-        r = 2*baumgarte(1)*r + baumgarte(2)**2*ev%rows%phi
+        call row_rates(self, ev, ev%schur%r)
+        r = r + 2*baumgarte(1)*ev%schur%r + baumgarte(2)**2*ev%rows%phi
       end if
     end associate
-    do i = 1, self%s%rows
-      r(i) = r(i) + ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, self%incidence%row_marker(1, i))) &
-             + dot_product(ev%rows%nb(:, i), ev%p%bias(:, self%incidence%row_marker(2, i)))
-    end do
-    do b = 1, size(ev%frame%cos)
-      do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-        i = self%incidence%row(e)
-        r(i) = r(i) + dot_product(ev%side%w(:, e), marker_acceleration(self, ev, b, self%incidence%marker(e)))
-      end do
-    end do
   end subroutine joint_residual
-
-  !> Acceleration of a marker without its velocity-dependent part, and of its section's angle, body axes.
-  pure function marker_acceleration(self, ev, b, k) result(x)
-    type(mechanism_model), intent(in) :: self
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: b, k                      !! body, marker
-    real(wp) :: x(3), frame(3)
-    integer :: i
-    i = self%s%qo(b)
-    frame = [ev%frame%cos(b)*ev%a(i + 1) + ev%frame%sin(b)*ev%a(i + 2), &
-             ev%frame%cos(b)*ev%a(i + 2) - ev%frame%sin(b)*ev%a(i + 1), ev%a(i + 3)]
-    x = self%s%markers(k)%displacement(ev%p%rho(:, k), frame, ev%a(i + 4:i + 3 + self%s%bodies(b)%nf))
-  end function marker_acceleration
 end module joint_correction

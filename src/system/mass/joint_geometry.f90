@@ -6,6 +6,7 @@
 module joint_geometry
   use kinds, only: wp
   use evaluation_results, only: evaluation
+  use joint_system, only: add_frame_compliance, rigid_wrenches
   use mechanism, only: mechanism_model, flexible_attachments
   implicit none (type, external)
   private
@@ -29,15 +30,28 @@ contains
   subroutine condense_geometry(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
+    real(wp) :: l(3, size(ev%frame%cos)), dinv(3, size(ev%frame%cos))   ! factors of the frames' metrics [-, m], [-, 1/m2]
     real(wp) :: middle(2), radius
-    integer :: b
+    integer :: b, n, pairs
     ev%schur%g = 0.0_wp
-    do b = 1, size(ev%frame%cos)
-      if (self%incidence%first(b + 1) == self%incidence%first(b)) cycle
-      call extent(self, ev, b, middle, radius)
-      call add_frame(self, ev, b, middle, radius)
-      if (self%flexible(b) .and. .not. ev%elastic_held) call add_elastic(self, ev, b, self%attached(b), radius)
-    end do
+    l = 0.0_wp
+    dinv = 0.0_wp
+    pairs = 0
+    associate (at => self%incidence)
+      call rigid_wrenches(at%sides, at%marker, ev%side%w, size(self%markers%body), ev%p%rho, ev%side%rigid_wrench)
+      do b = 1, size(ev%frame%cos)
+        n = at%first(b + 1) - at%first(b)
+        if (n == 0) cycle
+        call extent(self, ev, b, middle, radius)
+        l(:, b) = [0.0_wp, -middle(2), middle(1)]
+        dinv(:, b) = [1.0_wp, 1.0_wp, 1/radius**2]
+        pairs = pairs + n*(n + 1)/2
+        if (.not. self%flexible(b) .or. ev%elastic_held) cycle
+        call add_elastic(self, ev, b, elastic_metric(self, b, self%attached(b), radius), pairs - n*(n + 1)/2)
+      end do
+      call add_frame_compliance(size(ev%frame%cos), at%first, at%sides, at%row, l, dinv, ev%side%rigid_wrench, ev%side%g, &
+                                self%s%rows, ev%schur%scale, size(at%entry), at%entry, size(ev%schur%g), ev%schur%g)
+    end associate
   end subroutine condense_geometry
 
   !> The middle of a body's joints and how far they lie from it.
@@ -60,75 +74,46 @@ contains
     if (.not. radius > 1.0e-9_wp*norm2(middle)) radius = max(norm2(middle), self%s%size)    ! one place alone
   end subroutine extent
 
-  !> What the frame's motion adds: wrenches about the middle of the joints.
-  pure subroutine add_frame(self, ev, b, middle, radius)
+  !> Adds w_e . metric w_f of all pairs of sides of one body.
+  pure subroutine add_elastic(self, ev, b, metric, before)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
-    real(wp), intent(in) :: middle(2), radius      !! [m]
-    real(wp) :: we(3), wf(3)
-    integer :: e, f
-    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-      we = about(ev%side%w(:, e), ev%p%rho(:, self%incidence%marker(e)) - middle, radius)
-      do f = self%incidence%first(b), e
-        wf = about(ev%side%w(:, f), ev%p%rho(:, self%incidence%marker(f)) - middle, radius)
-        call add_pair(self, ev, e, f, dot_product(we, wf))
-      end do
-    end do
-  end subroutine add_frame
-
-  !> A wrench on a marker as force, and moment about the middle over the radius.
-  pure function about(w, arm, radius) result(x)
-    real(wp), intent(in) :: w(3)                  !! wrench, body axes [-, m]
-    real(wp), intent(in) :: arm(2), radius         !! [m]
-    real(wp) :: x(3)
-    x(1:2) = w(1:2)
-    x(3) = (w(3) + arm(1)*w(2) - arm(2)*w(1))/radius
-  end function about
-
-  !> What the elastic coordinates of the markers add.
-  pure subroutine add_elastic(self, ev, b, at, radius)
-    type(mechanism_model), intent(in) :: self
-    type(evaluation), intent(inout) :: ev
-    integer, intent(in) :: b
-    type(flexible_attachments), intent(in) :: at
-    real(wp), intent(in) :: radius                 !! [m]
-    real(wp) :: unit(3), x
-    integer :: e, f, i, j, c
-    logical :: same
-    unit = [1.0_wp, 1.0_wp, 1.0_wp/radius**2]
-    do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
-      i = self%incidence%attachment(e)
-      do f = self%incidence%first(b), e
-        j = self%incidence%attachment(f)
-        x = 0.0_wp
-        do c = 1, 3
-          same = self%s%markers(at%marker(i))%dof(c) == self%s%markers(at%marker(j))%dof(c) .and. at%column(c, i) > 0
-          if (allocated(self%s%markers(at%marker(i))%psi)) then
-            x = x + self%s%bodies(b)%mass*ev%side%w(c, f)*dot_product(ev%side%w(:, e), at%compliance(:, c, i, j))
-          else if (same) then
-            x = x + unit(c)*ev%side%w(c, e)*ev%side%w(c, f)
-          end if
+    real(wp), intent(in) :: metric(:, :, :, :)    !! between its markers [-], [1/m], [1/m2]
+    integer, intent(in) :: before                 !! pairs of the bodies before
+    real(wp) :: x
+    integer :: e, f, k
+    k = before
+    associate (at => self%incidence, s => ev%schur, w => ev%side%w)
+      do e = at%first(b), at%first(b + 1) - 1
+        do f = at%first(b), e
+          k = k + 1
+          x = dot_product(w(:, e), matmul(metric(:, :, at%attachment(e), at%attachment(f)), w(:, f)))
+          x = x*s%scale(at%row(e))*s%scale(at%row(f))*merge(2, 1, at%entry(k) < 0)   ! both markers of one row on the same body
+          associate (i => mod(abs(at%entry(k)) - 1, s%kd + 1), j => 1 + (abs(at%entry(k)) - 1)/(s%kd + 1))
+            s%g(i, j) = s%g(i, j) + x
+          end associate
         end do
-        call add_pair(self, ev, e, f, x)
       end do
-    end do
+    end associate
   end subroutine add_elastic
 
-  !> Adds to the entry of two sides' rows, scaled as S is.
-  pure subroutine add_pair(self, ev, e, f, x)
+  !> The compliances between a body's markers that stand for those of its elastic coordinates.
+  pure function elastic_metric(self, b, at, radius) result(x)
     type(mechanism_model), intent(in) :: self
-    type(evaluation), intent(inout) :: ev
-    integer, intent(in) :: e, f
-    real(wp), intent(in) :: x                     !! [-]
-    real(wp) :: y
-    integer :: i, j
-    associate (s => ev%schur)
-      i = s%position(self%incidence%row(e))
-      j = s%position(self%incidence%row(f))
-      y = x*s%scale(self%incidence%row(e))*s%scale(self%incidence%row(f))
-      if (i == j .and. f < e) y = 2*y             ! both markers of one row on the same body
-      s%g(abs(i - j), min(i, j)) = s%g(abs(i - j), min(i, j)) + y
-    end associate
-  end subroutine add_pair
+    integer, intent(in) :: b
+    type(flexible_attachments), intent(in) :: at
+    real(wp), intent(in) :: radius                !! [m]
+    real(wp) :: x(3, 3, size(at%marker), size(at%marker))   !! [-], [1/m], [1/m2]
+    integer :: i, c
+    if (self%s%bodies(b)%basis%reduced_from > 0) then
+      x = self%s%bodies(b)%mass*at%compliance
+      return
+    end if
+    x = 0.0_wp
+    do i = 1, size(at%owner)                      ! nodes: each marker has its own, and no other moves with it
+      c = at%component(i)
+      x(c, c, at%owner(i), at%owner(i)) = merge(1/radius**2, 1.0_wp, c == 3)
+    end do
+  end function elastic_metric
 end module joint_geometry

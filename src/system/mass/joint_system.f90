@@ -5,10 +5,13 @@ module joint_system
   use kinds, only: wp
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
+  use marker_motion, only: marker_displacement
   use mechanism, only: mechanism_model
+  use row_sides, only: side_a
   implicit none (type, external)
   private
-  public :: constraint_values, row_rates, condense_constraints, joint_accelerations, add_frame_compliance
+  public :: constraint_values, row_rates, add_row_motion, row_accelerations, condense_constraints, joint_accelerations
+  public :: rigid_wrenches, add_frame_compliance
 
 contains
 
@@ -40,6 +43,45 @@ contains
                           ev%rows%phi_t, rate)
     call add_angle_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%sa, ev%rows%sb, ev%p%rate, rate)
   end subroutine row_rates
+
+  !> Adds Phi_q dq: how the rows change with the coordinates.
+  pure subroutine add_row_motion(self, ev, dq, change)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: dq(:)         !! (nq) [m, rad], or its derivatives
+    real(wp), intent(inout), contiguous :: change(:)  !! (rows) [m], likewise
+    integer :: k, i
+    associate (r => ev%rows, d => ev%displacement)
+      do k = 1, size(self%markers%body)
+        d(:, k) = marker_displacement(self, ev, k, dq)
+      end do
+      do i = 1, self%s%rows
+        associate (a => d(:, self%incidence%row_marker(1, i)), b => d(:, self%incidence%row_marker(2, i)))
+          change(i) = change(i) + (r%na(1, i)*a(1) + r%na(2, i)*a(2) + r%sa(i)*a(3)) &
+                      + (r%nb(1, i)*b(1) + r%nb(2, i)*b(2) + r%sb(i)*b(3))
+        end associate
+      end do
+    end associate
+  end subroutine add_row_motion
+
+  !> Second derivatives Phi'' of all rows [m/s2].
+  pure subroutine row_accelerations(self, ev, a, x)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: a(:)          !! (nq) accelerations [m/s2, rad/s2]
+    real(wp), intent(out), contiguous :: x(:)         !! (rows) [m/s2]
+    call velocity_terms(self, ev, x)
+    call add_row_motion(self, ev, a, x)
+  end subroutine row_accelerations
+
+  !> The same where nothing accelerates.
+  pure subroutine velocity_terms(self, ev, x)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(out), contiguous :: x(:)         !! (rows) [m/s2]
+    call add_marker_terms(self%s%rows, size(self%markers%body), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%bias, &
+                          ev%rows%acceleration_bias, x)
+  end subroutine velocity_terms
 
   !> y = x + n_a.u_a + n_b.u_b of every row, u a vector at each marker.
   pure subroutine add_marker_terms(n, np, marker, na, nb, u, x, y)
@@ -75,7 +117,7 @@ contains
     ev%elastic_held = elastic_held
     call ev%schur%clear()
     call unit_wrenches(size(self%incidence%row), self%incidence%row, self%incidence%marker, self%incidence%body, &
-                       self%incidence%is_a, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, &
+                       self%incidence%kind, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, &
                        ev%rows%nb, ev%rows%sa, ev%rows%sb, size(self%markers%body), ev%p%rho, ev%side%w, ev%side%frame_wrench)
     pairs = 0
     do b = 1, size(ev%frame%cos)
@@ -100,10 +142,9 @@ contains
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
-  pure subroutine unit_wrenches(n, row, marker, body, is_a, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, frame_wrench)
+  pure subroutine unit_wrenches(n, row, marker, body, kind, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, frame_wrench)
     integer, intent(in) :: n, rows, np, bodies
-    integer, intent(in) :: row(n), marker(n), body(n)
-    logical, intent(in) :: is_a(n)
+    integer, intent(in) :: row(n), marker(n), body(n), kind(n)
     real(wp), intent(in) :: c(bodies), s(bodies)      !! of the frame angles [-]
     real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)   !! gradients, as in constraint_rows [-], [m]
     real(wp), intent(in) :: rho(2, np)                                     !! positions of markers, body axes [m]
@@ -114,7 +155,7 @@ contains
       i = row(e)
       k = marker(e)
       b = body(e)
-      if (is_a(e)) then
+      if (kind(e) == side_a) then
         x = na(1, i); y = na(2, i); m = sa(i)
       else
         x = nb(1, i); y = nb(2, i); m = sb(i)
@@ -127,6 +168,21 @@ contains
       frame_wrench(3, e) = m + rho(1, k)*w(2, e) - rho(2, k)*w(1, e)
     end do
   end subroutine unit_wrenches
+
+  !> J^T w again, where condensation has overwritten it: wrenches on markers, moved to the frame's origin.
+  pure subroutine rigid_wrenches(n, marker, w, np, rho, rigid_wrench)
+    integer, intent(in) :: n, np
+    integer, intent(in) :: marker(n)
+    real(wp), intent(in) :: w(3, n)            !! unit wrenches, body axes [-, m]
+    real(wp), intent(in) :: rho(2, np)         !! [m]
+    real(wp), intent(out) :: rigid_wrench(3, n) !! the same on the frames [-, m]
+    integer :: e
+    do e = 1, n
+      rigid_wrench(1, e) = w(1, e)
+      rigid_wrench(2, e) = w(2, e)
+      rigid_wrench(3, e) = w(3, e) + rho(1, marker(e))*w(2, e) - rho(2, marker(e))*w(1, e)
+    end do
+  end subroutine rigid_wrenches
 
   !> What the elastic coordinates take from J^T w.
   pure subroutine condense_elastic(n, local, na, ep, ey, w, frame_wrench)
@@ -214,8 +270,7 @@ contains
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: b, first, last
-    call add_marker_terms(self%s%rows, size(self%markers%body), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%bias, &
-                          ev%rows%acceleration_bias, ev%lambda)
+    call velocity_terms(self, ev, ev%lambda)
     call add_frame_terms(size(ev%frame%cos), size(self%incidence%row), self%incidence%row, self%incidence%body, &
                          ev%side%frame_wrench, ev%frame%free, self%s%rows, ev%lambda)
     do b = 1, size(ev%frame%cos)

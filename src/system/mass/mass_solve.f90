@@ -2,7 +2,7 @@
 !> coordinates, the frames' in body axes.
 module mass_solve
   use kinds, only: wp
-  use frame_axes, only: turn_to_body
+  use frame_axes, only: to_body
   use joint_response, only: apply_multipliers, solve_frame
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -31,8 +31,7 @@ contains
       end do
       call ev%schur%solve(mu)
       call apply_multipliers(m, ev, mu, x)
-      call turn_to_body(size(ev%frame%cos), m%s%qo, ev%frame%cos, ev%frame%sin, size(x), x)
-      u = u + x
+      u = u + to_body(m, ev, x)
     end associate
   end subroutine solve_mass
 

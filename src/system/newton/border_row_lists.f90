@@ -4,6 +4,7 @@ module border_row_lists
   use kinds, only: wp
   use counting_sort, only: sort_by_number
   use mechanism, only: mechanism_model
+  use row_sides, only: side_list
   use ordering, only: reverse_cuthill_mckee
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -24,28 +25,15 @@ module border_row_lists
     integer :: rate_slot(6) = 0
   end type coupling
 
-  !> Rows, their sides on bodies and their order.
-  type :: row_lists
+  !> Rows, their sides on bodies (kinds 1 to 3 of displacement rows, 4 and 5 of rate rows) and their order.
+  type, extends(side_list) :: row_lists
     integer :: n = 0                         !! all rows
     integer :: nc = 0                        !! constraint rows, the first ones
-    integer, allocatable :: first(:)         !! (nb+1) sides of each body
-    integer, allocatable :: row(:)           !! (sides) row
-    integer, allocatable :: marker(:)        !! (sides) marker
-    integer, allocatable :: local(:)         !! (sides) the marker's number on its flexible body
-    integer, allocatable :: kind(:)          !! (sides) -1, -2: side a, b of a constraint; 1 to 3 displacement; 4, 5 rate
-    logical, allocatable :: acts(:, :)       !! (3, sides) components of the marker that it may see
     type(coupling), allocatable :: laws(:)
     logical, allocatable :: rate_row(:)      !! (n)
     integer :: kd = 0                        !! half band width
     integer, allocatable :: position(:)      !! (n)
   end type row_lists
-
-  !> Sides while they are collected.
-  type :: end_list
-    integer :: n = 0
-    integer, allocatable :: body(:), row(:), marker(:), kind(:)
-    integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
-  end type end_list
 
 contains
 
@@ -53,52 +41,29 @@ contains
   subroutine list_rows(r, m)
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
-    type(end_list) :: list
-    integer :: most, k, i, side
-    most = 2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints))
-    allocate (list%body(most), list%row(most), list%marker(most), list%kind(most))
-    allocate (list%displacement(5, size(m%s%markers)), source=0)
+    integer :: k
+    call r%begin(2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints)))
+    call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows
-    do k = 1, size(m%s%constraints)
-      associate (c => m%s%constraints(k)%item)
-        do i = c%first, c%first + c%rows - 1
-          do side = 1, 2
-            call add_end(list, m, merge(c%ia, c%ib, side == 1), i, -side)
-          end do
-        end do
-      end associate
-    end do
-    call list_laws(r, m, list)
-    call sort_ends(r, m, list)
+    call list_laws(r, m)
+    call r%sort(size(m%s%bodies))
     allocate (r%rate_row(r%n), source=.false.)
     do k = 1, size(r%laws)
       r%rate_row(r%laws(k)%rate(1:r%laws(k)%nr)) = .true.
     end do
   end subroutine list_rows
 
-  !> Adds one side, unless its marker is on the ground.
-  subroutine add_end(list, m, marker, row, kind)
-    type(end_list), intent(inout) :: list
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: marker, row, kind
-    if (m%s%markers(marker)%body == 0) return
-    list%n = list%n + 1
-    list%body(list%n) = m%s%markers(marker)%body
-    list%row(list%n) = row
-    list%marker(list%n) = marker
-    list%kind(list%n) = kind
-  end subroutine add_end
-
   !> Curved joints, and force elements with a tangent.
-  subroutine list_laws(r, m, list)
+  subroutine list_laws(r, m)
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
-    type(end_list), intent(inout) :: list
     type(coupling), allocatable :: all(:)
     integer, allocatable :: components(:)
+    integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
     integer :: k, n
     allocate (all(size(m%s%constraints) + size(m%s%forces)))
+    allocate (displacement(5, size(m%s%markers)), source=0)
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
@@ -137,12 +102,12 @@ contains
       integer, intent(in) :: marker, component
       displacement_row = 0
       if (m%s%markers(marker)%body == 0) return
-      if (list%displacement(component, marker) == 0) then
+      if (displacement(component, marker) == 0) then
         r%n = r%n + 1
-        list%displacement(component, marker) = r%n
-        call add_end(list, m, marker, r%n, component)
+        displacement(component, marker) = r%n
+        call r%add(m%s, marker, r%n, component, [component /= 3, component /= 3, component == 3])
       end if
-      displacement_row = list%displacement(component, marker)
+      displacement_row = displacement(component, marker)
     end function displacement_row
 
     !> Rate rows of a damper.
@@ -160,42 +125,6 @@ contains
       end do
     end subroutine add_rates
   end subroutine list_laws
-
-  !> Sorts the sides by body.
-  subroutine sort_ends(r, m, list)
-    type(row_lists), intent(inout) :: r
-    type(mechanism_model), intent(in) :: m
-    type(end_list), intent(in) :: list
-    integer, allocatable :: first(:), sorted(:)
-    logical, allocatable :: acts(:, :)        ! (6, rows)
-    integer :: nb, k, i
-    nb = size(m%s%bodies)
-    allocate (acts(6, r%nc))
-    do k = 1, size(m%s%constraints)
-      associate (c => m%s%constraints(k)%item)
-        acts(:, c%first:c%first + c%rows - 1) = spread(c%acts_on(), 2, c%rows)
-      end associate
-    end do
-    call sort_by_number(list%body(1:list%n), nb, first, sorted)
-    r%first = first(1:nb + 1)
-    r%row = list%row(sorted)
-    r%marker = list%marker(sorted)
-    r%kind = list%kind(sorted)
-    allocate (r%local(list%n), source=0)
-    allocate (r%acts(3, list%n), source=.false.)
-    do i = 1, list%n
-      select case (r%kind(i))
-      case (-1)
-        r%acts(:, i) = acts(1:3, r%row(i))
-      case (-2)
-        r%acts(:, i) = acts(4:6, r%row(i))
-      case (3)
-        r%acts(3, i) = .true.
-      case default
-        r%acts(1:2, i) = .true.
-      end select
-    end do
-  end subroutine sort_ends
 
   !> Orders the rows: rows meet in bodies, and through laws each displacement row meets all rows of the bodies its law joins.
   subroutine order_rows(r)

@@ -11,17 +11,14 @@ module condensed_system
   use border_rows, only: row_system, set_up_rows
   use elastic_block, only: block_factor
   use mechanism, only: mechanism_model
+  use row_sides, only: attached_markers
   implicit none (type, external)
   private
   public :: condensed_matrix, condensed_body, set_up_condensed
 
   !> Markers of a flexible body where rows act: columns of the inverse block, and what markers see of them.
-  type :: marker_columns
-    integer :: na = 0                        !! such markers
+  type, extends(attached_markers) :: marker_columns
     logical :: full_block = .false.               !! the columns belong to the full block, not to T0
-    integer, allocatable :: marker(:)        !! (na) their numbers
-    integer, allocatable :: column(:, :)     !! (3, na) column of each component, 0: none
-    integer, allocatable :: marker_of(:), component_of(:)  !! (nc) marker (1 to na) and component of each column
     real(number), allocatable :: xs(:, :)        !! (n, 2) T0^-1 S-bar^T [m/N kg ...]
     real(number), allocatable :: xe(:, :)        !! (n, nc) T0^-1 E^T [m/N ...]
     real(number), allocatable :: compliance(:, :, :, :)   !! (3, 3, na, na) E_i T0^-1 E_j^T [m/N ...]
@@ -68,7 +65,9 @@ contains
     type(condensed_matrix), intent(out) :: self
     type(mechanism_model), intent(in) :: m
     type(row_lists), intent(in) :: lists
+    integer, allocatable :: local(:)
     integer :: b
+    allocate (local(size(m%s%markers)), source=0)
     call set_up_rows(self%rows, lists)
     allocate (self%element_factor(size(m%s%forces)), self%b(size(m%s%bodies)))
     do b = 1, size(self%b)
@@ -77,46 +76,12 @@ contains
         x%n = body%nf
         allocate (x%elastic(x%n), x%column(x%n), x%row(x%n))
         call x%block%set_up(body%op, size(body%segments))
-        call number_columns(x%at, self%rows, m, b)
+        call self%rows%attach(m%s, b, local, x%at)
+        associate (at => x%at, n => x%n, na => size(x%at%marker), nc => size(x%at%owner))
+          allocate (at%xs(n, 2), at%xe(n, nc), at%compliance(3, 3, na, na), at%exs(3, 2, na), at%exy(3, na), at%exf(3, na), &
+                    at%sxe(2, nc), at%rxe(nc), at%load(nc))
+        end associate
       end associate
     end do
   end subroutine set_up_condensed
-
-  !> Markers and columns of one flexible body.
-  subroutine number_columns(at, r, m, b)
-    type(marker_columns), intent(inout) :: at
-    type(row_system), intent(inout) :: r
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b
-    integer, allocatable :: local(:)
-    logical, allocatable :: wanted(:, :)         !! (3, markers) components that rows may see
-    integer :: k, c, e, nc, n
-    allocate (local(size(m%s%markers)), source=0)
-    allocate (wanted(3, size(m%s%markers)), source=.false.)
-    do e = r%first(b), r%first(b + 1) - 1
-      k = r%marker(e)
-      if (local(k) == 0) then
-        at%na = at%na + 1
-        local(k) = at%na
-      end if
-      r%local(e) = local(k)
-      wanted(:, k) = wanted(:, k) .or. r%acts(:, e)
-    end do
-    allocate (at%marker(at%na), at%column(3, at%na), at%marker_of(3*at%na), at%component_of(3*at%na), source=0)
-    nc = 0
-    do k = 1, size(local)
-      if (local(k) == 0) cycle
-      at%marker(local(k)) = k
-      do c = 1, 3
-        if (.not. wanted(c, k) .or. .not. m%s%markers(k)%moves(c)) cycle
-        nc = nc + 1
-        at%column(c, local(k)) = nc
-        at%marker_of(nc) = local(k)
-        at%component_of(nc) = c
-      end do
-    end do
-    n = m%s%bodies(b)%nf
-    allocate (at%xs(n, 2), at%xe(n, nc), at%compliance(3, 3, at%na, at%na), at%exs(3, 2, at%na), at%exy(3, at%na), &
-              at%exf(3, at%na), at%sxe(2, nc), at%rxe(nc), at%load(nc))
-  end subroutine number_columns
 end module condensed_system

@@ -66,7 +66,7 @@ contains
       at%xe = 0.0_wp
       at%compliance = 0.0_wp
       do j = 1, size(at%xe, 2)
-        associate (k => markers(at%marker(at%marker_of(j))), c => at%component_of(j))
+        associate (k => markers(at%marker(at%owner(j))), c => at%component(j))
           if (allocated(k%psi)) at%xe(:, j) = k%psi(c, :)
           if (.not. allocated(k%psi)) at%xe(k%dof(c), j) = 1.0_wp
         end associate
@@ -74,15 +74,15 @@ contains
         do i = 1, 2
           at%sxe(i, j) = dot_product(body%shape%sbar(:, i), at%xe(:, j))
         end do
-        do i = 1, at%na
-          at%compliance(:, at%component_of(j), i, at%marker_of(j)) = seen(markers(at%marker(i)), at%xe(:, j))
+        do i = 1, size(at%marker)
+          at%compliance(:, at%component(j), i, at%owner(j)) = seen(markers(at%marker(i)), at%xe(:, j))
         end do
       end do
       do j = 1, 2
         do i = 1, 2
           at%pss(i, j) = dot_product(body%shape%sbar(:, i), at%xs(:, j))
         end do
-        do i = 1, at%na
+        do i = 1, size(at%marker)
           at%exs(:, j, i) = seen(markers(at%marker(i)), at%xs(:, j))
         end do
       end do

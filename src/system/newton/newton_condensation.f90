@@ -11,6 +11,7 @@ module newton_condensation
   use elastic_columns, only: fill_columns, seen
   use evaluation_results, only: evaluation, conditions_of
   use mechanism, only: mechanism_model
+  use row_sides, only: side_a, side_b
   use small_matrices, only: invert3
   implicit none (type, external)
   private
@@ -140,7 +141,7 @@ contains
         end do
         t%at%rxe(j) = rc
       end do
-      do j = 1, t%at%na
+      do j = 1, size(t%at%marker)
         t%at%exy(:, j) = seen(m%s%markers(t%at%marker(j)), t%column)
       end do
     end if
@@ -180,8 +181,7 @@ contains
       r%marker_column(:, e) = w
       r%frame_column(:, e) = j
       if (r%kind(e) > 3) then                ! what turning adds to a marker's rate
-        rel = ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
-        rel = [ev%frame%cos(b)*rel(1) + ev%frame%sin(b)*rel(2), ev%frame%cos(b)*rel(2) - ev%frame%sin(b)*rel(1)]
+        rel = ev%frame%to_body(b, ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2))
         j = [0.0_wp, 0.0_wp, w(2)*rel(1) - w(1)*rel(2)]
         w(1:2) = v(m%s%qo(b) + 3)*[w(2), -w(1)]
         r%marker_column(:, e) = 0.0_wp
@@ -190,7 +190,7 @@ contains
       r%marker_row(:, e) = w
       r%frame_row(:, e) = j
       if (t%n > 0) then
-        l = r%local(e)
+        l = r%attachment(e)
         r%frame_row(1, e) = j(1) - self%c1*dot_product(w, t%at%exs(:, 1, l))
         r%frame_row(2, e) = j(2) - self%c1*dot_product(w, t%at%exs(:, 2, l))
         r%frame_row(3, e) = j(3) - dot_product(w, t%at%exy(:, l))
@@ -221,10 +221,10 @@ contains
     w = 0.0_wp
     n = 0.0_wp
     select case (kind)
-    case (-1)
+    case (side_a)
       n = ev%rows%na(:, row)
       w(3) = ev%rows%sa(row)
-    case (-2)
+    case (side_b)
       n = ev%rows%nb(:, row)
       w(3) = ev%rows%sb(row)
     case (1, 4)
@@ -234,8 +234,7 @@ contains
     case default
       w(3) = 1.0_wp
     end select
-    w(1) = ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2)
-    w(2) = ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1)
+    w(1:2) = ev%frame%to_body(b, n)
   end function side_direction
 
   !> One body's part of the rows' compliance.
@@ -253,9 +252,9 @@ contains
               + r%frame_row(3, e)*r%solved_column(3, f)
           if (t%n > 0) then
             do c = 1, 3
-              x = x + r%marker_column(c, f)*(r%marker_row(1, e)*t%at%compliance(1, c, r%local(e), r%local(f)) &
-                                  + r%marker_row(2, e)*t%at%compliance(2, c, r%local(e), r%local(f)) &
-                                  + r%marker_row(3, e)*t%at%compliance(3, c, r%local(e), r%local(f)))
+              x = x + r%marker_column(c, f)*(r%marker_row(1, e)*t%at%compliance(1, c, r%attachment(e), r%attachment(f)) &
+                                  + r%marker_row(2, e)*t%at%compliance(2, c, r%attachment(e), r%attachment(f)) &
+                                  + r%marker_row(3, e)*t%at%compliance(3, c, r%attachment(e), r%attachment(f)))
             end do
           end if
           j = r%position(r%row(f))

@@ -103,7 +103,7 @@ contains
         rc(1) = rc(1) - t%origin(1)*x(1) + t%origin(2)*x(2)
         rc(2) = rc(2) - t%origin(1)*x(2) - t%origin(2)*x(1)
         rc(3) = rc(3) - y
-        do k = 1, t%at%na
+        do k = 1, size(t%at%marker)
           t%at%exf(:, k) = seen(m%s%markers(t%at%marker(k)), t%elastic)
         end do
       end if
@@ -112,7 +112,7 @@ contains
       end do
       do e = r%first(b), r%first(b + 1) - 1
         y = sum(r%frame_row(:, e)*t%free)
-        if (t%n > 0) y = y - sum(r%marker_row(:, e)*t%at%exf(:, r%local(e)))
+        if (t%n > 0) y = y - sum(r%marker_row(:, e)*t%at%exf(:, r%attachment(e)))
         r%d(r%row(e)) = r%d(r%row(e)) + y
       end do
     end associate
@@ -135,7 +135,7 @@ contains
         x = x - r%solved_column(:, e)*y(r%row(e))
         if (t%n == 0) cycle
         do c = 1, 3
-          col = t%at%column(c, r%local(e))
+          col = t%at%column(c, r%attachment(e))
           if (col > 0) t%at%load(col) = t%at%load(col) + r%marker_column(c, e)*y(r%row(e))
         end do
       end do

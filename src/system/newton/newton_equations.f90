@@ -3,7 +3,8 @@
 !> the full elastic blocks only where it is asked to.
 module newton_equations
   use kinds, only: wp
-  use body_terms, only: body_residual, body_tangent
+  use body_tangents, only: find_tangents, find_wrenches
+  use body_terms, only: body_residual
   use elastic_columns, only: factor_blocks
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
@@ -13,7 +14,7 @@ module newton_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, give_terms, let_terms_follow, residual, renew, body_tangents, take_residual
+  public :: prepare, give_terms, let_terms_follow, residual, renew, take_residual
 
 contains
 
@@ -89,11 +90,12 @@ contains
     call element_state(self, m, ev)
     call applied_forces(m, ev, options, t, self%element_z, self%element_zd)
     call constraint_values(m, ev, options, t)
-    call gather_wrenches(self, m, ev, lambda)
+    call find_wrenches(m, ev, lambda, ev%action, self%wrench)
     do b = 1, size(self%eq)
       i = m%s%qo(b)
       n = i + 3 + self%eq(b)%n
-      call body_residual(self%eq(b), m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
+      call body_residual(self%eq(b), m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), &
+                         ev%frame%to_body(b, a(i + 1:i + 2) - options%gravity))
     end do
     do k = 1, size(m%s%markers)
       b = m%markers%body(k)
@@ -108,18 +110,6 @@ contains
       end associate
     end do
   end subroutine residual
-
-  !> A^T (R'' - g) of a body, with the weight of the last residual [m/s2].
-  pure function frame_acceleration(m, ev, b, a) result(x)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: b
-    real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
-    real(wp) :: x(2), g(2)                   !! [m/s2]
-    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - ev%options%gravity
-    x(1) = ev%frame%cos(b)*g(1) + ev%frame%sin(b)*g(2)
-    x(2) = ev%frame%cos(b)*g(2) - ev%frame%sin(b)*g(1)
-  end function frame_acceleration
 
   !> Dissipative coordinates of the force elements at the trial state: their forces are asked for before the step ends.
   subroutine element_state(self, m, ev)
@@ -137,34 +127,6 @@ contains
     end do
   end subroutine element_state
 
-  !> Residual force (body axes) and moment on every marker: multipliers' minus applied ones.
-  subroutine gather_wrenches(self, m, ev, lambda)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
-    integer :: i
-    self%wrench = -ev%wrench
-    do i = 1, m%s%rows
-      call add(m%incidence%row_marker(1, i), ev%rows%na(:, i), ev%rows%sa(i), lambda(i))
-      call add(m%incidence%row_marker(2, i), ev%rows%nb(:, i), ev%rows%sb(i), lambda(i))
-    end do
-  contains
-    !> Adds a unit wrench times a multiplier.
-    subroutine add(marker, n, s, x)
-      integer, intent(in) :: marker
-      real(wp), intent(in) :: n(2)             !! global [-]
-      real(wp), intent(in) :: s                !! [m]
-      real(wp), intent(in) :: x                !! [N]
-      integer :: b
-      b = m%markers%body(marker)
-      if (b == 0) return
-      self%wrench(1, marker) = self%wrench(1, marker) + x*(ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2))
-      self%wrench(2, marker) = self%wrench(2, marker) + x*(ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1))
-      self%wrench(3, marker) = self%wrench(3, marker) + x*s
-    end subroutine add
-  end subroutine gather_wrenches
-
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored, together with the
   !> elastic residuals that were taken.
   subroutine renew(self, m, ev, q, v, a, lambda, full_block, shift, bad)
@@ -177,59 +139,12 @@ contains
     real(wp), intent(in) :: shift            !! of the constraint rows, relative [-]
     logical, intent(out) :: bad
     integer :: b
-    call body_tangents(self, m, ev, self%t%c1, self%t%c2, 1.0_wp, q, v, a)
+    call find_tangents(m, ev, self%wrench, ev%action, self%t%c1, self%t%c2, 1.0_wp, q, v, a, self%eq)
     do b = 1, size(self%eq)
       call add_tangent(self%t%b(b), self%eq(b), 1.0_wp, .true.)
     end do
     call condense(self%t, m, ev, self%eq, v, a, lambda, full_block, shift, bad)
   end subroutine renew
-
-  !> The bodies' tangents c1 M + c2 C + c0 K at the state of the last residual, whose arguments are given again.
-  subroutine body_tangents(self, m, ev, c1, c2, c0, q, v, a)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: c1, c2, c0       !! [1/s2], [1/s], [-]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    integer :: b, i, n
-    do b = 1, size(self%eq)
-      i = m%s%qo(b)
-      n = i + 3 + self%eq(b)%n
-      call body_tangent(self%eq(b), m%s%bodies(b), c1, c2, c0, q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
-    end do
-    if (abs(c0) > 0.0_wp) call turn_wrenches(self, m, ev)
-  end subroutine body_tangents
-
-  !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
-  !> axes are constant there, so that their part of the columns goes again.
-  subroutine turn_wrenches(self, m, ev)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp) :: f(2)
-    integer :: k, b
-    do k = 1, size(m%s%markers)
-      b = m%markers%body(k)
-      if (b == 0) cycle
-      associate (eq => self%eq(b), w => self%wrench(:, k))
-        eq%block(3, 3) = eq%block(3, 3) - ev%p%rho(1, k)*w(1) - ev%p%rho(2, k)*w(2)
-        if (eq%n == 0) cycle
-        call m%s%markers(k)%add_elastic_forces([w(2), -w(1), 0.0_wp], eq%column(1:eq%n))
-        call m%s%markers(k)%add_elastic_forces([w(2), -w(1), 0.0_wp], eq%row(1:eq%n))
-      end associate
-    end do
-    do k = 1, size(m%s%forces)
-      if (.not. m%s%forces(k)%item%in_frame) cycle
-      b = m%markers%body(m%s%forces(k)%item%ia)
-      associate (eq => self%eq(b), marker => m%s%forces(k)%item%ia, w => ev%action(k)%a)
-        f = [ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2), ev%frame%cos(b)*w(2) - ev%frame%sin(b)*w(1)]
-        eq%block(1, 3) = eq%block(1, 3) + f(2)
-        eq%block(2, 3) = eq%block(2, 3) - f(1)
-        eq%block(3, 3) = eq%block(3, 3) - dot_product(ev%p%rho(:, marker), f)
-        if (eq%n > 0) call m%s%markers(marker)%add_elastic_forces([f(2), -f(1), 0.0_wp], eq%column(1:eq%n))
-      end associate
-    end do
-  end subroutine turn_wrenches
 
   !> Hands the last residual to what solves for corrections.
   subroutine take_residual(self)

@@ -6,6 +6,7 @@ module newton_start
   use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
+  use joint_system, only: row_accelerations, add_row_motion
   use mechanism, only: mechanism_model
   use newton_correction, only: correction
   use newton_equations, only: residual, take_residual, renew
@@ -43,9 +44,9 @@ contains
     call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
     call hold_weak_rows(self%t%rows)
-    call marker_kinematics(m, ev, q, a)
-    call row_rates(m, ev, ev%schur%r)              ! rows of x as those of a
-    ev%schur%r = ev%rows%phi_t - ev%schur%r
+    ev%schur%r = 0.0_wp
+    call add_row_motion(m, ev, a, ev%schur%r)      ! rows of x as those of a
+    ev%schur%r = -ev%schur%r
     call correction(self%t, m, ev, ev%schur%r, x)
     bad = .not. all(abs(x) < huge(1.0_wp))
     if (.not. bad) a = x
@@ -58,22 +59,14 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
     real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
-    integer :: i
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, ev%options, t)
     gap(:, 0) = ev%rows%phi
     call row_rates(m, ev, gap(:, 1))
-    do i = 1, m%s%rows
-      ev%schur%r(i) = ev%rows%acceleration_bias(i) + dot_product(ev%rows%na(:, i), ev%p%bias(:, m%incidence%row_marker(1, i))) &
-                      + dot_product(ev%rows%nb(:, i), ev%p%bias(:, m%incidence%row_marker(2, i)))
-    end do
-    call marker_kinematics(m, ev, q, a)
-    call row_rates(m, ev, gap(:, 2))
-    gap(:, 2) = gap(:, 2) + ev%schur%r - ev%rows%phi_t
+    call row_accelerations(m, ev, a, gap(:, 2))
     if (ubound(gap, 2) < 3) return
-    call marker_kinematics(m, ev, q, u)
-    call row_rates(m, ev, gap(:, 3))
-    gap(:, 3) = gap(:, 3) - ev%rows%phi_t
+    gap(:, 3) = 0.0_wp
+    call add_row_motion(m, ev, u, gap(:, 3))
   end subroutine row_gaps
 end module newton_start

@@ -2,6 +2,7 @@
 !> variables given, and the dynamic stiffness for a real and for a complex constant.
 module stage_equations
   use kinds, only: wp
+  use body_tangents, only: find_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix
   use complex_elastic_columns, only: factor_complex => factor_blocks
   use complex_newton_condensation, only: add_complex => add_tangent
@@ -10,7 +11,6 @@ module stage_equations
   use elastic_columns, only: factor_blocks
   use mechanism, only: mechanism_model
   use newton_condensation, only: add_tangent
-  use newton_equations, only: body_tangents
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
@@ -30,8 +30,7 @@ contains
     do b = 1, size(newton%eq)
       i = m%s%qo(b)
       associate (eq => newton%eq(b))
-        r(i + 1) = ev%frame%cos(b)*eq%frame(1) - ev%frame%sin(b)*eq%frame(2)
-        r(i + 2) = ev%frame%sin(b)*eq%frame(1) + ev%frame%cos(b)*eq%frame(2)
+        r(i + 1:i + 2) = ev%frame%to_global(b, eq%frame(1:2))
         r(i + 3) = eq%frame(3)
         if (eq%n > 0) r(i + 4:i + 3 + eq%n) = eq%elastic(1:eq%n)
       end associate
@@ -60,15 +59,15 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     integer :: b
-    call body_tangents(newton, m, ev, newton%t%c1, newton%t%c2, 1.0_wp, q, v, a)
+    call find_tangents(m, ev, newton%wrench, ev%action, newton%t%c1, newton%t%c2, 1.0_wp, q, v, a, newton%eq)
     do b = 1, size(newton%eq)
       call add_tangent(newton%t%b(b), newton%eq(b), 1.0_wp, .true.)
     end do
-    call body_tangents(newton, m, ev, t%c1%re, t%c2%re, 1.0_wp, q, v, a)
+    call find_tangents(m, ev, newton%wrench, ev%action, t%c1%re, t%c2%re, 1.0_wp, q, v, a, newton%eq)
     do b = 1, size(newton%eq)
       call add_complex(t%b(b), newton%eq(b), (1.0_wp, 0.0_wp), .true.)
     end do
-    call body_tangents(newton, m, ev, t%c1%im, t%c2%im, 0.0_wp, q, v, a)
+    call find_tangents(m, ev, newton%wrench, ev%action, t%c1%im, t%c2%im, 0.0_wp, q, v, a, newton%eq)
     do b = 1, size(newton%eq)
       call add_complex(t%b(b), newton%eq(b), (0.0_wp, 1.0_wp), .false.)
     end do

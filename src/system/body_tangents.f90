@@ -1,0 +1,96 @@
+!> Tangents of all bodies with what acts on their markers: what Newton's matrix and the linearisation have in common.
+module body_tangents
+  use kinds, only: wp
+  use body_terms, only: body_equations, body_tangent
+  use evaluation_results, only: evaluation
+  use force_element, only: element_action
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: find_tangents, find_wrenches
+
+contains
+
+  !> The bodies' tangents a2 M + a1 C + a0 K at a state, frames of the last evaluation, with the wrenches on markers that turn with
+  !> the bodies; how wrenches change with displacements and rates of markers is left to who asks.
+  subroutine find_tangents(m, ev, wrench, action, a2, a1, a0, q, v, a, eq)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: wrench(:, :)             !! (3, markers) of `find_wrenches` [N, N m]
+    type(element_action), intent(in) :: action(:)    !! (force elements)
+    real(wp), intent(in) :: a2, a1, a0               !! [1/s2], [1/s], [-]
+    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    type(body_equations), intent(inout) :: eq(:)     !! (nb)
+    integer :: b, i, n
+    do b = 1, size(eq)
+      i = m%s%qo(b)
+      n = i + 3 + eq(b)%n
+      call body_tangent(eq(b), m%s%bodies(b), a2, a1, a0, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
+                        ev%frame%to_body(b, a(i + 1:i + 2) - ev%options%gravity))
+    end do
+    if (abs(a0) > 0.0_wp) call turn_wrenches(m, ev, wrench, action, a0, eq)
+  end subroutine find_tangents
+
+  !> Residual force (body axes) and moment on every marker: multipliers' minus applied ones.
+  subroutine find_wrenches(m, ev, lambda, action, wrench)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: lambda(:)                !! (rows) [N]
+    type(element_action), intent(in) :: action(:)    !! (force elements)
+    real(wp), intent(out) :: wrench(:, :)            !! (3, markers) [N, N m]
+    integer :: i, k
+    wrench = 0.0_wp
+    do i = 1, m%s%rows
+      call add(m%incidence%row_marker(1, i), ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i))
+      call add(m%incidence%row_marker(2, i), ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i))
+    end do
+    do k = 1, size(m%s%forces)
+      associate (f => m%s%forces(k)%item)
+        call add(f%ia, -action(k)%a(1:2), -action(k)%a(3))
+        if (f%ib /= f%ia) call add(f%ib, -action(k)%b(1:2), -action(k)%b(3))
+      end associate
+    end do
+  contains
+    !> Adds a force (global axes) and a moment.
+    subroutine add(marker, force, moment)
+      integer, intent(in) :: marker
+      real(wp), intent(in) :: force(2), moment       !! [N], [N m]
+      wrench(1:2, marker) = wrench(1:2, marker) + ev%frame%to_body(m%markers%body(marker), force)
+      wrench(3, marker) = wrench(3, marker) + moment
+    end subroutine add
+  end subroutine find_wrenches
+
+  !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
+  !> axes are constant there, so that their part of the columns goes again.
+  subroutine turn_wrenches(m, ev, wrench, action, a0, eq)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: wrench(:, :)             !! (3, markers) [N, N m]
+    type(element_action), intent(in) :: action(:)    !! (force elements)
+    real(wp), intent(in) :: a0                       !! factor of the stiffness [-]
+    type(body_equations), intent(inout) :: eq(:)     !! (nb)
+    real(wp) :: f(2)
+    integer :: k, b
+    do k = 1, size(m%s%markers)
+      b = m%markers%body(k)
+      if (b == 0) cycle
+      f = a0*wrench(1:2, k)
+      associate (t => eq(b), marker => m%s%markers(k))
+        t%block(3, 3) = t%block(3, 3) - dot_product(ev%p%rho(:, k), f)
+        if (t%n == 0) cycle
+        call marker%add_elastic_forces([f(2), -f(1), 0.0_wp], t%column(1:t%n))
+        call marker%add_elastic_forces([f(2), -f(1), 0.0_wp], t%row(1:t%n))
+      end associate
+    end do
+    do k = 1, size(m%s%forces)
+      if (.not. m%s%forces(k)%item%in_frame) cycle
+      b = m%markers%body(m%s%forces(k)%item%ia)
+      f = a0*ev%frame%to_body(b, action(k)%a(1:2))
+      associate (t => eq(b), marker => m%s%forces(k)%item%ia)
+        t%block(1:2, 3) = t%block(1:2, 3) + [f(2), -f(1)]
+        t%block(3, 3) = t%block(3, 3) - dot_product(ev%p%rho(:, marker), f)
+        if (t%n > 0) call m%s%markers(marker)%add_elastic_forces([f(2), -f(1), 0.0_wp], t%column(1:t%n))
+      end associate
+    end do
+  end subroutine turn_wrenches
+end module body_tangents
