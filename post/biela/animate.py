@@ -59,7 +59,8 @@ class Picture:
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
-        lines = [*self.rails, *self.links, *self.springs, *self.stops, *self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
+        lines = [*self.rails, *self.links, *self.springs, *self.stops]
+        lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
     def show(self, row: int) -> None:

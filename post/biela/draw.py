@@ -52,7 +52,8 @@ class ScenePicture:
         self.axis, self.scene = axis, scene
         self.labels: list[labels.Label] = []
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
-        ends = [np.array(item[side]["at"]) for kind in ("joints", "springs", "stops") for item in scene.get(kind, []) for side in "ab"]
+        items = [item for kind in ("joints", "springs", "stops") for item in scene.get(kind, [])]
+        ends = [np.array(item[side]["at"]) for item in items for side in "ab"]
         points = np.array([*points, *ends])
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.span = float(max(self.high - self.low)) or 1.0

@@ -76,7 +76,8 @@ class Stop:
         x = (a - b) @ along
         across = half * np.array([-along[1], along[0]])
         limits = [limit for limit in (self.lower, self.upper) if limit is not None]
-        walls = [point for limit in limits for point in (a + (limit - x) * along - across, a + (limit - x) * along + across, [np.nan] * 2)]
+        feet = [a + (limit - x) * along for limit in limits]
+        walls = [point for foot in feet for point in (foot - across, foot + across, [np.nan] * 2)]
         beyond = (self.lower is not None and x <= self.lower) or (self.upper is not None and x >= self.upper)
         return np.array(walls), bool(beyond)
 

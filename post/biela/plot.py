@@ -261,9 +261,11 @@ def mark_events(figure: plt.Figure, runs: list[History]) -> int:
                 continue
             room = axis.get_xlim()
             for touching, style in ((True, "-"), (False, ":")):
-                times = [event.time for event in events if (event.before == "open") == touching and room[0] <= event.time <= room[1]]
+                times = [event.time for event in events if (event.before == "open") == touching]
+                times = [time for time in times if room[0] <= time <= room[1]]
                 colour = COLOURS[k % len(COLOURS)] if len(runs) > 1 else "#b0126e"
-                marks = axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=axis.get_xaxis_transform())
+                across = axis.get_xaxis_transform()
+                marks = axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=across)
                 marks.set_in_layout(False)
     return count
 

@@ -11,7 +11,6 @@ module switch_tally
   public :: exchange_tallies
 
   real(wp), parameter :: parts_of_contact = 0.1_wp  !! a step, of a contact [-]
-  real(wp), parameter :: stable_part = 2.0_wp       !! a step, of the inverse of the fastest rate: all explicit methods are stable [-]
 
   !> Of one element.
   type, public :: element_tally
@@ -103,8 +102,7 @@ contains
     self%force = max(self%force, peak(force))
     self%age = self%age + h
     if (self%age > 2*self%time) self%longest = huge(1.0_wp)
-    if (explicit) self%longest = min(self%longest, stable_part/max(tiny(1.0_wp), &
-                                     m%s%forces(k)%item%contact_rate(with, self%mass, maxval(depth), maxval(rate))))
+    if (explicit) self%longest = min(self%longest, m%s%forces(k)%item%contact_step(with, self%mass, maxval(depth), maxval(rate)))
   end subroutine note_step
 
   !> The largest of equidistant values, by the parabola through it and its neighbours.

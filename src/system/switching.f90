@@ -27,6 +27,7 @@ module switching
     type(switch_event), allocatable :: items(:)
   contains
     procedure :: add
+    procedure :: drop
     procedure :: exchange
   end type event_list
 
@@ -122,6 +123,15 @@ contains
     self%count = self%count + 1
     self%items(self%count) = event
   end subroutine add
+
+  !> Takes the first n events away.
+  pure subroutine drop(self, n)
+    class(event_list), intent(inout) :: self
+    integer, intent(in) :: n
+    if (n == 0) return
+    self%items(1:self%count - n) = self%items(n + 1:self%count)
+    self%count = self%count - n
+  end subroutine drop
 
   !> Saves or restores the list.
   subroutine exchange(self, a)

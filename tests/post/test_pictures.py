@@ -370,7 +370,8 @@ def test_the_first_of_an_odd_number_of_panels_is_as_wide_as_two(tmp_path):
 
 def test_events_are_marked_in_every_panel(runs, capsys):
     """Two touches and an opening, of which one lies outside the picture."""
-    lines = ["# columns: t[s] element from to speed[m/s]", "1e-3 pad open lower 0.5", "2e-3 pad lower open 0", "0.5 pad open upper 0.1"]
+    lines = ["# columns: t[s] element from to speed[m/s]", "1e-3 pad open lower 0.5", "2e-3 pad lower open 0"]
+    lines.append("0.5 pad open upper 0.1")
     (runs[0] / "events.txt").write_text("\n".join(lines) + "\n")
     picture = runs[0] / "marked.png"
     assert plot_command.main([str(runs[0]), "--columns", "large", "q.q", "--events", "--output", str(picture)]) == 0

@@ -60,7 +60,8 @@ def scene(dice: random.Random) -> str:
             side = at if "node" in at else ""
             relative = angle - before
             limits = f"lower={relative - 10 ** dice.uniform(-4, -2):.17g} upper={relative + 10 ** dice.uniform(-4, -2):.17g}"
-            law = f"stiffness={10 ** dice.uniform(2, 6):.17g} exponent={dice.choice([1.0, 1.5, 2.0])} restitution={dice.uniform(0.1, 1.0):.17g}"
+            law = f"stiffness={10 ** dice.uniform(2, 6):.17g} exponent={dice.choice([1.0, 1.5, 2.0])}"
+            law += f" restitution={dice.uniform(0.1, 1.0):.17g}"
             lines.append(f"&stop name='t{k}' type='rotation' body_a='b{k}' {near} {on} {side} {limits} {law} /")
             lines.append(f"&sensor name='t{k}' quantity='stop' stop='t{k}' /")
         before = angle
@@ -81,6 +82,7 @@ def transient(dice: random.Random, method: str) -> str:
     words = METHODS[method].format(step=output / dice.choice([1, 2, 3, 10]), small=output / 120)
     end = ROWS * output
     interval = end / dice.uniform(4, 9)
+    words += dice.choice(["", "", "", " check_error=.true."])
     return f"&transient t_end={end:.17g} output_step={output:.17g} checkpoint_interval={interval:.17g} {words} /\n"
 
 

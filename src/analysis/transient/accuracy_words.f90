@@ -120,6 +120,7 @@ contains
         call text%line(share)
       end do
       call text%close()
+      call event_words(run, c, text)
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
       if (len(doubt) > 0) call warn(run, doubt, text)
@@ -138,6 +139,20 @@ contains
         '; use a smaller step or tolerance', text)
     end associate
   end subroutine error_lines
+
+  !> How well the times of events are known, and up to when the sequences of both runs agree.
+  subroutine event_words(run, c, text)
+    type(run_state), intent(in) :: run
+    type(error_watch), intent(in) :: c
+    type(summary_record), intent(inout) :: text
+    if (run%sys%roots == 0) return
+    call text%figure('  events of both runs: ', 'events_compared', c%matched)
+    call text%figure(', their times err by an estimated ', 'event_time_error', c%error_ratio*c%event_error, 2, rest=' s at most')
+    if (c%differ_at < 0.0_wp) return
+    call text%member('events_differ_from', json_number(c%differ_at))
+    call warn(run, 'from t = '//trim(adjustl(es_text(c%differ_at, 6)))//' s on the event sequences of both runs differ: rows '// &
+              'beyond are not predictable, and their errors not estimated', text)
+  end subroutine event_words
 
   !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second
   !> one's energy balance then closes no better.

@@ -12,6 +12,7 @@ module error_check
   use mechanism_ode, only: mechanism_system
   use sensors, only: sensor_list, read_sensors
   use step_counts, only: actual_step
+  use switching, only: event_list, switch_event
   use time_stepper, only: stepper, reached, lost
   implicit none (type, external)
   private
@@ -32,11 +33,17 @@ module error_check
     real(wp) :: error_ratio = 1.0_wp               !! error of the first run over the difference [-]
     integer(ip) :: done = -1                  !! rows done after that of t = 0
     real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
+    type(event_list) :: waiting               !! events of the first run that the second one has not had yet
+    integer(ip) :: matched = 0                !! events of both runs
+    real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
+    real(wp) :: differ_at = -1.0_wp           !! time from which the events of both runs differ, < 0: they do not [s]
+    logical, private :: between = .false.     !! the present row lies between an event of one run and that of the other
   contains
     procedure :: begin
     procedure :: start
     procedure :: behind
     procedure :: advance
+    procedure :: match_events
     procedure :: compare
     procedure :: ranges
     procedure :: exchange
@@ -117,6 +124,46 @@ contains
     self%done = self%done + 1
   end subroutine advance
 
+  !> Compares the events of the first run up to a row with those of the second, one by one. What one of them has had and the other
+  !> not a row later has no counterpart: from there on the runs are two motions.
+  subroutine match_events(self, first, last)
+    class(error_watch), intent(inout) :: self
+    type(event_list), intent(in) :: first     !! events of the first run since the last row
+    real(wp), intent(in) :: last              !! time of that row [s]
+    type(switch_event) :: a, b
+    integer :: k, n
+    if (.not. self%active .or. self%lost_at >= 0.0_wp) return
+    do k = 1, first%count
+      call self%waiting%add(first%items(k))
+    end do
+    associate (mine => self%waiting, other => self%sys%events)
+      n = min(mine%count, other%count)
+      do k = 1, n
+        a = mine%items(k)
+        b = other%items(k)
+        if (self%differ_at >= 0.0_wp) exit
+        if (a%element == b%element .and. a%from == b%from .and. a%to == b%to) then
+          self%matched = self%matched + 1
+          self%event_error = max(self%event_error, abs(a%t - b%t))
+        else
+          self%differ_at = min(a%t, b%t)
+        end if
+      end do
+      call mine%drop(n)
+      call other%drop(n)
+      self%between = mine%count + other%count > 0
+      if (self%differ_at >= 0.0_wp) return
+      if (mine%count > 0) call judge(mine%items(1)%t)
+      if (other%count > 0) call judge(other%items(1)%t)
+    end associate
+  contains
+    !> An event without a counterpart for a row.
+    subroutine judge(t)
+      real(wp), intent(in) :: t               !! [s]
+      if (t < last) self%differ_at = t
+    end subroutine judge
+  end subroutine match_events
+
   !> Compares a row of the first run with that of the second.
   subroutine compare(self, values)
     class(error_watch), intent(inout) :: self
@@ -124,7 +171,8 @@ contains
     if (.not. self%active) return
     self%low = min(self%low, values)
     self%high = max(self%high, values)
-    if (self%lost_at < 0.0_wp) self%error = max(self%error, abs(values - self%values))
+    if (self%lost_at >= 0.0_wp .or. self%differ_at >= 0.0_wp .or. self%between) return
+    self%error = max(self%error, abs(values - self%values))
   end subroutine compare
 
   !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
@@ -189,6 +237,10 @@ contains
     call self%balance%exchange(a)
     call self%method%exchange(a)
     call self%sys%exchange_switches(a)
+    call self%waiting%exchange(a)
+    call a%exchange(self%matched)
+    call a%exchange(self%event_error)
+    call a%exchange(self%differ_at)
     call a%exchange(self%sys%ev%evaluations)
     call a%exchange(self%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange

@@ -200,6 +200,7 @@ contains
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
       if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
+      call march%check%match_events(run%sys%events, march%last)
       call march%check%compare(files%values)
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row(:merge(8, 7, size(run%sys%m%s%switching) > 0)))

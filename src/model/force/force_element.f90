@@ -77,7 +77,7 @@ module force_element
     procedure :: start_state => no_start_state    !! its state where no event has led to it
     procedure :: state_word => no_word            !! a state in a word, for files
     procedure :: contact_force => no_contact      !! force of a penetration and its rate
-    procedure :: contact_rate => no_rate          !! a bound of the eigenvalues of a mass on it
+    procedure :: contact_step => any_step         !! a step with which explicit methods follow a mass on it
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -268,14 +268,14 @@ contains
   end function no_contact
 
   !> Most elements touch nothing.
-  pure real(wp) function no_rate(self, with, mass, depth, rate) result(s)   ! [1/s]
+  pure real(wp) function any_step(self, with, mass, depth, rate) result(h)   ! [s]
     class(force_model), intent(in) :: self
     type(conditions), intent(in) :: with          !! with its present state
     real(wp), intent(in) :: mass                  !! [kg] or [kg m2]
     real(wp), intent(in) :: depth                 !! [m] or [rad]
     real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
-    s = 0.0_wp
-  end function no_rate
+    h = huge(1.0_wp)
+  end function any_step
 
   !> Most elements have no states.
   pure function no_word(self, state) result(word)
