@@ -114,6 +114,7 @@ contains
         at = r%marker
         if (r%joint > 0) at = d%joints(r%joint)%a
         if (r%drive > 0) at = d%drives(r%drive)%a
+        if (r%force > 0) at = d%forces(r%force)%marker
         if (r%spring > 0) at = d%springs(r%spring)%a
         if (r%stop > 0) at = d%stops(r%stop)%a
         if (r%element > 0) at%node = m%s%bodies(at%body)%en(1, r%element)

@@ -188,6 +188,9 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         against = maybe(dice, 0.3, f" body_b='{other}' {marker(dice, others, '_b') if k < 3 else ''}")
         text += maybe(dice, 0.6, f"&sensor name='{quantity}' quantity='{quantity}' body='{name}' {place}{against} /\n")
         text += maybe(dice, 0.2 * (k < 1), f"&sensor name='far' quantity='distance' body='{name}' {place}{against} /\n")
+    for kind, part in (("spring", "k0"), ("force", "f0"), ("drive", "d")):
+        text += maybe(dice, 0.3 * (f"&{kind} name='{part}'" in text), f"&sensor name='p{kind}' quantity='power' {kind}='{part}' /\n")
+    text += maybe(dice, 0.2, f"&sensor name='e' quantity='energy' body='{name}' /\n")
     flexible = [b for b in bodies if b[1] > 0]
     if flexible:
         name, nodes = dice.choice(flexible)

@@ -66,7 +66,9 @@ def run(request, run_deck_once):
     text += "&sensor name='frame' quantity='angle' body='b' /\n&sensor name='q' quantity='coordinate' body='b' index=3 /\n"
     for joint in ("o", "e"):
         text += f"&sensor name='{joint}' quantity='reaction' joint='{joint}' /\n"
-    text += "&sensor name='k' quantity='spring' spring='k' /\n"
+    text += "&sensor name='k' quantity='spring' spring='k' /\n&sensor name='kp' quantity='power' spring='k' /\n"
+    text += "&sensor name='fp' quantity='power' force='f' /\n"
+    text += "".join(f"&sensor name='e_{body}' quantity='energy' body='{body}' /\n" for body in ("arm", "b"))
     return run_deck_once(text + transient(0.06, 2.0e-5))
 
 
@@ -90,6 +92,25 @@ def test_what_is_measured_against_another_marker_is_the_difference(run):
     distance = np.hypot(h["seen_position.x"], h["seen_position.y"])
     np.testing.assert_allclose(h["seen_distance"], distance, rtol=1e-15)
     assert np.ptp(distance) > 1e-2
+
+
+def test_powers_and_energies_make_the_balance(run):
+    """Kinetic energy is the sum of the bodies'; the work is the integral of the force's power; a spring takes f d'."""
+    h, e = run.history, run.energy
+    np.testing.assert_allclose(h["e_arm.kinetic"] + h["e_b.kinetic"], e["kinetic"], rtol=0, atol=1e-14 * e["kinetic"].max())
+    step = h.time[1]
+    close(h["fp"][3:-3], differentiate(e["work"], step), 1e-5)
+    close(h["kp"][3:-3], -h["k.f"][3:-3] * differentiate(h["k.d"], step), 1e-5)
+    np.testing.assert_array_equal(h["e_arm.strain"], 0.0)
+    assert h["e_b.strain"].max() > 0.0
+
+
+def test_a_drives_power_is_the_rate_of_its_work(run_deck):
+    text = HEAD + "&body name='a' kind='rigid' mass=0.4 inertia=1.0e-3 com=0.1,0.02 /\n"
+    text += "&joint name='j' type='revolute' body_a='a' /\n"
+    text += "&history name='h' kind='sine' amplitude=0.4 frequency=3.0 /\n&drive name='d' body_a='a' history='h' /\n"
+    run = run_deck(text + "&sensor name='p' quantity='power' drive='d' /\n" + transient(0.1, 2.0e-4))
+    close(run.history["p"][3:-3], differentiate(run.energy["work"], 2.0e-4))
 
 
 def test_deflections_and_section_angles_fit_the_motion(run):

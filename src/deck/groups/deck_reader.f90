@@ -62,6 +62,7 @@ contains
     call allocate_records()
     call read_groups()
     call check_inertia()
+    call check_response()
     call check_histories(source, d%histories, d%transient%t_end)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
@@ -227,6 +228,16 @@ contains
           exact_text(d%parameters(k)%value)//achar(10)
       end do
     end subroutine list_settings
+
+    !> Powers and energies are products: they have no linear response.
+    subroutine check_response()
+      integer :: k
+      do k = 1, size(d%sensors)
+        if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'energy'])) call &
+          d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))//' has no linear response, '// &
+          'expected it in a deck without &frequency_response')
+      end do
+    end subroutine check_response
 
     !> A rigid body needs inertia about its mass centre, its own or that of lumps.
     subroutine check_inertia()

@@ -181,8 +181,9 @@ module deck_records
     logical :: relative = .false.            !! against another marker
     type(marker_record) :: other             !! that marker
     integer :: joint = 0                     !! reaction: index of the joint, or
-    integer :: drive = 0                     !! reaction: index of the drive
-    integer :: spring = 0                    !! spring: index
+    integer :: drive = 0                     !! reaction, power: index of the drive
+    integer :: force = 0                     !! power: index of the force
+    integer :: spring = 0                    !! spring, power: index
     integer :: stop = 0                      !! stop: index
     integer :: element = 0                   !! internal: element number of marker%body
     integer :: index = 0                     !! coordinate: number of the elastic coordinate of marker%body, >= 1 (upper

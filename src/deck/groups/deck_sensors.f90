@@ -4,7 +4,7 @@ module deck_sensors
   use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
-  use deck_kinds, only: in_joint, in_drive, in_spring, in_stop
+  use deck_kinds, only: in_joint, in_drive, in_force, in_spring, in_stop
   use deck_geometry, only: removed_coordinates
   use deck_marker, only: read_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
@@ -27,22 +27,24 @@ contains
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance'], required)
-    call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic, &
+      'distance', 'power', 'energy'], required)
+    call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call read_marker(deck, d, '_b', s%other, .not. required, body_kinds=points//' '//angles, node_kinds=points//' '//angles, &
       point_kinds=points, frame_kinds=angles)
     s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
     call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
-    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction')
-    call get_reference(deck, 'spring', in_spring, s%spring, required, kinds='spring')
+    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction power')
+    call get_reference(deck, 'force', in_force, s%force, kinds='power')
+    call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power')
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
-    if (deck%is_choice(angles//' distance') .and. any(lower(s%name) == columns)) call deck%complain('name', &
+    if (deck%is_choice(angles//' distance power') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_reaction()
+    call check_power()
     call check_elastic()
   contains
     !> A reaction is that of one joint or of one drive.
@@ -54,6 +56,15 @@ contains
         call deck%note_missing('joint', 'joint or drive', kinds='reaction')
       end if
     end subroutine check_reaction
+
+    !> A power is that of one drive, force or spring.
+    subroutine check_power()
+      integer :: given
+      if (.not. deck%is_choice('power')) return
+      given = count([deck%is_given('drive'), deck%is_given('force'), deck%is_given('spring')])
+      if (given == 0) call deck%note_missing('drive', 'drive, force or spring', kinds='power')
+      if (given > 1) call deck%complain('quantity', 'more than one of drive, force and spring is given, expected one of them')
+    end subroutine check_power
 
     !> Elastic quantities are those of beams and frames; the element must exist.
     subroutine check_elastic()

@@ -8,10 +8,12 @@ module sensors
   use deck_records, only: deck, sensor_record
   use deflection_sensor, only: deflection_sensor_model
   use dynamics, only: one_marker
+  use energy_sensor, only: energy_sensor_model
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
   use point_sensor, only: point_sensor_model
+  use power_sensor, only: power_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use relative_sensor, only: relative_sensor_model
   use section_sensor, only: section_sensor_model
@@ -129,6 +131,13 @@ contains
       item = section_sensor_model(element=r%element)
       suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
       if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) suffixes = suffixes(:4)   ! no shape, no stress
+    case ('power')
+      item = power_sensor_model(constraint=merge(m%s%joints + r%drive, 0, r%drive > 0), &
+                                element=merge(m%s%springs + r%force, r%spring, r%force > 0))
+      suffixes = [character(suffix_length) :: '[W]']
+    case ('energy')
+      item = energy_sensor_model()
+      suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]']
     case ('stop')
       item = stop_sensor_model(element=m%s%switching(r%stop))
       suffixes = [character(suffix_length) :: '.f[N]', '.gap[m]', '.state[-]']

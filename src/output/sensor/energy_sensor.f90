@@ -1,0 +1,42 @@
+!> Kinetic energy of a body, and what its deformation stores, viscoelastic terms included.
+module energy_sensor
+  use kinds, only: wp
+  use body_energy, only: kinetic_energy, strain_energy
+  use sensor, only: observation, sensor_model, harmonic_motion
+  implicit none (type, external)
+  private
+
+  !> A body's energies.
+  type, extends(sensor_model), public :: energy_sensor_model
+  contains
+    procedure :: read => read_energy
+    procedure :: respond
+  end type energy_sensor_model
+
+contains
+
+  !> Of the state.
+  subroutine read_energy(self, at, x)
+    class(energy_sensor_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    real(wp), intent(inout) :: x(:)           !! [J], [J]
+    integer :: i, j
+    associate (s => at%m%s, b => self%marker%body, n => at%m%s%bodies(self%marker%body)%nf)
+      i = s%qo(b)
+      j = s%nq + i
+      x(1) = kinetic_energy(s%bodies(b), at%ev%frame%cos(b), at%ev%frame%sin(b), at%y(j + 1:j + 3), at%y(i + 4:i + 3 + n), &
+                            at%y(j + 4:j + 3 + n))
+      x(2) = strain_energy(s%bodies(b), at%ev%elastic(b), at%y(i + 4:i + 3 + n), at%y(2*s%nq + 1:2*s%nq + s%nz), &
+                           at%y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
+    end associate
+  end subroutine read_energy
+
+  !> An energy is a product: it has no amplitude (the reader of decks refuses the question).
+  subroutine respond(self, at, motion, x)
+    class(energy_sensor_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [J], [J]
+    x(1:2) = 0.0_wp
+  end subroutine respond
+end module energy_sensor
