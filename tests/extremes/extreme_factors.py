@@ -12,6 +12,7 @@ from extreme_measures import REFUSAL, UNSTABLE, away, largest, residual, same
 from extreme_motion import LONG, SHARE, masses, singular_positions, spins
 from extreme_scales import drives, loads, many_steps, units
 from extreme_scenes import Term, cantilever, oscillator, oscillator_bound, oscillator_exact, transient
+from extreme_stops import stops
 
 STEPS = 30_000  # of a run at the limit: enough for one that grows by a thousandth a step
 SLOW = 1_500_000  # for one that grows by 3e-5 a step
@@ -167,7 +168,7 @@ def damping() -> list[Case]:
 
 def all_factors() -> list[Case]:
     """Return every case of one factor, those of implicit methods after the others of their factor."""
-    families = (steps_at_the_limit, beams, damping, masses, spins, singular_positions, many_steps, loads, units, drives)
+    families = (steps_at_the_limit, beams, damping, masses, spins, singular_positions, many_steps, loads, units, drives, stops)
     cases = [case for family in families for case in family()] + all_implicit(FACTORS)
     factors = list(dict.fromkeys(case.factor for case in cases))
     return sorted(cases, key=lambda case: factors.index(case.factor))

@@ -197,7 +197,23 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         text += f"&sensor name='u' quantity='deflection' body='{name}' node=-1 /\n"
         text += maybe(dice, 0.5, f"&sensor name='i' quantity='internal' body='{name}' element=1 /\n")
         text += maybe(dice, 0.3, f"&sensor name='q' quantity='coordinate' body='{name}' index=1 /\n")
+    for k in range(dice.choice([0, 0, 1, 2])):
+        text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")
     return text + ("&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else "")
+
+
+def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:
+    """Return a stop of any kind, near what it limits or far from it, soft or hard."""
+    kind = dice.choice(["rotation", "position", "clearance"])
+    low = dice.uniform(-1, 1)
+    limits = dice.choice([f"lower={low:.4f}", f"upper={low:.4f}", f"lower={low:.4f} upper={low + 10 ** dice.uniform(-6, 0):.7f}"])
+    if kind == "clearance":
+        limits = f"gap={some(dice, -9, 0)}"
+    law = maybe(dice, 0.5, f" exponent={dice.choice(['1', '2', '3', f'{dice.uniform(1, 3):.3f}'])}")
+    law += dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
+    law += maybe(dice, 0.3 * (kind == "position"), " direction=1.5707963267948966")
+    where = sides(dice, bodies, turns=kind == "rotation")
+    return f"&stop name='{name}' type='{kind}' {where} {limits} stiffness={some(dice, 1, 12)}{law} /\n"
 
 
 def transient(dice: random.Random) -> str:

@@ -27,6 +27,7 @@ QUICK = [
     factors.loads,
     factors.units,
     factors.drives,
+    factors.stops,
 ]
 LONG = re.compile(r"^dopri5 \S+ disc$")  # an undamped mode of which dopri5 loses 3e-5 a step
 
@@ -35,7 +36,7 @@ LONG = re.compile(r"^dopri5 \S+ disc$")  # an undamped mode of which dopri5 lose
 def test_every_case_of_a_factor_is_as_stated(family, biela, tmp_path):
     assert biela.exists()
     cases = [case for case in family() if not LONG.search(f"{case.method} {case.value}")]
-    rows = [judge(case) for case in cases[:: {factors.masses: 4, factors.steps_at_the_limit: 2}.get(family, 1)]]
+    rows = [judge(case) for case in cases[:: {factors.masses: 4, factors.steps_at_the_limit: 2, factors.stops: 9}.get(family, 1)]]
     assert len(rows) >= 4
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
     if family is factors.spins:
