@@ -30,7 +30,7 @@ contains
     type(acting_marker), intent(in) :: acting(:, :)
     type(body_model), intent(out) :: b
     type(fault_list), intent(inout) :: faults
-    integer :: e, before
+    integer :: e, faults_before
     associate (r => d%bodies(k))
       b%name = r%name
       if (r%kind == 'rigid') then
@@ -47,9 +47,9 @@ contains
       end if
       call add_lumps()
       b%length = body_length(b%x)
-      before = faults%count
+      faults_before = faults%count
       call judge_values(d, r, b, faults)
-      if (faults%count > before) return
+      if (faults%count > faults_before) return
       if (r%kind /= 'rigid' .and. r%flexible) then
         call make_flexible()
       else

@@ -16,7 +16,7 @@ module build_constraints
   private
   public :: make_constraints
 
-  integer, parameter :: most_shown = 3    !! jumps of a history that are reported one by one
+  integer, parameter :: jumps_shown = 3    !! jumps of a history that are reported one by one
 
 contains
 
@@ -93,7 +93,7 @@ contains
       breakpoints = pack(breakpoints, breakpoints%order <= merge(0, 1, r%rate))
       remedy = ''
       if (len(h%remedy) > 0) remedy = ': '//h%remedy
-      do k = 1, min(size(breakpoints), most_shown)
+      do k = 1, min(size(breakpoints), jumps_shown)
         call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
                         trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
                         trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &

@@ -3,7 +3,7 @@ module build_history
   use kinds, only: wp, pi
   use simple_histories, only: cycloid_model, polynomial_model, pulse_model, ramp_model, rise_model, sine_model
   use deck_records, only: deck, history_record
-  use history, only: breakpoint, history_model
+  use history, only: breakpoint, history_box, history_model
   use sequence_history, only: sequence_model
   use sum_history, only: sum_model
   use table_history, only: table_model
@@ -38,7 +38,7 @@ contains
         pulse%value = r%value
         pulse%start = r%start
         pulse%finish = r%finish
-        pulse%breaks = ends(r, 0)
+        pulse%breaks = both_ends(r, 0)
         pulse%remedy = 'a ramp or a cycloid instead of the pulse'
         call move_alloc(pulse, h)
       case ('sum')
@@ -65,17 +65,17 @@ contains
     rise%high = r%end_value
     rise%start = r%start
     rise%finish = r%finish
-    rise%breaks = ends(r, 3)
+    rise%breaks = both_ends(r, 3)
     call move_alloc(rise, h)
   end subroutine make_rise
 
   !> Breakpoints at the start and at the finish.
-  pure function ends(r, order) result(list)
+  pure function both_ends(r, order) result(list)
     type(history_record), intent(in) :: r
     integer, intent(in) :: order                          !! derivative that jumps
     type(breakpoint) :: list(2)
     list = [breakpoint(r%start, order), breakpoint(r%finish, order)]
-  end function ends
+  end function both_ends
 
   !> A table, with the slopes of the curve through its points.
   subroutine make_table(r, h)
@@ -106,6 +106,18 @@ contains
     call move_alloc(table, h)
   end subroutine make_table
 
+  !> The histories that a sum or a sequence is made of.
+  recursive subroutine make_parts(d, r, parts)
+    type(deck), intent(in) :: d
+    type(history_record), intent(in) :: r
+    type(history_box), allocatable, intent(out) :: parts(:)
+    integer :: k
+    allocate (parts(size(r%parts)))
+    do k = 1, size(parts)
+      call make_history(d, r%parts(k), parts(k)%item)
+    end do
+  end subroutine make_parts
+
   !> A weighted sum.
   recursive subroutine make_sum(d, r, h)
     type(deck), intent(in) :: d
@@ -114,9 +126,8 @@ contains
     type(sum_model), allocatable :: total
     integer :: k
     allocate (total)
-    allocate (total%parts(size(r%parts)))
-    do k = 1, size(r%parts)
-      call make_history(d, r%parts(k), total%parts(k)%item)
+    call make_parts(d, r, total%parts)
+    do k = 1, size(total%parts)
       if (len(total%parts(k)%item%remedy) > 0) total%remedy = 'in "'//trim(total%parts(k)%item%name)//'" '// &
         total%parts(k)%item%remedy
     end do
@@ -129,15 +140,11 @@ contains
     type(deck), intent(in) :: d
     type(history_record), intent(in) :: r
     class(history_model), allocatable, intent(out) :: h
-    type(sequence_model), allocatable :: chain
-    integer :: k
-    allocate (chain)
-    allocate (chain%parts(size(r%parts)))
-    do k = 1, size(r%parts)
-      call make_history(d, r%parts(k), chain%parts(k)%item)
-    end do
-    call chain%set(r%start, r%durations, r%periodic)
-    chain%remedy = 'parts that begin with the value and slope with which the one before ends'
-    call move_alloc(chain, h)
+    type(sequence_model), allocatable :: sequence
+    allocate (sequence)
+    call make_parts(d, r, sequence%parts)
+    call sequence%set(r%start, r%durations, r%periodic)
+    sequence%remedy = 'parts that begin with the value and slope with which the one before ends'
+    call move_alloc(sequence, h)
   end subroutine make_sequence
 end module build_history

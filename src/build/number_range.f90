@@ -15,11 +15,11 @@ module number_range
   private
   public :: judge_laws, judge_values, judge_distances
 
-  real(wp), parameter :: most = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
+  real(wp), parameter :: largest_value = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element over its body's: beside a lump it keeps two digits [-]
   real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
   real(wp), parameter :: least_radius = 1.0e-14_wp  !! of gyration, in sizes of the scene [-]
-  real(wp), parameter :: light = 299792458.0_wp     !! its speed [m/s]
+  real(wp), parameter :: speed_of_light = 299792458.0_wp     !! [m/s]
   real(wp), parameter :: farthest = 1.0e10_wp       !! a marker from a mass centre, in radii of gyration [-]
 
 contains
@@ -44,9 +44,9 @@ contains
     type(fault_list), intent(inout) :: faults
     integer :: k
     do k = 1, size(law%alpha)
-      if (beyond(at, 'weight of a '//trim(law%words(k))//' term', law%alpha(k), '', faults)) return
-      if (beyond(at, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
-      if (beyond(at, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
+      if (out_of_range(at, 'weight of a '//trim(law%words(k))//' term', law%alpha(k), '', faults)) return
+      if (out_of_range(at, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
+      if (out_of_range(at, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
     end do
   end subroutine judge_law
 
@@ -57,10 +57,10 @@ contains
     type(body_model), intent(in) :: b
     type(fault_list), intent(inout) :: faults
     type(viscoelastic_terms) :: law
-    real(wp) :: raised                        ! instantaneous over static stiffness [-]
+    real(wp) :: instantaneous                        ! instantaneous over static stiffness [-]
     integer :: e
-    if (bad('mass', b%mass, 'kg')) return
-    if (bad('moment of inertia about its origin', b%i11, 'kg m2')) return
+    if (value_refused('mass', b%mass, 'kg')) return
+    if (value_refused('moment of inertia about its origin', b%i11, 'kg m2')) return
     if (r%kind == 'rigid' .or. .not. r%flexible) return
     if (minval(b%elements%mass) < least_mass*b%mass) then
       call r%at%blame(faults, 'its masses are too uneven for double precision: an element of '// &
@@ -70,15 +70,15 @@ contains
     do e = 1, b%ne
       associate (g => b%elements(e), m => d%materials(b%elements(e)%material))
         law = law_of(m%law)
-        raised = 1.0_wp
-        if (r%viscoelastic) raised = 1.0_wp + sum(law%alpha)
-        if (bad('mass of an element', g%mass, 'kg')) return
-        if (bad('rotary inertia of an element', g%mass*g%length**2, 'kg m2')) return
-        if (bad('bending stiffness of an element', g%ei_l/g%length**2, 'N/m')) return
-        if (bad('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*raised, 'rad2/s2')) return
+        instantaneous = 1.0_wp
+        if (r%viscoelastic) instantaneous = 1.0_wp + sum(law%alpha)
+        if (value_refused('mass of an element', g%mass, 'kg')) return
+        if (value_refused('rotary inertia of an element', g%mass*g%length**2, 'kg m2')) return
+        if (value_refused('bending stiffness of an element', g%ei_l/g%length**2, 'N/m')) return
+        if (value_refused('squared bending frequency of an element', g%ei_l/g%length**2/g%mass*instantaneous, 'rad2/s2')) return
         if (.not. r%axial) cycle
-        if (bad('axial stiffness of an element', g%ea_l, 'N/m')) return
-        if (bad('squared axial frequency of an element', g%ea_l/g%mass*raised, 'rad2/s2')) return
+        if (value_refused('axial stiffness of an element', g%ea_l, 'N/m')) return
+        if (value_refused('squared axial frequency of an element', g%ea_l/g%mass*instantaneous, 'rad2/s2')) return
         if (g%ei_l >= least_bending*g%ea_l*g%length**2) cycle
         call r%at%blame(faults, 'an element of '//to_text(g%length)//' m is too slender for double precision: its bending is '// &
                     'lost beside its stretch; expected at most 1e10 radii of gyration of its section (or axial=.false.)')
@@ -87,23 +87,23 @@ contains
     end do
   contains
     !> Whether a value of the body is out of range.
-    logical function bad(what, x, unit)
+    logical function value_refused(what, x, unit)
       character(*), intent(in) :: what, unit
       real(wp), intent(in) :: x               !! not negative [unit]
-      bad = beyond(r%at, what, x, unit, faults)
-    end function bad
+      value_refused = out_of_range(r%at, what, x, unit, faults)
+    end function value_refused
   end subroutine judge_values
 
   !> Whether a value is out of range, which is reported.
-  logical function beyond(at, what, x, unit, faults)
+  logical function out_of_range(at, what, x, unit, faults)
     type(origin), intent(in) :: at
     character(*), intent(in) :: what, unit
     real(wp), intent(in) :: x                 !! not negative [unit]
     type(fault_list), intent(inout) :: faults
-    beyond = .not. (x <= most .and. (x >= 1.0_wp/most .or. abs(x) <= 0.0_wp))
-    if (beyond) call at%blame(faults, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
+    out_of_range = .not. (x <= largest_value .and. (x >= 1.0_wp/largest_value .or. abs(x) <= 0.0_wp))
+    if (out_of_range) call at%blame(faults, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
-  end function beyond
+  end function out_of_range
 
   !> Reports what rounding of positions and angles hides: forces whose accelerations are out of range, inertias too small for the
   !> scene, a time in which rounding alone is as fast as light, and markers that rounding of an angle moves too far.
@@ -119,12 +119,13 @@ contains
         ' m, is lost in rounding beside the size of the scene, '//to_text(s%size)//' m; expected at least 1e-14 of it')
     end do
     associate (run => d%transient)
-      if (run%present .and. epsilon(1.0_wp)*s%size > light*run%t_end) call faults%add(run%at%file, run%at%line, 'transient/t_end', &
-        'in '//to_text(run%t_end)//' s rounding of positions alone would be faster than light; expected a longer time')
+      if (run%present .and. epsilon(1.0_wp)*s%size > speed_of_light*run%t_end) &
+        call faults%add(run%at%file, run%at%line, 'transient/t_end', 'in '//to_text(run%t_end)// &
+                        ' s rounding of positions alone would be faster than light; expected a longer time')
     end associate
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
-        if (beyond(f%at, 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
+        if (out_of_range(f%at, 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &
                    'm/s2', faults)) return
       end associate
     end do

@@ -100,18 +100,15 @@ contains
       call condense_geometry(self, ev)
       call ev%schur%factor_uneven()
     end if
-    do pass = 1, 6
+    do pass = 0, 6
       call marker_kinematics(self, ev, q, v)
       call row_rates(self, ev, ev%lambda)
       worst = maxval(abs(ev%lambda))
-      if (worst <= 0.01_wp*goal) exit
+      if (worst <= 0.01_wp*goal .or. pass == 6) exit
       call ev%schur%solve(ev%lambda)
       call apply_multipliers(self, ev, ev%lambda, ev%a)
       v = v + ev%a
     end do
-    call marker_kinematics(self, ev, q, v)
-    call row_rates(self, ev, ev%lambda)
-    worst = maxval(abs(ev%lambda))
   end subroutine correct_velocities
 
   !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.

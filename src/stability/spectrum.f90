@@ -5,7 +5,7 @@ module spectrum
   use kinds, only: wp
   use lapack, only: dsteqr
   use linear_matrices, only: linear_mechanism
-  use elastic_blocks, only: elastic_matrices
+  use linear_bodies, only: elastic_matrices
   use mass_solve, only: solve_mass
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model

@@ -96,7 +96,7 @@ contains
   subroutine distance_settle(self, p)
     class(distance_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
-    if (self%pending) self%length = norm2(p%r(:, self%ia) - p%r(:, self%ib))
+    call self%init_from_deck(p)
     self%pending = .false.
   end subroutine distance_settle
 end module distance_joint

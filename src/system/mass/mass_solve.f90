@@ -20,7 +20,11 @@ contains
     real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
     real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
     integer :: b, e
-    call solve_bodies(m, ev, r, u)
+    do b = 1, size(m%s%bodies)
+      associate (i => m%s%qo(b), n => 3 + m%s%bodies(b)%nf)
+        call solve_body(m, ev, b, r(i + 1:i + n), u(i + 1:i + n))
+      end associate
+    end do
     if (.not. held .or. m%s%rows == 0) return
     associate (mu => ev%lambda_change, x => ev%change)
       mu = 0.0_wp
@@ -35,21 +39,8 @@ contains
     end associate
   end subroutine solve_mass
 
-  !> u = M^-1 r, joints released.
-  subroutine solve_bodies(m, ev, r, u)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
-    real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
-    integer :: b, i, n
-    do b = 1, size(m%s%bodies)
-      i = m%s%qo(b)
-      n = 3 + m%s%bodies(b)%nf
-      call solve_body(m, ev, b, r(i + 1:i + n), u(i + 1:i + n))
-    end do
-  end subroutine solve_bodies
-
-  !> The same for one body alone: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates behind it.
+  !> u = M^-1 r of one body, joints released: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates
+  !> behind it.
   subroutine solve_body(m, ev, b, r, u)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

@@ -270,7 +270,6 @@ contains
     dependent = self%dependent(self%position)
   end subroutine weak_rows
 
-  !> Marks as dependent the rows of G whose pivot falls below tol of their diagonal entry; the elimination goes on without them.
   !> The row that rounding weakens most: its pivot in S is the smallest beside its diagonal entry. 0: no row.
   pure integer function weakest_row(self) result(row)
     class(multiplier_system), intent(in) :: self
