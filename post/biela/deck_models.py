@@ -118,10 +118,12 @@ def _sensor(
 ) -> tuple[dict[str, str], str]:
     """Return what changes in a sensor on the changed body, and what it loses."""
     quantity = group.word("quantity")
-    if lost or quantity not in ("coordinate", "internal"):
+    if lost or quantity not in ("coordinate", "internal", "stress"):
         return edits, lost
     if not is_flexible(after):
         return {}, f"body {after.name} is rigid here"
+    if quantity == "stress":
+        return edits, ""
     if quantity == "internal":
         return ({}, "the elements are others here") if nodes is not None else (edits, "")
     index, modes = int(group.number("index")), int(after.number("modes"))

@@ -189,13 +189,15 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         text += maybe(dice, 0.6, f"&sensor name='{quantity}' quantity='{quantity}' body='{name}' {place}{against} /\n")
         text += maybe(dice, 0.2 * (k < 1), f"&sensor name='far' quantity='distance' body='{name}' {place}{against} /\n")
     for kind, part in (("spring", "k0"), ("force", "f0"), ("drive", "d")):
-        text += maybe(dice, 0.3 * (f"&{kind} name='{part}'" in text), f"&sensor name='p{kind}' quantity='power' {kind}='{part}' /\n")
+        if f"&{kind} name='{part}'" in text:
+            text += maybe(dice, 0.3, f"&sensor name='p{kind}' quantity='power' {kind}='{part}' /\n")
     text += maybe(dice, 0.2, f"&sensor name='e' quantity='energy' body='{name}' /\n")
     flexible = [b for b in bodies if b[1] > 0]
     if flexible:
         name, nodes = dice.choice(flexible)
         text += f"&sensor name='u' quantity='deflection' body='{name}' node=-1 /\n"
         text += maybe(dice, 0.5, f"&sensor name='i' quantity='internal' body='{name}' element=1 /\n")
+        text += maybe(dice, 0.2, f"&sensor name='w' quantity='stress' body='{name}' /\n")
         text += maybe(dice, 0.3, f"&sensor name='q' quantity='coordinate' body='{name}' index=1 /\n")
     for k in range(dice.choice([0, 0, 1, 2])):
         text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")

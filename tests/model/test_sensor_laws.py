@@ -69,6 +69,8 @@ def run(request, run_deck_once):
     text += "&sensor name='k' quantity='spring' spring='k' /\n&sensor name='kp' quantity='power' spring='k' /\n"
     text += "&sensor name='fp' quantity='power' force='f' /\n"
     text += "".join(f"&sensor name='e_{body}' quantity='energy' body='{body}' /\n" for body in ("arm", "b"))
+    text += "".join(f"&sensor name='i{e}' quantity='internal' body='b' element={e} /\n" for e in (1, 2))
+    text += "&sensor name='most' quantity='stress' body='b' /\n"
     return run_deck_once(text + transient(0.06, 2.0e-5))
 
 
@@ -103,6 +105,13 @@ def test_powers_and_energies_make_the_balance(run):
     close(h["kp"][3:-3], -h["k.f"][3:-3] * differentiate(h["k.d"], step), 1e-5)
     np.testing.assert_array_equal(h["e_arm.strain"], 0.0)
     assert h["e_b.strain"].max() > 0.0
+
+
+def test_the_largest_stress_is_that_of_the_element_it_names(run):
+    h = run.history
+    both = np.array([h["i1.s"], h["i2.s"]])
+    np.testing.assert_array_equal(h["most.s"], both.max(axis=0))
+    np.testing.assert_array_equal(h["most.element"], 1 + both.argmax(axis=0))
 
 
 def test_a_drives_power_is_the_rate_of_its_work(run_deck):

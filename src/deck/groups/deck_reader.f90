@@ -229,11 +229,11 @@ contains
       end do
     end subroutine list_settings
 
-    !> Powers and energies are products: they have no linear response.
+    !> Powers and energies are products, a largest stress changes its place: they have no linear response.
     subroutine check_response()
       integer :: k
       do k = 1, size(d%sensors)
-        if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'energy'])) call &
+        if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'energy', 'stress'])) call &
           d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))//' has no linear response, '// &
           'expected it in a deck without &frequency_response')
       end do

@@ -1,5 +1,6 @@
 !> Reader of &sensor.
 module deck_sensors
+  use kinds, only: wp
   use text, only: lower, to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get
@@ -14,7 +15,7 @@ module deck_sensors
 
   character(*), parameter :: points = 'position velocity acceleration distance'
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
-  character(*), parameter :: elastic = 'deflection coordinate internal'
+  character(*), parameter :: elastic = 'deflection coordinate internal stress'
   character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! of no sensor
 
 contains
@@ -27,7 +28,7 @@ contains
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance', 'power', 'energy'], required)
+      'distance', 'power', 'energy', 'stress'], required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
@@ -77,6 +78,10 @@ contains
         else if (.not. b%flexible .and. s%quantity /= 'deflection') then
           call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
             body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
+        else if (s%quantity == 'stress' .and. size(b%element_section) > 0 .and. &
+                 .not. any(d%sections(b%element_section)%fibre > 0.0_wp)) then
+          call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
+            'expected a &section with a shape')
         else if (deck%is_set('element') .and. s%element > b%elements) then
           call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))

@@ -14,10 +14,10 @@ module deck_words
     valid_name
 
   !> Words that users try, each with the deck's word for it.
-  character(12), parameter :: synonyms(2, 14) = reshape([character(12) :: 'rotation', 'angle', 'displacement', 'position', &
-    'force', 'reaction', 'stress', 'internal', 'strain', 'internal', 'mode', 'coordinate', &
+  character(12), parameter :: synonyms(2, 13) = reshape([character(12) :: 'rotation', 'angle', 'displacement', 'position', &
+    'force', 'reaction', 'strain', 'internal', 'mode', 'coordinate', &
     'pin', 'revolute', 'fixed', 'weld', 'clamp', 'weld', 'translation', 'prismatic', &
-    'rod', 'distance', 'rotational', 'torsional', 'moment', 'torque', 'step', 'pulse'], [2, 14])
+    'rod', 'distance', 'rotational', 'torsional', 'moment', 'torque', 'step', 'pulse'], [2, 13])
 
 contains
 

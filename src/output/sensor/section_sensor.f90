@@ -7,6 +7,7 @@ module section_sensor
   use sensor, only: observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
+  public :: read_element
 
   !> An element's section forces.
   type, extends(sensor_model), public :: section_sensor_model
@@ -23,16 +24,25 @@ contains
     class(section_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
+    call read_element(at, self%marker%body, self%element, x)
+  end subroutine read_section
+
+  !> The same of any element.
+  subroutine read_element(at, body, e, x)
+    type(observation), intent(in) :: at
+    integer, intent(in) :: body               !! number of its body
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
     real(wp) :: d(3)
     integer :: i
-    associate (b => at%m%s%bodies(self%marker%body), e => self%element, g => at%m%s%bodies(self%marker%body)%elements(self%element))
-      d = b%basis%element_strain(b, e, at%ev%elastic(self%marker%body))
-      i = at%m%s%nq + at%m%s%qo(self%marker%body) + 3
+    associate (b => at%m%s%bodies(body), g => at%m%s%bodies(body)%elements(e))
+      d = b%basis%element_strain(b, e, at%ev%elastic(body))
+      i = at%m%s%nq + at%m%s%qo(body) + 3
       if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, at%y(i + 1:i + b%nf)))
       x(1:4) = real(section_forces(b, e, cmplx(d, kind=wp)))
       if (g%fibre > 0.0_wp) x(5) = abs(x(1))/g%area + maxval(abs(x(3:4)))*g%fibre/g%second
     end associate
-  end subroutine read_section
+  end subroutine read_element
 
   !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
   subroutine respond(self, at, motion, x)

@@ -19,6 +19,7 @@ module sensors
   use section_sensor, only: section_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
   use spring_sensor, only: spring_sensor_model
+  use stress_sensor, only: stress_sensor_model
   use stop_sensor, only: stop_sensor_model
   implicit none (type, external)
   private
@@ -135,6 +136,9 @@ contains
       item = power_sensor_model(constraint=merge(m%s%joints + r%drive, 0, r%drive > 0), &
                                 element=merge(m%s%springs + r%force, r%spring, r%force > 0))
       suffixes = [character(suffix_length) :: '[W]']
+    case ('stress')
+      item = stress_sensor_model()
+      suffixes = [character(suffix_length) :: '.s[Pa]', '.element[-]']
     case ('energy')
       item = energy_sensor_model()
       suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]']
