@@ -5,7 +5,7 @@
 module event_location
   use kinds, only: wp
   use ode_system, only: ode
-  use time_stepper, only: stepper, trouble_events
+  use time_stepper, only: stepper, root_values, trouble_events
   implicit none (type, external)
   private
   public :: begin_roots, find_event, next_fall, pass_event
@@ -18,12 +18,6 @@ module event_location
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
   integer, parameter :: most_recent = 1000         !! events in that time
 
-  !> A length that has been tried, and the roots at its end.
-  type :: tried_length
-    real(wp) :: h = 0.0_wp                    !! [s]
-    real(wp), allocatable :: g(:), rate(:)    !! (roots) [any], [any/s]
-  end type tried_length
-
 contains
 
   !> Roots at the state from which a march begins.
@@ -31,9 +25,9 @@ contains
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     associate (r => march%roots, n => system%roots)
-      allocate (r%g(n), r%rate(n), r%scale(n), source=0.0_wp)
+      allocate (r%now%g(n), r%now%rate(n), r%end%g(n), r%end%rate(n), r%scale(n), source=0.0_wp)
       allocate (r%fallen(n), source=.false.)
-      if (n > 0) call system%find_roots(march%t, march%y, r%g, r%rate, r%scale)
+      if (n > 0) call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%scale)
     end associate
   end subroutine begin_roots
 
@@ -44,38 +38,56 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(inout) :: h              !! [s]
     logical, intent(out) :: found, ok
-    type(tried_length) :: left
-    type(tried_length), allocatable :: right(:)   ! ends of intervals yet to be searched, the nearest one last
-    real(wp) :: whole, s, target, last
+    real(wp) :: s
+    integer :: k
+    logical :: falls
+    found = .false.
+    ok = .true.
+    call look(march, system, h, march%roots%end)
+    call first_fall(march%roots%now, march%roots%end, march%roots%scale, s, k, falls)
+    if (k > 0) call try_lengths(march, system, h, found, ok)
+    if (.not. ok) return
+    associate (r => march%roots)
+      if (h > 0.0_wp) call system%note_step(h, r%now%g, r%now%rate, r%end%g, r%end%rate)
+      r%now%g = r%end%g
+      r%now%rate = r%end%rate
+      r%pending = found
+    end associate
+  end subroutine find_event
+
+  !> Tries lengths of a step of length h in which a root may fall.
+  subroutine try_lengths(march, system, h, found, ok)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    real(wp), intent(inout) :: h              !! [s]
+    logical, intent(out) :: found, ok
+    type(root_values) :: left, right(most_trials + 1)   ! ends of intervals yet to be searched, the nearest one last
+    real(wp) :: whole, s, target
     integer :: n, k, trials
     logical :: falls
     whole = h
     target = march%tried
-    last = h
-    trials = 0
-    found = .false.
     ok = .true.
-    left = tried_length(0.0_wp, march%roots%g, march%roots%rate)
-    allocate (right(most_trials + 1))
+    left = march%roots%now
+    right(1) = march%roots%end
     n = 1
-    call look(march, system, h, right(1))
+    trials = 0
     do
-      call first_fall(left, right(n), rounding*march%roots%scale, s, k, falls)
+      call first_fall(left, right(n), march%roots%scale, s, k, falls)
       if (k == 0) then
+        found = .false.
         if (n == 1) exit
         left = right(n)
         n = n - 1
         cycle
       end if
-      found = falls .and. right(n)%h - left%h <= together*whole
-      if (.not. found .and. falls .and. left%h <= 0.0_wp) found = s <= together*whole
-      if (found .and. left%h <= 0.0_wp) last = 0.0_wp
-      if (trials == most_trials) found = falls
+      found = falls .and. (right(n)%h - left%h <= together*whole .or. trials == most_trials)
+      if (falls .and. left%h <= 0.0_wp .and. s <= together*whole) found = .true.
+      if (found .and. left%h <= 0.0_wp) h = 0.0_wp
       if (found .or. trials == most_trials) exit
       if (trials >= quick_trials .and. mod(trials, 2) == 0) s = 0.5_wp*(right(n)%h - left%h)
       trials = trials + 1
       h = left%h + s
-      last = h
       march%tried = march%t + h
       march%roots%locating = .true.
       call march%try_step(system, h, ok)
@@ -89,53 +101,42 @@ contains
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
-    if (.not. found) then
-      call system%note_step(whole, march%roots%g, march%roots%rate, right(1)%g, right(1)%rate)
-      march%roots%g = right(1)%g
-      march%roots%rate = right(1)%rate
-      if (abs(last - whole) <= 0.0_wp) return
-      h = whole                               ! a dip that is none: the whole step again
+    if (found) then
+      if (h >= (1 - together)*whole) march%tried = target
+      if (abs(h - left%h) > 0.0_wp) left = right(n)
+      call flag(march, left, k, whole)
+    else if (abs(h - whole) > 0.0_wp) then    ! a dip that is none: the whole step again
+      h = whole
       march%tried = target
       call march%try_step(system, h, ok)
-      return
     end if
-    h = last
-    if (h >= (1 - together)*whole) march%tried = target
-    if (abs(h - left%h) <= 0.0_wp) call flag(march, left, k, whole)
-    if (abs(h - left%h) > 0.0_wp) then
-      call system%note_step(h, march%roots%g, march%roots%rate, right(n)%g, right(n)%rate)
-      call flag(march, right(n), k, whole)
-    end if
-    march%roots%pending = .true.
-  end subroutine find_event
+  end subroutine try_lengths
 
   !> Whether the step that was tried last ends at the fall of root k, and nothing falls before.
   logical function ends_event(march, left, right, k) result(yes)
     class(stepper), intent(in) :: march
-    type(tried_length), intent(in) :: left, right
+    type(root_values), intent(in) :: left, right
     integer, intent(in) :: k
     real(wp) :: s
     integer :: other
     logical :: falls
     yes = .false.
-    associate (tolerance => rounding*march%roots%scale)
-      if (abs(right%g(k)) > tolerance(k) .or. right%rate(k) > 0.0_wp .and. right%rate(k) < huge(1.0_wp)) return
-      call first_fall(left, right, tolerance, s, other, falls)
-    end associate
+    if (abs(right%g(k)) > rounding*march%roots%scale(k)) return
+    if (right%rate(k) > 0.0_wp .and. right%rate(k) < huge(1.0_wp)) return
+    call first_fall(left, right, march%roots%scale, s, other, falls)
     yes = other == 0
   end function ends_event
 
   !> Roots that have fallen where a step ends: root k, and those that are within rounding of it.
   subroutine flag(march, at, k, whole)
     class(stepper), intent(inout) :: march
-    type(tried_length), intent(in) :: at
+    type(root_values), intent(in) :: at
     integer, intent(in) :: k
     real(wp), intent(in) :: whole             !! length of the step within which they fall [s]
     associate (r => march%roots)
       r%fallen = at%rate < 0.0_wp .and. at%g <= max(rounding*r%scale, -together*whole*at%rate)
       r%fallen(k) = .true.
-      r%g = at%g
-      r%rate = at%rate
+      r%end = at
     end associate
   end subroutine flag
 
@@ -144,7 +145,7 @@ contains
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    type(tried_length), intent(inout) :: at
+    type(root_values), intent(inout) :: at
     at%h = h
     if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
     call march%pack_trial()
@@ -153,7 +154,7 @@ contains
 
   !> Rates that the system does not know: those of the parabola through three lengths.
   pure subroutine guess_rates(left, at, right)
-    type(tried_length), intent(inout) :: left, at, right
+    type(root_values), intent(inout) :: left, at, right
     real(wp) :: a, b
     integer :: k
     do k = 1, size(at%g)
@@ -169,7 +170,7 @@ contains
   !> The end of a longer step is not that of a longer time by the rates alone: they have the method's own error. What two lengths
   !> near each other show is added.
   pure subroutine correct_rates(left, right)
-    type(tried_length), intent(inout) :: left, right
+    type(root_values), intent(inout) :: left, right
     real(wp) :: d                             ! [any/s]
     integer :: k
     do k = 1, size(left%g)
@@ -182,34 +183,35 @@ contains
 
   !> Length after the left one at which a root first falls to zero by its interpolant, k = 0: none does. Where the interpolant alone
   !> says so, falls is false and the length that of its minimum, to be tried; it is believed but for the depth of the dip itself.
-  pure subroutine first_fall(left, right, tolerance, s, k, falls)
-    type(tried_length), intent(in) :: left, right
-    real(wp), intent(in) :: tolerance(:)      !! (roots) what is zero [any]
+  pure subroutine first_fall(left, right, scale, s, k, falls)
+    type(root_values), intent(in) :: left, right
+    real(wp), intent(in) :: scale(:)          !! (roots) [any]
     real(wp), intent(out) :: s                !! [s]
     integer, intent(out) :: k
     logical, intent(out) :: falls             !! it has fallen at the right end
-    real(wp) :: h, g(0:1), d(0:1), x
+    real(wp) :: h, g(0:1), d(0:1), x, zero
     integer :: i
     h = right%h - left%h
     s = huge(1.0_wp)
     k = 0
     falls = .false.
-    do i = 1, size(tolerance)
+    do i = 1, size(scale)
+      zero = rounding*scale(i)
       g = [left%g(i), right%g(i)]
       if (maxval(g) >= huge(1.0_wp)) cycle
-      if (g(0) <= tolerance(i)) g(0) = 0.0_wp
+      if (g(0) <= zero) g(0) = 0.0_wp
       d = h*min(huge(1.0_wp)/h, [left%rate(i), right%rate(i)])
       if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp)) d = g(1) - g(0)
-      if (g(1) < -tolerance(i)) then
+      if (g(1) < -zero) then
         x = cubic_fall(g, d)
         if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp) .and. g(0) <= 0.0_wp) x = 0.5_wp
       else
-        x = doubtful_dip(g, d, tolerance(i))
+        x = doubtful_dip(g, d, zero)
       end if
       if (x > 1.0_wp .or. h*x >= s) cycle
       s = h*x
       k = i
-      falls = g(1) < -tolerance(i)
+      falls = g(1) < -zero
     end do
   end subroutine first_fall
 
@@ -290,12 +292,10 @@ contains
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    type(tried_length) :: left, right
     integer :: k
     logical :: falls
-    left = tried_length(0.0_wp, march%roots%g, march%roots%rate)
-    call look(march, system, h, right)
-    call first_fall(left, right, rounding*march%roots%scale, s, k, falls)
+    call look(march, system, h, march%roots%end)
+    call first_fall(march%roots%now, march%roots%end, march%roots%scale, s, k, falls)
     if (.not. s > together*h) s = huge(1.0_wp)
   end function next_fall
 
@@ -314,7 +314,7 @@ contains
       r%recent = r%recent + 1
       call march%restart(system, ok)
       if (.not. ok .or. r%recent > most_recent) march%trouble = trouble_events
-      call system%find_roots(march%t, march%y, r%g, r%rate, r%scale)
+      call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%scale)
     end associate
   end subroutine pass_event
 end module event_location

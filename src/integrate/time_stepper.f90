@@ -37,9 +37,17 @@ module time_stepper
     integer :: part = 0                       !! parts of it done
   end type step_grid
 
+  !> Roots at the end of a step of some length, as `find_roots` says.
+  type, public :: root_values
+    real(wp) :: h = 0.0_wp                    !! [s]
+    real(wp), allocatable :: g(:), rate(:)    !! (roots) [any], [any/s]
+  end type root_values
+
   !> Roots at the present state, and an event there (`event_location`).
   type, public :: root_watch
-    real(wp), allocatable :: g(:), rate(:), scale(:)   !! (roots) as `find_roots` says [any], [any/s], [any]
+    type(root_values) :: now                  !! at the present state
+    type(root_values) :: end                  !! at the end of the step that was tried
+    real(wp), allocatable :: scale(:)         !! (roots) what rounding of their values is small against [any]
     logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
     logical :: pending = .false.              !! some have, and the system has not been told yet
     logical :: locating = .false.             !! lengths are tried, each of which counts to the last digit
@@ -192,8 +200,8 @@ contains
     call a%exchange(self%grid%level)
     call a%exchange(self%grid%part)
     associate (r => self%roots)
-      call a%exchange(r%g, r%rate)
-      do k = 1, size(r%g)
+      call a%exchange(r%now%g, r%now%rate)
+      do k = 1, size(r%fallen)
         call a%exchange(r%fallen(k))
       end do
       call a%exchange(r%pending)
