@@ -198,7 +198,9 @@ contains
     do i = 1, size(scale)
       zero = rounding*scale(i)
       g = [left%g(i), right%g(i)]
-      if (maxval(g) >= huge(1.0_wp)) cycle
+      if (max(g(0), g(1)) >= huge(1.0_wp)) cycle
+      ! a cubic dips below its ends by 4/27 of both slopes at most: a root far from zero
+      if (min(g(0), g(1)) > 8/27.0_wp*h*(abs(left%rate(i)) + abs(right%rate(i)))) cycle
       if (g(0) <= zero) g(0) = 0.0_wp
       d = h*min(huge(1.0_wp)/h, [left%rate(i), right%rate(i)])
       if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp)) d = g(1) - g(0)

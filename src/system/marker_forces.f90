@@ -3,7 +3,7 @@
 module marker_forces
   use kinds, only: wp
   use evaluation_settings, only: evaluation_options
-  use force_element, only: conditions
+  use force_element, only: conditions, element_action, idle
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -32,6 +32,10 @@ contains
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
           with%memory = ev%switches%memory(f%switch_number)
+          if (with%state == idle) then
+            x = element_action()
+            cycle
+          end if
         end if
         call f%act(ev%p, with, z, zd, ev%zdd, x)
         ev%dissipated_power = ev%dissipated_power + x%dissipated

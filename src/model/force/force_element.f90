@@ -10,6 +10,7 @@ module force_element
   private
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
+  integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
   integer, parameter, public :: by_position = -huge(1)   !! no discrete state is kept: an element takes it from its position
   integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
   integer, parameter, public :: most_roots = 2           !! that an element watches at a time

@@ -275,6 +275,7 @@ contains
     real(wp) :: h(6, 6), turning(6), stiffness, damping
     k%k = 0.0_wp
     k%c = 0.0_wp
+    if (with%state == stop_open) return
     call self%contact(p, with, c)
     if (with%state == held) then
       k%k = self%stiffness_at(self%example())*outer(c%g, c%g)
