@@ -1,21 +1,29 @@
-"""biela in Python: the reader of its results, the runner of its decks, the programs of post/.
+"""biela in Python: `run` makes results, `read` reads those that are there; the programs of post/ as functions.
 
 import biela
-run = biela.read("results/four_bar")
-run.time, run["tip.v"]
+run = biela.run("input/four_bar.nml", set={"transient/t_end": 0.5})
+run.time, run["coupler_mid.v"], run.summary.transient.steps
+history = biela.read("results/four_bar")
 """
 
 import importlib
 
 _MODULES = {
+    "BielaError": "result_files",
     "History": "histories",
     "HistoryError": "result_files",
     "Outcome": "deck_runs",
+    "Result": "session",
     "Runner": "deck_runs",
+    "SolverError": "session",
+    "fit": "session",
     "read": "histories",
     "read_summary": "histories",
+    "run": "session",
+    "sweep": "session",
+    "tradeoff": "session",
 }
-__all__ = ["History", "HistoryError", "Outcome", "Runner", "read", "read_summary"]
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> object:

@@ -1,8 +1,9 @@
-"""Results in the formats of other programs: CSV, Parquet, MATLAB, VTK."""
+"""Results in the formats of other programs: CSV, HDF5, Parquet, MATLAB, VTK."""
 
 from __future__ import annotations
 
 import argparse
+import csv
 import re
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import numpy as np
 from .histories import History, read
 from .mechanism import Mechanism, from_run
 from .result_files import TABLES, HistoryError, note
+
+EXTRAS = {"parquet": "tables", "hdf5": "hdf5", "csv": "", "matlab": "", "vtk": ""}  # of the package, by format
 
 
 def matlab_names(names: list[str]) -> list[str]:
@@ -33,10 +36,21 @@ def write_table(run: History, form: str, path: Path) -> None:
         columns = {word: run[name] for word, name in zip(words, run.names)}
         units = {word: run.units[name] for word, name in zip(words, run.names)}
         savemat(path, columns | {"units": units}, oned_as="column", long_field_names=True)
+    elif form == "hdf5":
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            for name in run.names:
+                file.create_dataset(name, data=run[name], compression="gzip").attrs["unit"] = run.units[name]
     elif form == "parquet":
-        run.to_dataframe().to_parquet(path)
+        from pyarrow import Table, parquet  # pandas would tell of its absence in many lines
+
+        parquet.write_table(Table.from_pandas(run.to_dataframe()), path)
     else:
-        run.to_dataframe().to_csv(path, index=False)
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(run.columns())
+            writer.writerows(run.data.tolist())
 
 
 def lines(scene: Mechanism, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -94,6 +108,10 @@ def export(args: argparse.Namespace) -> int:
                 path = args.output or run.path.with_suffix(TABLES[args.to])
                 write_table(run, args.to, path)
                 note(path)
+        except ImportError as fault:
+            raise HistoryError(
+                f"--to {args.to}: the library {fault.name} is missing: pip install 'biela[{EXTRAS[args.to]}]'"
+            ) from None
         except OSError as fault:
             raise HistoryError(f"{fault.filename or args.output}: cannot be written ({fault.strerror or fault})") from None
         print(f"wrote {path}")

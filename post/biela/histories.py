@@ -61,11 +61,16 @@ class History:
         return f"{name} [{unit}]" if unit else name
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a pandas table with the units in the columns' names, as `mid.v_[m]`."""
-        import pandas
+        """Return a pandas table with the units in the columns' names, as `mid.v_[m]`; HistoryError where pandas is missing."""
+        try:
+            import pandas
+        except ImportError:
+            raise HistoryError("the library pandas is missing: pip install 'biela[tables]'") from None
+        return pandas.DataFrame(self.data, columns=self.columns())
 
-        labels = [f"{name}_[{self.units[name]}]" if self.units[name] else name for name in self.names]
-        return pandas.DataFrame(self.data, columns=labels)
+    def columns(self) -> list[str]:
+        """Return the columns' names with their units, as `mid.v_[m]`."""
+        return [f"{name}_[{self.units[name]}]" if self.units[name] else name for name in self.names]
 
     def match(self, patterns: list[str] | None = None) -> list[str]:
         """Return the names that shell patterns (`*`, `?`) select, in file order; without patterns all but the first.

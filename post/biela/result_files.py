@@ -14,10 +14,14 @@ RESULT_FILES = {
     "frequency_response": "frequency_response.txt",
 }
 EVENTS = "events.txt"  # words beside numbers: not one of the tables above
-TABLES = {"csv": ".csv", "parquet": ".parquet", "matlab": ".mat"}  # suffix of each format of a table
+TABLES = {"csv": ".csv", "parquet": ".parquet", "matlab": ".mat", "hdf5": ".h5"}  # suffix of each format of a table
 
 
-class HistoryError(Exception):
+class BielaError(Exception):
+    """Whatever goes wrong, in few lines."""
+
+
+class HistoryError(BielaError):
     """A results file that is missing or damaged, or a column that it does not have."""
 
 

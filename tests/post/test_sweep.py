@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import sweep, sweep_scalars, sweep_study
+from biela import sweep_scalars, sweep_study, sweep_work
 from biela.commands import sweep as sweep_command
 from biela.histories import read
 from biela.sweep_scalars import Scalar
@@ -93,7 +93,7 @@ def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
     without_values = f'{{"key": {json.dumps(json.loads(lines[0])["key"])}}}\n'
     journal.write_text("".join([without_values, *lines[1:4], "[" * 20_000 + "\n", lines[4][:20]]), encoding="utf-8")
     ran = []
-    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Inline(ran))
     capsys.readouterr()
     Path("results/sweep/study/map_old.png").write_text("of another study")
     Path("results/sweep/study/.drawn").write_text("map_old.png\nnone.png\n")
@@ -115,7 +115,7 @@ class Inline:
     def submit(self, work, batch):
         """Work at once."""
         self.ran.append(batch)
-        future = sweep.Future()
+        future = sweep_work.Future()
         future.set_result(work(batch))
         return future
 
@@ -268,17 +268,17 @@ def test_an_interrupted_sweep_says_how_to_go_on(study, monkeypatch, capsys):
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
     text = STUDY.replace("points = 3", "points = 2")
     ran = []
-    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
+    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
     assert study(text, "--jobs", "1")[0] == 2
     assert capsys.readouterr().err == "sweep: interrupted after 3 of 4 runs; the same command continues\n"
-    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Inline(ran))
     ran.clear()
     assert study(text, "--no-pictures")[0] == 0
     assert len(ran) == 1
     journal = Path("results/sweep/study/journal.jsonl")
     written = journal.read_bytes()
     journal.write_bytes(written + b"\xff\xfe cut\n")
-    monkeypatch.setattr(sweep, "ProcessPoolExecutor", lambda **_: pytest.fail("all was run before"))
+    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pytest.fail("all was run before"))
     status, rows = study(text, "--no-pictures")
     assert (status, len(rows)) == (0, 4)
 

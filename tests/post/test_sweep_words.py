@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import sweep, sweep_run, sweep_study
+from biela import sweep_run, sweep_study, sweep_work
 from biela.deck_text import parse
 from biela.histories import HistoryError
 from biela.sweep_run import Batch, assign, literal, run_batch
@@ -268,17 +268,17 @@ def test_lean_decks_keep_what_is_measured(tmp_path):
 def test_a_worker_that_never_saw_the_folder_runs_a_batch(tmp_path, monkeypatch):
     import pickle
 
-    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep.FOLDER])
-    rows = sweep._on_worker(str(sweep.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
+    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep_work.FOLDER])
+    rows = sweep_work._on_worker(str(sweep_work.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
     assert [row.reason for row in rows] == ["history.txt: No such file or directory"] * 2
 
 
 def test_the_progress_bar_is_for_a_terminal(monkeypatch, capsys):
-    sweep._progress(1, 4, 2.0)
+    sweep_work._progress(1, 4, 2.0)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    sweep._progress(1, 4, 2.0)
-    sweep._progress(4, 4, 8.0)
+    sweep_work._progress(1, 4, 2.0)
+    sweep_work._progress(4, 4, 8.0)
     assert capsys.readouterr().err == f"\r[{'#' * 7:<30}] 1/4 runs, 6 s left \r[{'#' * 30}] 4/4 runs, 0 s left \n"
 
 
@@ -303,7 +303,7 @@ def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):
 def test_the_best_run_is_named(tmp_path, wish, conditions, told):
     rows = [[1.0, 4.0, ""], [2.0, 9.0, ""], [3.0, "", "failed"], [4.0, np.nan, ""]]
     try:
-        said = sweep.best(study_of(tmp_path), rows, wish, conditions)
+        said = sweep_work.best(study_of(tmp_path), rows, wish, conditions)
     except HistoryError as fault:
         said = str(fault)
     assert told in said
@@ -311,4 +311,4 @@ def test_the_best_run_is_named(tmp_path, wish, conditions, told):
 
 def test_words_have_no_size(tmp_path):
     with pytest.raises(HistoryError, match="--where 'h < 3': the values of h are words"):
-        sweep.best(study_of(tmp_path), [["steel", 4.0, ""], ["brass", 3.0, ""]], "min peak", ["h < 3"])
+        sweep_work.best(study_of(tmp_path), [["steel", 4.0, ""], ["brass", 3.0, ""]], "min peak", ["h < 3"])

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import deck_models, deck_text, tradeoff
+from biela import deck_models, deck_text, tradeoff_work
 from biela.commands import tradeoff as tradeoff_command
 from biela.compare import differences
 from biela.deck_runs import Outcome
@@ -37,7 +37,7 @@ def study(biela: Path, tmp_path: Path, monkeypatch):
 
     def run(deck: Path, *options: str, status: int = 0, picture: bool = False) -> tuple[Path, str, str]:
         if not picture:
-            monkeypatch.setattr(tradeoff, "draw", lambda *_: None)
+            monkeypatch.setattr(tradeoff_work, "draw", lambda *_: None)
         words = [deck, *options, "--biela", biela, "--output", "study", *AT_LEISURE]
         done = call(tradeoff_command.main, *words, cwd=tmp_path)
         assert done.returncode == status, done.stdout + done.stderr

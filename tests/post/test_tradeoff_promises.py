@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from biela import deck_models, deck_runs, deck_terms, deck_text, tradeoff, tradeoff_causes, tradeoff_truth
+from biela import deck_models, deck_runs, deck_terms, deck_text, tradeoff_causes, tradeoff_truth, tradeoff_work
 from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
 from biela.histories import read_summary
@@ -116,9 +116,9 @@ def test_a_deck_that_is_the_cheapest_is_recommended_as_it_is(tmp_path, monkeypat
     for seconds, kept in ((1.2, True), (0.8, False)):
         again = outcome(TIMES + 5e-3, TIMES + 5e-3, seconds=seconds)
         monkeypatch.setattr(study.runner, "beside", lambda *_, again=again: (again, written.outcome), raising=False)
-        monkeypatch.setattr(tradeoff, "cancellation", lambda *_: [])
+        monkeypatch.setattr(tradeoff_work, "cancellation", lambda *_: [])
         result.written = written
-        tradeoff.recommend(study, result, best, tmp_path)
+        tradeoff_work.recommend(study, result, best, tmp_path)
         text = (tmp_path / "recommended.nml").read_text()
         assert ("is the cheapest that was found to meet" in " ".join(text.split())) == kept
         assert text.endswith(written.deck.text) == kept
@@ -140,14 +140,14 @@ def test_a_point_that_met_the_tolerance_by_luck_gives_way_to_the_next(tmp_path, 
 
     monkeypatch.setattr(study.runner, "beside", beside, raising=False)
     monkeypatch.setattr(study.runner, "timed", lambda text: of_text(text).outcome, raising=False)
-    monkeypatch.setattr(tradeoff, "cancellation", lambda *_: [])
+    monkeypatch.setattr(tradeoff_work, "cancellation", lambda *_: [])
     result = Result("deck.nml", "deck", [], [], written, [])
-    tradeoff.recommend(study, result, tradeoff.choose(study, np.inf), tmp_path)
+    tradeoff_work.recommend(study, result, tradeoff_work.choose(study, np.inf), tmp_path)
     assert result.chosen.setting == last.setting
     assert result.meets
     study.points, result.chosen, result.written = [lucky], None, replace(written, gap=gap(lucky.outcome, study.truth))
     monkeypatch.setattr(study.runner, "beside", lambda *_: (outcome(TIMES + 5e-2, TIMES), lucky.outcome), raising=False)
-    tradeoff.recommend(study, result, lucky, tmp_path)
+    tradeoff_work.recommend(study, result, lucky, tmp_path)
     assert result.meets, "nothing cheaper is left: the deck as written"
 
 
@@ -342,7 +342,7 @@ def test_the_elastomer_is_told_to_be_maxwell_terms_by_a_reference_of_radau(biela
     """Explicit steps are bound by a GHM pole of 4.5e5 1/s: radau is the cheapest method that converges."""
     real = deck_models.removals
     monkeypatch.setattr(deck_models, "removals", lambda *words: [c for c in real(*words) if c.body == "elastomer"])
-    monkeypatch.setattr(tradeoff, "left_out", lambda *_: ([], []))
+    monkeypatch.setattr(tradeoff_work, "left_out", lambda *_: ([], []))
     deck = deck_text.read(ROOT / "input" / "elastomer_cantilever.nml")
     deck = deck.set(deck.one("transient"), t_end="0.05")
     (tmp_path / "deck.nml").write_text(deck.text)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from biela import deck_models, deck_text, tradeoff, tradeoff_search, tradeoff_truth
+from biela import deck_models, deck_text, tradeoff_search, tradeoff_truth, tradeoff_work
 from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import Outcome, OutOfTimeError, RunsError
 from biela.tradeoff_curves import Curve
@@ -187,11 +187,11 @@ def test_the_interval_of_rows_is_told_where_the_deck_states_none(study):
 def test_a_search_without_a_known_truth_or_time_leaves_what_it_has(study, monkeypatch):
     result = Result("deck.nml", "deck", [], [], point(1e-3, 0.0, 2.0), [])
     study.truth = replace(study.truth, uncertainty=1.0)
-    tradeoff.search(study, Base(DECK, [curve()], 0, []), result)
+    tradeoff_work.search(study, Base(DECK, [curve()], 0, []), result)
     assert (result.path, result.notes, result.important) == ([], [], [])
     monkeypatch.setattr(study.runner, "late", lambda: True)
     study.runner.time = 7.0
-    tradeoff.explore(study, Base(DECK, [curve()], 0, []), result)
+    tradeoff_work.explore(study, Base(DECK, [curve()], 0, []), result)
     assert result.notes == ["the search was ended by --time 7; the same command with more goes on from there"]
     assert [p.model for p in study.points] == [FULL]
     assert study.rates["rk4"] == pytest.approx(1.0 / (1000 * (10 + 40)))
@@ -201,19 +201,19 @@ def test_a_recommendation_that_the_time_or_the_solver_does_not_allow_to_run(stud
     chosen, unmeasured = point(2e-3, 0.0, 0.5), replace(point(1e-3, 0.0, 2.0), outcome=Outcome(-1, "too long"))
     result = Result("deck.nml", "deck", [], [], unmeasured, [])
     monkeypatch.setattr(study.runner, "timed", lambda _: outcome(TIMES + 1e-3, TIMES, seconds=0.25))
-    tradeoff.verify(study, result, chosen)
+    tradeoff_work.verify(study, result, chosen)
     assert (result.chosen.cost, result.chosen.gap.largest) == (0.25, pytest.approx(1e-3))
 
     def late(_: str) -> None:
         raise OutOfTimeError
 
     monkeypatch.setattr(study.runner, "timed", late)
-    tradeoff.verify(study, result, chosen)
+    tradeoff_work.verify(study, result, chosen)
     assert (result.chosen.cost, result.chosen.gap.largest) == (0.5, pytest.approx(2e-3))
     assert result.notes == ["the time ended: the figures of recommended.nml are those of the same run of the search"]
     monkeypatch.setattr(study.runner, "timed", lambda _: FAILED)
     with pytest.raises(RunsError, match=r"^recommended\.nml does not run: line 3: refused$"):
-        tradeoff.verify(study, result, chosen)
+        tradeoff_work.verify(study, result, chosen)
 
 
 def test_removals_that_were_run_before_the_time_ended_stay_in_the_table(study, monkeypatch):
@@ -247,7 +247,7 @@ def test_an_error_that_is_not_split_leaves_a_note(study, monkeypatch, fault, why
     def parts(*_: object) -> None:
         raise fault
 
-    monkeypatch.setattr(tradeoff, "parts", parts)
+    monkeypatch.setattr(tradeoff_work, "parts", parts)
     result = Result("deck.nml", "refined", [], [], point(1e-3, 0.0, 2.0), [])
-    tradeoff.split(study, result, DECK, 1)
+    tradeoff_work.split(study, result, DECK, 1)
     assert (result.parts, result.notes) == ([], [f"deck as written: its error is not split: {why}"])

@@ -1,7 +1,8 @@
-"""Write results in the formats of other programs: CSV, Parquet, MATLAB, VTK for ParaView.
+"""Write results in the formats of other programs: CSV, HDF5, Parquet, MATLAB, VTK for ParaView.
 
     export.py results/four_bar --to csv                        history.csv beside history.txt, units in the columns' names
     export.py results/four_bar --to matlab --file energy       energy.mat: a vector a column, the units in `units`
+    export.py results/four_bar --to hdf5                       history.h5: a data set a column, its unit as attribute
     export.py results/four_bar --to vtk                      vtk/motion.pvd: the moving mechanism
 
 VTK takes the motion of bodies and nodes: the deck needs a motion_step in its &transient.

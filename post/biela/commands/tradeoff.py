@@ -49,6 +49,6 @@ def arguments() -> argparse.ArgumentParser:
 def main(words: list[str] | None = None) -> int:
     """Do what the command line asks and return the exit status."""
     args = arguments().parse_args(words)
-    from ..tradeoff import work
+    from ..tradeoff_work import work
 
     return work(args)

@@ -1,0 +1,115 @@
+"""biela from Python: run, results as arrays and figures, one exception; the notebook of post/ as it stands."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import biela as package
+import numpy as np
+import pytest
+from biela import export, session
+from biela.commands import export as export_command
+from conftest import ROOT
+
+DECK = """&parameter name='L' value=1.0 /
+&body name='b' kind='rigid' mass=1.0 inertia=0.1 com={L},0.0 /
+&joint name='j' type='revolute' body_a='b' /
+&history name='h' kind='table' file='load.txt' /
+&force name='f' type='torque' body='b' moment=1.0 history='h' /
+&sensor name='a' quantity='angle' body='b' /
+&transient t_end=0.1 method='rk4' step=1e-3 output_step=1e-2 /
+"""
+
+
+@pytest.fixture(autouse=True)
+def built(biela, monkeypatch, tmp_path):
+    """Work in a folder with a table's file, with the solver under test."""
+    monkeypatch.setenv("BIELA", str(biela))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "load.txt").write_text("0.0 1.0\n1.0 1.0\n")
+
+
+def test_decks_by_text_and_by_path_find_their_files_and_take_values(tmp_path):
+    """Under 1 N m the angle is t^2/2 over the inertia, which is 0.1 + L^2."""
+    (tmp_path / "deck.nml").write_text(DECK)
+    for deck in (DECK, "deck.nml", tmp_path / "deck.nml"):
+        for values, inertia in (({}, 1.1), ({"L": 2}, 4.1), ({"body/b/com(1)": 0.0, "body/b/mass": np.float64(3.0)}, 0.1)):
+            found = package.run(deck, set=values)
+            assert found["a"][-1] == pytest.approx(0.1**2 / 2 / inertia)
+            assert found.time[-1] == 0.1
+    assert found.summary.transient.steps == 100
+    assert found.to_dataframe("energy").columns[0] == "t_[s]"
+    assert found.findings()["work of drives and loads"].endswith(" J")
+    assert "<table>" in found._repr_html_()
+    assert package.run(DECK, folder=tmp_path / "kept").folder == tmp_path / "kept"
+    assert {path.name for path in (tmp_path / "kept").iterdir()} >= {"history.txt", "summary.json"}
+
+
+def test_whatever_goes_wrong_is_one_exception_with_the_words_of_the_solver():
+    for call, told in (
+        (lambda: package.run(DECK, set={"M": 2}), "--set M=2 names no parameter"),
+        (lambda: package.run(DECK.replace("mass=1.0", "mas=1.0")), "unknown variable mas, did you mean mass?"),
+        (lambda: package.run("none.nml"), "none.nml: cannot be read"),
+        (lambda: package.run(DECK, solver="none"), "no solver: looked at none and for `biela` on the PATH"),
+        (lambda: package.run(DECK, set={"body/x/mass": 1}), "body/x: the deck has 0 such groups"),
+        (lambda: package.run(DECK, set={"L": float("nan")}), "L = nan: a finite number expected"),
+        (lambda: package.run(DECK, set={"L": None}), "L: NoneType is no value of a deck"),
+        (lambda: package.run(DECK)["b"], "no column 'b'"),
+        (lambda: package.fit("none.csv"), "none.csv: no such file"),
+        (lambda: package.sweep("none.toml"), "none.toml: no such file"),
+        (lambda: package.tradeoff("none.nml"), "none.nml: cannot be read"),
+    ):
+        with pytest.raises(package.BielaError) as fault:
+            call()
+        assert told in str(fault.value)
+    with pytest.raises(AttributeError, match="no 'nothing'; there are version"):
+        _ = package.run(DECK).summary.nothing
+
+
+def test_a_study_gives_its_table(tmp_path):
+    (tmp_path / "deck.nml").write_text(DECK)
+    lines = "[[parameter]]\nname='L'\nvalues=[1.0, 2.0]\n[[result]]\nname='end'\nmeasure='final'\ncolumn='a'\n"
+    (tmp_path / "study.toml").write_text("deck = 'deck.nml'\n" + lines)
+    table = package.sweep("study.toml", folder="out", jobs=1)
+    np.testing.assert_allclose(table["end[rad]"], [0.005 / 1.1, 0.005 / 4.1])
+
+
+def test_hdf5_and_a_library_that_is_missing(tmp_path, monkeypatch, capsys):
+    h5py = pytest.importorskip("h5py")
+    found = package.run(DECK, folder="run")
+    assert export_command.main(["run", "--to", "hdf5"]) == 0
+    with h5py.File(tmp_path / "run" / "history.h5") as file:
+        np.testing.assert_array_equal(file["a"], found["a"])
+        assert file["a"].attrs["unit"] == "rad"
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    assert export_command.main(["run", "--to", "hdf5"]) == 2
+    assert capsys.readouterr().err == "export: --to hdf5: the library h5py is missing: pip install 'biela[hdf5]'\n"
+    assert set(export.EXTRAS) == {*export.TABLES, "vtk"}
+
+
+def test_the_notebook_runs(monkeypatch, capsys):
+    """Its cells in one Python, as a kernel runs them; what a cell ends with is shown."""
+    monkeypatch.chdir(ROOT / "post")
+    before = set((ROOT / "post").iterdir())
+    cells = json.loads((ROOT / "post" / "biela.ipynb").read_text())["cells"]
+    names: dict = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), "biela.ipynb", "exec"), names)
+            assert cell["outputs"] == []
+    names["plt"].close("all")
+    assert names["arm"].warnings == []
+    assert names["best"] in names["heights"][1:], "some bend too far, some do not"
+    assert "h" in capsys.readouterr().out.splitlines()[-1]
+    assert set((ROOT / "post").iterdir()) == before
+
+
+def test_help_waits_for_no_large_library():
+    words = "import sys, biela; biela.BielaError; print({'numpy', 'scipy', 'pandas', 'matplotlib'} & {*sys.modules})"
+    done = subprocess.run(
+        [sys.executable, "-c", words], capture_output=True, text=True, check=True, env={"PYTHONPATH": f"{ROOT}/post"}
+    )
+    assert done.stdout == "set()\n"
+    assert session.Figures(a=1).a == 1
