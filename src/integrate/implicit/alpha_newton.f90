@@ -6,7 +6,7 @@ module alpha_newton
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: solve_trial, take_trial, prepare_step, give_offsets, along_rows
+  public :: solve_trial, take_trial, prepare_step, give_offsets, find_offset
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -17,7 +17,7 @@ module alpha_newton
   real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
   real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
   real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections below the last digit of positions, of the scene's size [-]
-  real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows near which every contraction is measured [-]
+  real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows below which contractions are measured, offsets found anew [-]
   integer, parameter :: trust = 10                 !! steps for which a contraction that was measured is believed
 
 contains
@@ -52,6 +52,7 @@ contains
   !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
   !> sequences carry in the directions that constraints hold (theory.md, section 7). Accelerations are off by c1 h times the error
   !> of the offset from which the step began: the next step's offset is without it, in the directions that constraints hold now.
+  !> Rows that nearly depend on others are held back and stay open: then the offset is found anew (take_trial).
   subroutine close_rates(self, system, t1, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -72,6 +73,26 @@ contains
       self%offset1 = merge(self%along(:, 3), 0.0_wp, moves_little(3))
     end associate
   end subroutine close_rates
+  !> What index-3 solutions have their rates off by where a step begins: method%offset h2 v'' along the constraints. The rows'
+  !> kinematics a step later give v''; what phi'' = 0 is open by is no part of it.
+  subroutine find_offset(self, system, t)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: t                 !! [s]
+    logical :: moves_little(1)
+    if (system%rows == 0) return
+    associate (nq => self%nq, gap => self%gaps, h => self%now%h, a => self%vd(1:self%nq))
+      self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*a
+      self%v1(1:nq) = self%v(1:nq) + h*a
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), a, a, gap(:, 0:2))
+      gap(:, 3) = -gap(:, 2)
+      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), a, a, gap(:, 0:2))
+      gap(:, 3) = self%method%offset*h*(gap(:, 2) + gap(:, 3))
+      call along_rows(self, system, self%x, gap(:, 3:3), [h], moves_little)
+      self%offset = merge(self%along(:, 1), 0.0_wp, moves_little(1))
+    end associate
+  end subroutine find_offset
+
   !> The motions that close the rows' gaps by the matrix that stands, so that stiff motion moves in balance with them, and their
   !> multipliers: one for each column of gaps. One that moves more than the scene's size closes rows that hold nothing.
   subroutine along_rows(self, system, x, gap, unit, moves_little)
@@ -298,6 +319,7 @@ contains
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     call self%measure%widen(self%x)
+    if (system%weakest < weak) call find_offset(self, system, t1)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

@@ -1,7 +1,7 @@
 !> Start of the generalized-alpha method at a consistent state and change of its step.
 module alpha_start
   use kinds, only: wp
-  use alpha_newton, only: prepare_step, give_offsets, along_rows
+  use alpha_newton, only: prepare_step, give_offsets, find_offset
   use alpha_state, only: alpha_solver
   use generalized_alpha, only: step_coefficients
   use second_order_system, only: second_order_ode
@@ -44,26 +44,6 @@ contains
     self%lag(1:self%nq) = self%method%lag/(self%method%offset*h**2)*self%offset
     call self%measure%widen(self%x)
   end subroutine start_method
-
-  !> What index-3 solutions have their rates off by: method%offset h2 v'' in the directions that constraints hold. The rows'
-  !> kinematics a step later give v''; what phi'' = 0 is open by at the start is no part of it.
-  subroutine find_offset(self, system, t)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: t                 !! [s]
-    logical :: moves_little(1)
-    if (system%rows == 0) return
-    associate (nq => self%nq, gap => self%gaps, h => self%now%h, a => self%vd(1:self%nq))
-      self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*a
-      self%v1(1:nq) = self%v(1:nq) + h*a
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), a, a, gap(:, 0:2))
-      gap(:, 3) = -gap(:, 2)
-      call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), a, a, gap(:, 0:2))
-      gap(:, 3) = self%method%offset*h*(gap(:, 2) + gap(:, 3))
-      call along_rows(self, system, self%x, gap(:, 3:3), [h], moves_little)
-      self%offset = merge(self%along(:, 1), 0.0_wp, moves_little(1))
-    end associate
-  end subroutine find_offset
 
   !> Coefficients and constant factors of a step size.
   subroutine set_step(self, system, h)
