@@ -16,7 +16,7 @@ program probe
   use linear_state, only: linear_system
   use linearisation, only: linearise
   use mode_list, only: mode_set, undamped_mode
-  use pole_check, only: check_undamped, judge_completeness
+  use pole_check, only: check_undamped, say_what_is_missing
   use triplets, only: triplet_matrix
   use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, int64, iostat_end
   implicit none (type, external)
@@ -116,7 +116,7 @@ contains
     call find_modes(ds, run%d%modal%modes + 1, modes, ok)
     do k = 0, run%d%modal%modes
       call check_undamped(ds, .false., pack(modes%lambda, modes%kind == undamped_mode .and. modes%mode /= k), modes)
-      call judge_completeness(modes, failed, words)
+      call say_what_is_missing(modes, failed, words)
       write (*, '(l1, 1x, a)') failed, words
     end do
   end subroutine completeness

@@ -9,7 +9,7 @@ module modal_analysis
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
   use mode_list, only: mode_set, vibration_mode
-  use pole_check, only: judge_completeness
+  use pole_check, only: say_what_is_missing
   use posix, only: remove_file
   use scene_run, only: run_state, no_output
   use summary, only: add_warnings
@@ -46,7 +46,7 @@ contains
     if (failed) call no_output(run, fail)
     call modal_lines(modes, ds, run%d%modal%modes, text)
     call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
-    call mind_missing(run, modes, text, fail)
+    call report_missing(run, modes, text, fail)
   end subroutine run_modal
 
   !> Frequencies of the damped modes that oscillate [Hz].
@@ -62,18 +62,18 @@ contains
     end do
   end function frequencies
 
-  !> Fails where modes that were asked for are missing, warns where poles may be.
-  subroutine mind_missing(run, modes, text, fail)
+  !> An error where modes that were asked for are missing, a warning where poles may be.
+  subroutine report_missing(run, modes, text, fail)
     type(run_state), intent(in) :: run
     type(mode_set), intent(in) :: modes
     type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     character(:), allocatable :: words
     logical :: failed
-    call judge_completeness(modes, failed, words)
+    call say_what_is_missing(modes, failed, words)
     if (failed) call fail%raise(status_failed, words)
     if (len(words) > 0 .and. .not. failed) call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
-  end subroutine mind_missing
+  end subroutine report_missing
 
   !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
   subroutine warn_of_motion(run, text)

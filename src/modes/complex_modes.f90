@@ -5,38 +5,38 @@
 module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use gyroscopic_modes, only: lowest_motions, turning_basis
-  use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same
-  use natural_modes, only: natural_subspace, rounding_level
+  use gyroscopic_modes, only: mass_operator, add_motion, lowest_motions, rigid_motions_first
+  use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same_pole
+  use natural_modes, only: lowest_natural_modes, rounding_level
   use pole_check, only: check_undamped, check_whole, describe_searched
-  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
+  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
   use process, only: caught_signal
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
   public :: find_modes
 
-  integer, parameter :: reserve = 20                   !! motions beside two for each mode that is asked for
-  integer, parameter :: few_more = 40                  !! likewise, if a system has no more it is reduced on all
-  real(wp), parameter :: no_pole = 1.0e-7_wp           !! residual beyond which the iteration has not ended at a pole [-]
-  real(wp), parameter :: short_step = 0.04_wp          !! of the damping where modes couple and their poles may meet [-]
-  real(wp), parameter :: spread = 0.01_wp              !! of a double root by rounding, over its modulus [-]
-  real(wp), parameter :: steady = 1.0e-10_wp           !! part of a pole that is rounding, over its modulus [-]
+  integer, parameter :: spare_modes = 20               !! motions beside two for each mode that is asked for
+  integer, parameter :: spare_motions = 40             !! likewise: a system that has no more is solved as a whole
+  real(wp), parameter :: largest_residual = 1.0e-7_wp  !! residual of a pole [-]
+  real(wp), parameter :: short_step = 0.04_wp          !! of the growing damping, where poles of coupled modes may meet [-]
+  real(wp), parameter :: root_spread = 0.01_wp         !! distance of the two values of a double root, over its modulus [-]
+  real(wp), parameter :: rounding_part = 1.0e-10_wp    !! real or imaginary part that is rounding, over the modulus [-]
   real(wp), parameter :: beside = 1.0e-4_wp            !! imaginary part of a second start, over the real one [-]
-  real(wp), parameter :: belongs = 0.5_wp              !! share of its motion beyond which a pole belongs to modes [-]
-  real(wp), parameter :: new = 1.0e-4_wp               !! size of what a motion adds to a basis, over its own [-]
-  real(wp), parameter :: worth_a_search = 0.1_wp       !! likewise of an estimate [-]
+  real(wp), parameter :: least_share = 0.5_wp          !! share of its motion beyond which a pole belongs to modes [-]
+  real(wp), parameter :: least_response = 1.0e-4_wp    !! of a response that the basis does not hold yet, over its size [-]
+  real(wp), parameter :: searched_share = 0.1_wp       !! likewise of an estimate [-]
 
-  !> What is known of the poles beside those that are listed.
+  !> What the search for poles works with.
   type :: pole_search
     type(reduced_model) :: model                       !! the system on the natural modes
-    complex(wp), allocatable :: starts(:)              !! undamped poles; those listed as they were found [1/s]
+    complex(wp), allocatable :: starts(:)              !! undamped poles, of the listed ones the accurate values [1/s]
     complex(wp), allocatable :: shapes(:, :)           !! (p, modes) their shapes on the basis of the model [-]
-    complex(wp), allocatable :: twins(:)               !! poles that decay where another grows [1/s]
+    complex(wp), allocatable :: decaying(:)            !! poles that decay where another grows [1/s]
     integer :: listed = 0                              !! modes that are asked for, the first ones
     complex(wp), allocatable :: span(:, :)             !! (p, listed) orthonormal, these modes on the basis of the model [-]
     complex(wp), allocatable :: momenta(:, :)          !! (n, listed) M times that span [kg^1/2, kg^1/2 m]
-    logical :: spanned = .false.                       !! the reduced system is the whole one: its poles need no search
+    logical :: complete = .false.                      !! the reduced system is the whole one: its poles are all poles
     type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
   end type pole_search
 
@@ -44,35 +44,35 @@ contains
 
   !> The lowest undamped modes and, with damping, their poles.
   subroutine find_modes(ds, asked, modes, ok)
-    type(stiffness_system), intent(inout) :: ds
+    type(stiffness_system), intent(inout), target :: ds
     integer, intent(in) :: asked                       !! how many modes
     type(mode_set), intent(out) :: modes
     logical, intent(out) :: ok
     type(pole_search) :: s
     real(wp), allocatable :: omega2(:), x(:, :)
-    integer :: wanted, free
-    logical :: whole                                   ! the system is reduced on all its motions
+    integer :: wanted, freedoms
+    logical :: all_motions                             ! the system is reduced on all its motions
     call modes%clear(ds%n)
     call s%unlisted%clear(ds%n)
     ok = .true.
-    free = ds%n - ds%rows
-    wanted = min(asked, free)
+    freedoms = ds%n - ds%rows
+    wanted = min(asked, freedoms)
     if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
-    whole = free <= 2*wanted + few_more
-    call natural_subspace(ds, merge(wanted, wanted + reserve/2, ds%symmetric .or. whole), whole, omega2, x, ok)
-    if (ok .and. .not. (ds%symmetric .or. whole)) call lowest_motions(ds, x, ok)
-    if (ok) call undamped_starts(ds, omega2, x, merge(0, wanted, whole), s, ok)
+    all_motions = freedoms <= 2*wanted + spare_motions
+    call lowest_natural_modes(ds, merge(wanted, wanted + spare_modes/2, ds%symmetric .or. all_motions), all_motions, omega2, x, ok)
+    if (ok .and. .not. (ds%symmetric .or. all_motions)) call lowest_motions(ds, x, ok)
+    if (ok) call undamped_starts(ds, omega2, x, merge(0, wanted, all_motions), s, ok)
     if (.not. ok) return
-    if (wanted == free) wanted = size(s%starts)        ! more than the freedoms where motions grow and their twins do not decay
+    if (wanted == freedoms) wanted = size(s%starts)    ! growing motions of which none decays: more modes than freedoms
     call list_undamped(ds, s, wanted, modes)
     if (caught_signal() > 0) return
-    call check_undamped(ds, s%model%p == free, [s%starts, s%twins], modes)
+    call check_undamped(ds, s%model%p == freedoms, [s%starts, s%decaying], modes)
     if (.not. ds%damped) return
     s%listed = maxval([0, modes%mode])
     call span_modes(ds, s)
-    call s%model%take_apart()
-    s%spanned = s%model%exact .and. s%model%p == free
+    call s%model%split_into_parts()
+    s%complete = s%model%exact .and. s%model%p == freedoms
     call list_vibrations(ds, s, modes)
     call list_others(ds, s, modes)
   end subroutine find_modes
@@ -80,34 +80,36 @@ contains
   !> The undamped modes on the subspace: natural modes, or with gyroscopic terms or an unsymmetric K the poles of the reduced
   !> system in ascending order, of a diverging motion the one that grows.
   subroutine undamped_starts(ds, omega2, x, asked, s, ok)
-    type(stiffness_system), intent(inout) :: ds
+    type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: omega2(:)                  !! (p) natural frequencies squared [rad2/s2]
-    real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
+    real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p) natural modes, then with further motions [1/sqrt(kg)]
     integer, intent(in) :: asked                       !! modes to be answered by further motions; 0: x spans all motions
     type(pole_search), intent(inout) :: s
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
-    real(wp), allocatable :: turned(:, :), more(:, :)
-    logical, allocatable :: still(:), rigid_modes(:)
+    real(wp), allocatable :: turned(:, :)
+    logical, allocatable :: rigid_motions(:)
     integer, allocatable :: order(:)
     integer :: j, p, rigid
     p = size(x, 2)
     ok = .true.
-    call answers(ds, omega2, x, asked, more)
-    still = [(.false., j=1, size(more, 2))]
+    if (asked > 0) call add_responses(ds, omega2, asked, x)
+    allocate (rigid_motions(size(x, 2)), source=.false.)
     if (ds%symmetric) then
-      rigid_modes = [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)]
-      call s%model%build(ds, reshape([x, more], [ds%n, p + size(more, 2)]), [rigid_modes, still])
+      rigid_motions(1:p) = [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)]
+      call s%model%build(ds, x, rigid_motions)
       s%starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), s%model%rigid(1:p))
       order = [(j, j=1, p)]
-      allocate (s%twins(0))
+      allocate (s%decaying(0))
     else
-      call turning_basis(ds, x, turned, rigid, ok)
+      call rigid_motions_first(ds, x(:, 1:p), turned, rigid, ok)
       if (.not. ok) return
-      call s%model%build(ds, reshape([turned, more], [ds%n, p + size(more, 2)]), [(j <= rigid, j=1, p), still])
+      x(:, 1:p) = turned
+      rigid_motions(1:rigid) = .true.
+      call s%model%build(ds, x, rigid_motions)
       call poles%find(s%model, [(j, j=1, s%model%p)], .false., ok)
       if (.not. ok) return
-      s%twins = pack(poles%lambda, decays(poles%lambda))
+      s%decaying = pack(poles%lambda, decays(poles%lambda))
       order = by_modulus(poles%lambda)
       order = pack(order, .not. decays(poles%lambda(order)))
       s%starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
@@ -124,19 +126,17 @@ contains
     end do
   end subroutine undamped_starts
 
-  !> How the system answers to forces that damp the modes asked for: those of each viscoelastic material, of viscous damping and of
-  !> gyroscopic terms in the shape of each mode. A few natural modes hardly hold these motions, and the poles consist of both.
-  subroutine answers(ds, omega2, x, asked, more)
-    type(stiffness_system), intent(inout) :: ds
+  !> Appends the responses to forces that damp the modes asked for: those of each viscoelastic material, of viscous damping and of
+  !> gyroscopic terms in the shape of each mode. Poles consist of these motions, too, and a few natural modes hardly hold them.
+  subroutine add_responses(ds, omega2, asked, x)
+    type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: omega2(:)                  !! (p) squared frequencies [rad2/s2]
-    real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes [1/sqrt(kg)]
     integer, intent(in) :: asked
-    real(wp), allocatable, intent(out) :: more(:, :)   !! (n, answers) mass-orthonormal, as x are and to x [1/sqrt(kg)]
+    real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p), then (n, p + answers) mass-orthonormal [1/sqrt(kg)]
+    type(mass_operator) :: op
     complex(wp) :: y(ds%n + ds%rows), mode(ds%n + ds%rows)
-    real(wp), allocatable :: v(:)
     integer :: j, r
-    allocate (more(ds%n, 0))
-    if (asked == 0) return
+    op%ds => ds
     call ds%set_real(max(omega2(asked), 1.0e-3_wp*omega2(size(omega2))))
     call ds%factor()
     do j = 1, asked
@@ -148,38 +148,17 @@ contains
         y(ds%n + 1:) = 0.0_wp
         if (.not. any(abs(y) > 0.0_wp)) cycle
         call ds%solve(y)
-        v = real(y(1:ds%n), wp)
-        call add_direction(ds, x, v, more)
+        call add_motion(op, real(y(1:ds%n), wp), least_response, x)
       end do
     end do
-  end subroutine answers
+  end subroutine add_responses
 
-  !> Appends what a motion has beside those of two mass-orthonormal sets, if that is more than rounding.
-  subroutine add_direction(ds, x, v, more)
-    type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: x(:, :)                    !! (n, p) [1/sqrt(kg)]
-    real(wp), intent(inout) :: v(:)                    !! (n) [any]
-    real(wp), allocatable, intent(inout) :: more(:, :) !! (n, answers) [1/sqrt(kg)]
-    real(wp) :: mv(size(v)), before
-    integer :: pass
-    before = sqrt(dot_product(v, real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)))
-    if (.not. before > 0.0_wp) return
-    v = v/before
-    do pass = 1, 3
-      mv = real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)
-      v = v - matmul(x, matmul(mv, x)) - matmul(more, matmul(mv, more))
-      mv = real(momentum(ds, cmplx(v, 0.0_wp, wp)), wp)
-      if (.not. dot_product(v, mv) > new**2) return
-    end do
-    more = reshape([more, v/sqrt(dot_product(v, mv))], [size(v), size(more, 2) + 1])
-  end subroutine add_direction
-
-  !> Whether a search has stayed where it began. If its pole is listed already, the reduced system has this pole more than once,
-  !> with one shape: so it is with a free body that is described in its own turning axes.
-  pure logical function stayed_at(lambda, start) result(yes)
+  !> Whether a search ended at its estimate. If that pole is listed already, it is a double one with a single shape, as of a free
+  !> body in its own turning axes.
+  pure logical function ended_near(lambda, start) result(yes)
     complex(wp), intent(in) :: lambda, start           !! [1/s]
-    yes = abs(lambda - start) <= 10*same*abs(lambda)
-  end function stayed_at
+    yes = abs(lambda - start) <= 10*same_pole*abs(lambda)
+  end function ended_near
 
   !> Whether a search has made the estimate of a pole accurate. Of a double root the estimate has a few digits only.
   pure logical function is_accurate(ds, damping, start, pole) result(yes)
@@ -187,8 +166,8 @@ contains
     real(wp), intent(in) :: damping                    !! [-]
     complex(wp), intent(in) :: start                   !! [1/s]
     type(pole_state), intent(in) :: pole
-    yes = stayed_at(pole%lambda, start)
-    if (.not. yes .and. abs(pole%lambda - start) <= spread*abs(start)) yes = double_root(ds, damping, pole)
+    yes = ended_near(pole%lambda, start)
+    if (.not. yes .and. abs(pole%lambda - start) <= root_spread*abs(start)) yes = double_root(ds, damping, pole)
   end function is_accurate
 
   !> Whether an undamped pole decays.
@@ -211,16 +190,16 @@ contains
       pole = start_of_mode(ds, s, j)
       ok = .true.
       if (.not. ds%symmetric .and. abs(s%starts(j)) > 0.0_wp) then
-        call refine_pole(ds, 0.0_wp, exact, pole, ok)
-        if (abs(pole%lambda%re) <= steady*abs(pole%lambda)) pole%lambda%re = 0.0_wp
-        if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
+        call refine_pole(ds, 0.0_wp, pole_change, pole, ok)
+        if (abs(pole%lambda%re) <= rounding_part*abs(pole%lambda)) pole%lambda%re = 0.0_wp
+        if (abs(pole%lambda%im) <= rounding_part*abs(pole%lambda)) pole%lambda%im = 0.0_wp
         if (ok) ok = pole%lambda%im >= 0.0_wp
         if (s%model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
           if (ok) ok = is_accurate(ds, 0.0_wp, s%starts(j), pole)
           if (.not. ok) pole = start_of_mode(ds, s, j)
           ok = .true.
         end if
-        if (ok) ok = stayed_at(pole%lambda, s%starts(j)) .or. modes%known(ds, pole%lambda, pole%x, undamped_mode) == 0
+        if (ok) ok = ended_near(pole%lambda, s%starts(j)) .or. modes%find_alike(ds, pole%lambda, pole%x, undamped_mode) == 0
         if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, 0.0_wp, pole)
       end if
       if (ok) then
@@ -255,9 +234,9 @@ contains
       pole = start_of_mode(ds, s, j)
       call follow_damping(ds, 0.0_wp, 1.0_wp, merge(1.0_wp, short_step, count(s%model%label == part) == 1), pole, vibrates)
       if (.not. vibrates) cycle
-      k = modes%known(ds, pole%lambda, pole%x, vibration_mode)
+      k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
       if (k > 0) then                                  ! another mode has this vibration: are they one without damping, too?
-        if (.not. stayed_at(s%starts(j), s%starts(modes%mode(k)))) cycle
+        if (.not. ended_near(s%starts(j), s%starts(modes%mode(k)))) cycle
       end if
       call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
@@ -275,7 +254,7 @@ contains
     undamped = pole
     call follow_damping(ds, 1.0_wp, 0.0_wp, short_step, undamped, yes)
     do j = 1, merge(s%listed, 0, yes)
-      if (stayed_at(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
+      if (ended_near(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
     end do
   end function belongs_to_other_mode
 
@@ -294,20 +273,20 @@ contains
     do part = 1, s%model%parts
       members = pack([(j, j=1, s%model%p)], s%model%label == part)
       call poles%find(s%model, members, .true., ok)
-      s%spanned = s%spanned .and. ok
+      s%complete = s%complete .and. ok
       if (.not. ok) modes%unsettled = modes%unsettled + 1
       if (.not. ok) cycle
       expected = expected + size(poles%lambda)
       do i = 1, size(poles%lambda)
         if (caught_signal() > 0) return
-        if (modes%claims(poles%lambda(i))) cycle
-        if (s%unlisted%claims(poles%lambda(i))) cycle
+        if (modes%match(poles%lambda(i))) cycle
+        if (s%unlisted%match(poles%lambda(i))) cycle
         if (sum(abs(matmul(conjg(transpose(s%span)), poles%shape(:, i)))**2) <= &
-            merge(belongs, worth_a_search, s%spanned)*sum(abs(poles%shape(:, i))**2)) cycle
+            merge(least_share, searched_share, s%complete)*sum(abs(poles%shape(:, i))**2)) cycle
         call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), modes)
       end do
     end do
-    if (s%spanned) then
+    if (s%complete) then
       call check_whole(modes, expected, s%listed >= size(s%starts))
     else
       call describe_searched(ds%symmetric, modes)
@@ -330,35 +309,35 @@ contains
     call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, settled)
     ok = settled
     if (ok) then
-      if (modes%claims(pole%lambda, modes%known(ds, pole%lambda, pole%x, vibration_mode))) return
-      if (s%unlisted%claims(pole%lambda, s%unlisted%known(ds, pole%lambda, pole%x, vibration_mode))) return
+      if (modes%match(pole%lambda, modes%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
+      if (s%unlisted%match(pole%lambda, s%unlisted%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
       if (pole%lambda%im > 0.0_wp .and. coupled) then
         if (belongs_to_other_mode(ds, s, modes, pole)) then
           call s%unlisted%add(vibration_mode, 0, pole%lambda, 0.0_wp, pole%x)
           return
         end if
       end if
-      if (s%spanned) ok = is_accurate(ds, 1.0_wp, lambda, pole)
+      if (s%complete) ok = is_accurate(ds, 1.0_wp, lambda, pole)
     end if
-    if (s%spanned .and. .not. ok) then
+    if (s%complete .and. .not. ok) then
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
-    else if (.not. s%spanned) then
-      if (share_of(ds, s, pole%x) <= belongs) return
+    else if (.not. s%complete) then
+      if (share_of(ds, s, pole%x) <= least_share) return
       if (.not. settled) modes%unsettled = modes%unsettled + 1
       if (.not. settled .or. is_rigid(ds, pole)) return
-      ok = modes%known(ds, pole%lambda, pole%x, vibration_mode) == 0
-      if (.not. ok) ok = stayed_at(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
+      ok = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode) == 0
+      if (.not. ok) ok = ended_near(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
       if (.not. ok) return
     end if
-    owner = most_alike(shape, s%shapes)
+    owner = nearest_mode(shape, s%shapes)
     kind = further_mode
     if (owner <= s%listed .and. s%starts(owner)%im > 0.0_wp .and. &
         .not. any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = vibration_mode
-    if (owner > s%listed) owner = most_alike(shape, s%shapes(:, 1:s%listed))
+    if (owner > s%listed) owner = nearest_mode(shape, s%shapes(:, 1:s%listed))
     if (pole%lambda%im <= 0.0_wp) kind = real_pole
     call modes%add(kind, owner, pole%lambda, residual, pole%x)
-    modes%claimed(modes%count) = .true.
+    modes%matched(modes%count) = .true.
   end subroutine list_pole
 
   !> The damped pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may
@@ -371,16 +350,16 @@ contains
     real(wp), intent(out) :: residual                  !! [-]
     logical, intent(out) :: settled                    !! it ended at a pole
     pole = start_pole(ds, lambda, x)
-    call refine_pole(ds, 1.0_wp, exact, pole, settled)
+    call refine_pole(ds, 1.0_wp, pole_change, pole, settled)
     if (.not. (settled .or. abs(lambda%im) > 0.0_wp)) then
       pole = start_pole(ds, lambda*cmplx(1.0_wp, beside, wp), x)
-      call refine_pole(ds, 1.0_wp, exact, pole, settled)
+      call refine_pole(ds, 1.0_wp, pole_change, pole, settled)
     end if
-    if (abs(pole%lambda%im) <= steady*abs(pole%lambda)) pole%lambda%im = 0.0_wp
+    if (abs(pole%lambda%im) <= rounding_part*abs(pole%lambda)) pole%lambda%im = 0.0_wp
     if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
     pole%lambda%im = abs(pole%lambda%im)
     residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
-    settled = settled .and. residual <= no_pole
+    settled = settled .and. residual <= largest_residual
   end subroutine search
 
   !> Whether a search has ended at a rigid motion, whose pole rounding alone keeps from zero.
@@ -406,7 +385,7 @@ contains
           v = v - dot_product(s%span(:, k), v)*s%span(:, k)
         end do
       end do
-      if (norm2(abs(v)) > steady*before) s%span = reshape([s%span, v/norm2(abs(v))], [s%model%p, size(s%span, 2) + 1])
+      if (norm2(abs(v)) > rounding_part*before) s%span = reshape([s%span, v/norm2(abs(v))], [s%model%p, size(s%span, 2) + 1])
     end do
     s%momenta = s%momenta(:, 1:size(s%span, 2))
     do j = 1, size(s%span, 2)
@@ -432,8 +411,8 @@ contains
     share = sum([(abs(dot_product(s%momenta(:, j), x))**2, j=1, size(s%span, 2))])/abs(dot_product(x, momentum(ds, x)))
   end function share_of
 
-  !> Which of the modes resembles a shape most, in the sense of the mass matrix.
-  pure integer function most_alike(shape, shapes) result(best)
+  !> The mode that has the largest part in a shape, by modal masses.
+  pure integer function nearest_mode(shape, shapes) result(best)
     complex(wp), intent(in) :: shape(:)                !! (p) on a mass-orthonormal basis [-]
     complex(wp), intent(in) :: shapes(:, :)            !! (p, modes) [-]
     real(wp) :: alike, most
@@ -446,5 +425,5 @@ contains
       most = alike
       best = j
     end do
-  end function most_alike
+  end function nearest_mode
 end module complex_modes

@@ -6,19 +6,18 @@ module gyroscopic_modes
   use block_lanczos, only: inertia_operator, orthonormalise
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
-  use natural_modes, only: rounding_level, squared_scales, without_rounding
+  use natural_modes, only: rounding_level, stiffness_scales, without_rounding
   implicit none (type, external)
   private
-  public :: lowest_motions, turning_basis
+  public :: mass_operator, add_motion, lowest_motions, rigid_motions_first
 
   integer, parameter :: passes = 4                 !! of inverse iteration
-  real(wp), parameter :: dependent = 1.0e-6_wp     !! what a motion adds to others that is rounding, over its own size [-]
+  real(wp), parameter :: new = 1.0e-6_wp           !! size of what a motion adds to a basis, over its own [-]
   real(wp), parameter :: no_stiffness = 1.0e-9_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
   !> The mass of one vector, or of positions and rates side by side.
   type, extends(inertia_operator) :: mass_operator
     type(stiffness_system), pointer :: ds => null()
-    complex(wp), allocatable :: m(:), rates(:)     !! (entries) M, and s M + G at the shift [kg, kg m, kg m2], [those per s]
   contains
     procedure :: solve
     procedure :: mass_times
@@ -27,8 +26,8 @@ module gyroscopic_modes
 contains
 
   !> The lowest solutions of (s2 M + s G + K) x = 0 from natural modes, by inverse iteration on positions and rates. The shift lies
-  !> between what is rounding and the lowest frequency: motions at s = 0 and what they cause at constant rates are found to the last
-  !> digits. Symmetric natural modes do not span them. Positions that depend on others are left out.
+  !> between what is rounding and the lowest frequency: motions at s = 0 and what they cause at constant rates are then
+  !> accurate to the last digits. Natural modes of the symmetric part of K do not span them.
   subroutine lowest_motions(ds, x, ok)
     type(stiffness_system), intent(inout), target :: ds
     real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p) mass-orthonormal, fewer columns at the end [1/sqrt(kg)]
@@ -37,7 +36,7 @@ contains
     real(wp) :: y(2*ds%n, size(x, 2))                  ! positions, and rates over the shift
     real(wp) :: least, level, square, length           ! [rad2/s2], [-]
     real(wp), allocatable :: part(:), my(:)
-    integer :: pass, j, p
+    integer :: pass, j
     least = huge(1.0_wp)
     level = huge(1.0_wp)
     do j = 1, size(x, 2)
@@ -46,9 +45,7 @@ contains
       if (square > rounding_level(ds, x(:, j))) least = min(least, square)
     end do
     op%ds => ds
-    op%m = cmplx(ds%m, 0.0_wp, wp)
     op%shift = sqrt(sqrt(level*least))
-    op%rates = op%shift*op%m + ds%gyro
     call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
     call ds%factor()
     y = 0.0_wp
@@ -62,28 +59,36 @@ contains
         if (.not. ok) return
       end do
     end do
-    p = 0
-    do j = 1, size(x, 2)
-      associate (v => y(1:ds%n, j))
-        x(:, p + 1) = v/sqrt(dot_product(v, op%mass_times(v)))
-      end associate
-      call orthonormalise(op, x(:, 1:p), x(:, p + 1), my(1:ds%n), part, length)
-      if (length > dependent) p = p + 1
+    x = x(:, 1:0)
+    do j = 1, size(y, 2)
+      call add_motion(op, y(1:ds%n, j), new, x)
     end do
-    x = x(:, 1:p)
   end subroutine lowest_motions
+
+  !> Appends what a motion has beside those of a mass-orthonormal basis, if that is more than a given part of it.
+  subroutine add_motion(op, v, least, x)
+    class(inertia_operator), intent(in) :: op
+    real(wp), intent(in) :: v(:)                       !! (n) [any]
+    real(wp), intent(in) :: least                      !! [-]
+    real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p) [1/sqrt(kg)]
+    real(wp) :: added(size(v)), mv(size(v)), length    ! [1/sqrt(kg)], [sqrt(kg)], [-]
+    real(wp), allocatable :: part(:)
+    mv = op%mass_times(v)
+    if (.not. dot_product(v, mv) > 0.0_wp) return
+    added = v/sqrt(dot_product(v, mv))
+    call orthonormalise(op, x, added, mv, part, length)
+    if (length > least) x = reshape([x, added], [size(v), size(x, 2) + 1])
+  end subroutine add_motion
 
   !> One inverse iteration: with r over the shift s, T(s) u = -(s M + G) x - s M r, and the new rates over s are u + x/s.
   subroutine solve(self, y)
     class(mass_operator), intent(inout) :: self
     real(wp), intent(inout) :: y(:)                    !! (2n) positions and rates over the shift [m, rad]
     complex(wp) :: u(self%ds%n + self%ds%rows)
-    associate (ds => self%ds, x => y(1:size(y)/2), r => y(size(y)/2 + 1:))
-      u = -ds%times(self%rates, ds%padded(cmplx(x, 0.0_wp, wp))) - &
-          self%shift*ds%times(self%m, ds%padded(cmplx(r, 0.0_wp, wp)))
-      u(ds%n + 1:) = 0.0_wp
+    associate (ds => self%ds, s => self%shift, x => y(1:size(y)/2), r => y(size(y)/2 + 1:))
+      u = ds%padded(cmplx(-ds%real_times(s*ds%m + ds%gyro, x) - s*ds%real_times(ds%m, r), 0.0_wp, wp))
       call ds%solve(u)
-      r = real(u(1:ds%n), wp) + x/self%shift
+      r = real(u(1:ds%n), wp) + x/s
       x = real(u(1:ds%n), wp)
     end associate
   end subroutine solve
@@ -93,18 +98,14 @@ contains
     class(mass_operator), intent(in) :: self
     real(wp), intent(in) :: x(:)                       !! (n) or (2n) [m, rad]
     real(wp) :: y(size(x))                             !! [kg m, kg m2]
-    complex(wp) :: mx(self%ds%n + self%ds%rows)
     integer :: i
-    associate (ds => self%ds)
-      do i = 0, size(x) - ds%n, ds%n
-        mx = ds%times(self%m, ds%padded(cmplx(x(i + 1:i + ds%n), 0.0_wp, wp)))
-        y(i + 1:i + ds%n) = real(mx(1:ds%n), wp)
-      end do
-    end associate
+    do i = 0, size(x) - self%ds%n, self%ds%n
+      y(i + 1:i + self%ds%n) = self%ds%real_times(self%ds%m, x(i + 1:i + self%ds%n))
+    end do
   end function mass_times
 
-  !> The natural modes turned so that the rigid motions come first.
-  subroutine turning_basis(ds, x, turned, rigid, ok)
+  !> The basis turned so that the rigid motions come first.
+  subroutine rigid_motions_first(ds, x, turned, rigid, ok)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes, mass-orthonormal [1/sqrt(kg)]
     real(wp), allocatable, intent(out) :: turned(:, :) !! (n, p) likewise [1/sqrt(kg)]
@@ -120,7 +121,7 @@ contains
     end do
     call rigid_motions(ds, x, k, q, rigid, ok)
     if (ok) turned = matmul(x, q)
-  end subroutine turning_basis
+  end subroutine rigid_motions_first
 
   !> The null space of K: singular values far below one of K with rows and columns scaled to the size one, or where they are
   !> rounding to that. It spans the first columns of an orthogonal basis q.
@@ -142,7 +143,7 @@ contains
     end do
     allocate (u(p, p), vt(p, p), q(p, p), work(4*p*p + 72*p), iwork(8*p))
     a = without_rounding(k, level)
-    scale = 1.0_wp/sqrt(squared_scales(a, max(level, [(abs(k(j, j)), j=1, p)], tiny(1.0_wp))))
+    scale = 1.0_wp/sqrt(stiffness_scales(a, max(level, [(abs(k(j, j)), j=1, p)], tiny(1.0_wp))))
     do j = 1, p
       a(:, j) = scale*a(:, j)*scale(j)
     end do

@@ -8,7 +8,7 @@ module mode_list
 
   integer, parameter, public :: undamped_mode = 0, vibration_mode = 1, further_mode = 2, real_pole = 3
 
-  real(wp), parameter, public :: same = 1.0e-6_wp      !! distance of two estimates of one pole, over its modulus [-]
+  real(wp), parameter, public :: same_pole = 1.0e-6_wp !! distance of two estimates of one pole, over its modulus [-]
 
   !> Modes and poles, one a column.
   type :: mode_set
@@ -18,19 +18,19 @@ module mode_list
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
-    logical, allocatable :: claimed(:)                 !! a pole of the reduced system has led to it
+    logical, allocatable :: matched(:)                 !! it is the pole of the reduced system that was searched
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
     integer :: unsettled = 0                           !! searches for further poles that did not end at one
     integer :: missing_undamped = 0                    !! modes that the count misses in the list
     integer :: missing = 0                             !! poles that the list lacks though all eigenvalues were computed
     logical :: counted = .true.                        !! false: rounding hides how many undamped modes there are
-    character(:), allocatable :: note_undamped         !! completeness in words
+    character(:), allocatable :: note_undamped         !! sentence on completeness
     character(:), allocatable :: note_damped           !! likewise
   contains
     procedure :: clear
     procedure :: add => add_mode
-    procedure :: known
-    procedure :: claims
+    procedure :: find_alike
+    procedure :: match
   end type mode_set
 
 contains
@@ -52,13 +52,13 @@ contains
   subroutine clear(self, n)
     class(mode_set), intent(out) :: self
     integer, intent(in) :: n                           !! mechanical unknowns
-    allocate (self%kind(0), self%mode(0), self%lambda(0), self%residual(0), self%x(n, 0), self%claimed(0), self%unfound(0))
+    allocate (self%kind(0), self%mode(0), self%lambda(0), self%residual(0), self%x(n, 0), self%matched(0), self%unfound(0))
     self%note_undamped = 'undamped modes: not counted'
     self%note_damped = ''
   end subroutine clear
 
-  !> The number of a pole in the list with the same shape, one that is not claimed if there is any; 0: none.
-  integer function known(self, ds, lambda, x, kind) result(number)
+  !> The number of a pole in the list with the same value and shape, if possible one that is not matched yet; 0: none.
+  integer function find_alike(self, ds, lambda, x, kind) result(number)
     class(mode_set), intent(in) :: self
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
@@ -70,20 +70,20 @@ contains
     number = 0
     do j = 1, self%count
       if ((self%kind(j) == undamped_mode) .neqv. (kind == undamped_mode)) cycle
-      if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same*abs(lambda)) cycle
+      if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same_pole*abs(lambda)) cycle
       mx = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
       my = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(self%x(:, j)))
       alike = max(abs(dot_product(self%x(:, j), mx(1:ds%n)))**2, abs(sum(self%x(:, j)*mx(1:ds%n)))**2)
       alike = alike/(abs(dot_product(x, mx(1:ds%n)))*abs(dot_product(self%x(:, j), my(1:ds%n))))
       if (alike <= 0.99_wp) cycle
       number = j
-      if (.not. self%claimed(j)) return
+      if (.not. self%matched(j)) return
     end do
-  end function known
+  end function find_alike
 
-  !> Claims a damped pole of the list, the given one or the nearest, for one of the reduced system; false where there is none
-  !> or it is claimed.
-  logical function claims(self, lambda, number) result(yes)
+  !> Marks a damped pole of the list, the given one or the nearest, as that of a pole of the reduced system. False where there is
+  !> none, or it was marked before.
+  logical function match(self, lambda, number) result(yes)
     class(mode_set), intent(inout) :: self
     complex(wp), intent(in) :: lambda                  !! [1/s]
     integer, intent(in), optional :: number            !! in the list, 0: none
@@ -91,15 +91,15 @@ contains
     if (present(number)) then
       j = number
     else
-      j = minloc(abs(self%lambda - lambda), 1, self%kind /= undamped_mode .and. .not. self%claimed)
+      j = minloc(abs(self%lambda - lambda), 1, self%kind /= undamped_mode .and. .not. self%matched)
       if (j > 0) then
         if (abs(self%lambda(j) - lambda) > 1.0e-7_wp*abs(lambda)) j = 0
       end if
     end if
     yes = j > 0
-    if (yes) yes = .not. self%claimed(j)
-    if (yes) self%claimed(j) = .true.
-  end function claims
+    if (yes) yes = .not. self%matched(j)
+    if (yes) self%matched(j) = .true.
+  end function match
 
   !> |T x| against the sum of its parts, constraints left aside. A rigid motion has no forces: they are compared with those of a
   !> deformation as large.
@@ -125,18 +125,17 @@ contains
     residual = multiplier_free(ds, r)/max(parts, tiny(1.0_wp))
   end function residual_of
 
-  !> Norm of the part of a residual that no multiplier can balance (least squares on J by a bordered solve with the unit matrix
-  !> would be dearer; rows where joints act are left out).
+  !> Norm of a residual without the unknowns on which joints act: there a multiplier can balance it.
   pure real(wp) function multiplier_free(ds, r) result(size_r)
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: r(:)         !! (n+rows) [N, N m]
-    logical :: held(ds%n)
+    logical :: on_joints(ds%n)
     integer :: e
-    held = .false.
+    on_joints = .false.
     do e = 1, size(ds%row)
-      if (ds%col(e) > ds%n .and. ds%row(e) <= ds%n .and. abs(ds%joint(e)) > 0.0_wp) held(ds%row(e)) = .true.
+      if (ds%col(e) > ds%n .and. ds%row(e) <= ds%n .and. abs(ds%joint(e)) > 0.0_wp) on_joints(ds%row(e)) = .true.
     end do
-    size_r = norm2(pack(abs(r(1:ds%n)), .not. held))
+    size_r = norm2(pack(abs(r(1:ds%n)), .not. on_joints))
   end function multiplier_free
 
   !> Appends a mode.
@@ -151,7 +150,7 @@ contains
     self%mode = [self%mode, mode]
     self%lambda = [self%lambda, lambda]
     self%residual = [self%residual, residual]
-    self%claimed = [self%claimed, .false.]
+    self%matched = [self%matched, .false.]
     allocate (more(size(x), self%count + 1))
     more(:, 1:self%count) = self%x
     more(:, self%count + 1) = x

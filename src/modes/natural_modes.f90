@@ -9,14 +9,14 @@ module natural_modes
   use process, only: caught_signal
   implicit none (type, external)
   private
-  public :: natural_subspace, rounding_level, without_rounding, squared_scales, fastest
+  public :: lowest_natural_modes, rounding_level, without_rounding, stiffness_scales, highest_ratio
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
   real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
-  real(wp), parameter :: mixed = 1.0e3_wp*epsilon(1.0_wp)   !! how much of any motion rounding leaves in another [-]
-  real(wp), parameter :: settled = 1.0e-13_wp      !! relative change of omega^2 [-]
-  real(wp), parameter :: at_floor = 1.0e-10_wp     !! change that no longer shrinks and is rounding [-]
+  real(wp), parameter :: mixing = 1.0e3_wp*epsilon(1.0_wp)  !! part of any motion that rounding mixes into another [-]
+  real(wp), parameter :: converged_change = 1.0e-13_wp !! relative change of omega^2 [-]
+  real(wp), parameter :: rounding_change = 1.0e-10_wp !! change that is rounding where it shrinks no more [-]
 
   !> K + shift M on the constraints, and M.
   type, extends(inertia_operator) :: constrained_operator
@@ -32,35 +32,35 @@ contains
   !> The lowest modes: mass-normalised vectors and squared frequencies, ascending. At least `wanted` of them are converged
   !> (fewer only where the system has fewer degrees of freedom); the subspace is larger; the others follow where all
   !> motions are to be spanned.
-  subroutine natural_subspace(ds, wanted, whole, omega2, x, ok)
+  subroutine lowest_natural_modes(ds, wanted, all_motions, omega2, x, ok)
     type(stiffness_system), intent(inout), target :: ds
     integer, intent(in) :: wanted
-    logical, intent(in) :: whole                      !! all motions
+    logical, intent(in) :: all_motions                !! all motions
     real(wp), allocatable, intent(out) :: omega2(:)   !! (p) [rad2/s2]
     real(wp), allocatable, intent(out) :: x(:, :)     !! (n, p) [1/sqrt(kg)]
     logical, intent(out) :: ok
     type(constrained_operator) :: op
-    integer :: free, p, spanned, pass
+    integer :: freedoms, p, spanned, pass
     real(wp) :: noise, change, last
-    logical :: settled_yet
+    logical :: converged
     real(wp), allocatable :: before(:), moved(:), scale(:), forces(:, :)
-    free = ds%n - ds%rows
-    p = min(free, merge(wanted + 8, max(2*wanted, wanted + 8), ds%symmetric .and. .not. ds%damped))
+    freedoms = ds%n - ds%rows
+    p = min(freedoms, merge(wanted + 8, max(2*wanted, wanted + 8), ds%symmetric .and. .not. ds%damped))
     ok = .true.
-    spanned = merge(free, p, whole)
+    spanned = merge(freedoms, p, all_motions)
     allocate (omega2(spanned), x(ds%n, spanned), forces(ds%n, spanned))
     if (p == 0) return
     op%ds => ds
-    noise = fastest(ds)                                ! a shift that is small beside it makes K regular where motions are rigid
+    noise = highest_ratio(ds)                          ! a shift that is small beside it makes K regular where motions are rigid
     call op%set_shift(merge(small_shift*noise, 1.0_wp, noise > 0.0_wp))
     noise = epsilon(1.0_wp)*op%shift/small_shift       ! rounding of the largest frequencies [rad2/s2]
-    if (ds%n <= small .or. 2*spanned > free) then
+    if (ds%n <= small .or. 2*spanned > freedoms) then
       call dense_start(ds, spanned, omega2, x, ok)
     else
       call krylov_start(op, omega2, x, ok)
     end if
     if (.not. ok) return
-    settled_yet = .false.
+    converged = .false.
     change = huge(1.0_wp)
     do pass = 1, most_passes
       ok = caught_signal() == 0
@@ -69,37 +69,37 @@ contains
       call iterate_subspace(op, x(:, 1:p), omega2(1:p), ok)
       if (.not. ok) return
       omega2(1:p) = omega2(1:p) - op%shift
-      if (pass == 2 .or. pass == 5) call op%set_shift(better_shift(op, x(:, 1:p)))
+      if (pass == 2 .or. pass == 5) call op%set_shift(shift_below_lowest(op, x(:, 1:p)))
       associate (w => min(wanted, p))
         moved = abs(omega2(1:w) - before(1:w))
         scale = abs(omega2(1:w)) + op%shift
         last = change
         change = maxval(moved/scale)
-        settled_yet = pass > 1 .and. (change <= settled .or. &           ! or rounding alone changes it
-                                      (all(moved <= max(at_floor, cancelled(ds, x(:, 1:w)))*scale + noise) .and. &
+        converged = pass > 1 .and. (change <= converged_change .or. &    ! or rounding alone changes it
+                                      (all(moved <= max(rounding_change, mass_rounding(ds, x(:, 1:w)))*scale + noise) .and. &
                                        change >= 0.5_wp*last))
-        if (settled_yet) exit
+        if (converged) exit
       end associate
     end do
     call inverse_iteration(op, x, forces, ok) ! Rayleigh-Ritz mixes what rounding of the largest frequency is into the lowest modes
     do pass = 1, spanned
       omega2(pass) = dot_product(x(:, pass), ds%stiffness_times(x(:, pass)))
     end do
-    where (abs(omega2) <= mixed**2*maxval(abs(omega2))) omega2 = 0.0_wp
-    ok = ok .and. settled_yet
-  end subroutine natural_subspace
+    where (abs(omega2) <= mixing**2*maxval(abs(omega2))) omega2 = 0.0_wp
+    ok = ok .and. converged
+  end subroutine lowest_natural_modes
 
   !> The share of rounding errors in the mass of each motion. It is large where the kept modes have nearly all mass of a body
   !> and its frame moves against them.
-  pure function cancelled(ds, x) result(share)
+  pure function mass_rounding(ds, x) result(share)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)           !! (n, p) mass-normalised [1/sqrt(kg)]
     real(wp) :: share(size(x, 2))             !! [-]
     integer :: k
     do k = 1, size(x, 2)
-      share(k) = 10*epsilon(1.0_wp)*dot_product(abs(x(:, k)), real_product(ds, abs(ds%m), abs(x(:, k))))
+      share(k) = 10*epsilon(1.0_wp)*dot_product(abs(x(:, k)), ds%real_times(abs(ds%m), abs(x(:, k))))
     end do
-  end function cancelled
+  end function mass_rounding
 
   !> Factors K + shift M.
   subroutine set_shift(self, shift)
@@ -125,11 +125,11 @@ contains
     class(constrained_operator), intent(in) :: self
     real(wp), intent(in) :: x(:)              !! (n) [m, rad]
     real(wp) :: y(size(x))                    !! [kg m, kg m2]
-    y = real_product(self%ds, self%ds%m, x)
+    y = self%ds%real_times(self%ds%m, x)
   end function mass_times
 
-  !> A shift below the lowest frequency that is no rounding.
-  pure real(wp) function better_shift(op, x) result(shift)
+  !> A shift below the lowest squared frequency that is more than rounding.
+  pure real(wp) function shift_below_lowest(op, x) result(shift)
     type(constrained_operator), intent(in) :: op
     real(wp), intent(in) :: x(:, :)           !! (n, p) approximate modes [1/sqrt(kg)]
     real(wp) :: omega2                        ! [rad2/s2]
@@ -141,7 +141,7 @@ contains
       shift = 0.3_wp*omega2
       return
     end do
-  end function better_shift
+  end function shift_below_lowest
 
   !> Approximate lowest modes from Krylov spaces of (K + shift M)^-1 M: small ones until the shift is near the lowest frequency,
   !> then a large one. A block of as many vectors as a chain of beams may have equal frequencies.
@@ -151,35 +151,19 @@ contains
     real(wp), intent(out) :: x(:, :)                   !! (n, p) [1/sqrt(kg)]
     logical, intent(out) :: ok
     real(wp) :: near                                   ! [rad2/s2]
-    integer :: round, q, free
+    integer :: round, q, freedoms
     q = min(size(x, 2), 5)
-    free = op%ds%n - op%ds%rows
+    freedoms = op%ds%n - op%ds%rows
     do round = 1, most_rounds
-      call krylov_modes(op, min(free, 3*q), x(:, 1:q), omega2(1:q), ok)
+      call krylov_modes(op, min(freedoms, 3*q), x(:, 1:q), omega2(1:q), ok)
       if (.not. ok) return
-      near = better_shift(op, x(:, 1:q))
+      near = shift_below_lowest(op, x(:, 1:q))
       if (abs(log(near/op%shift)) < 2.0_wp) exit
       call op%set_shift(near)
     end do
-    call krylov_modes(op, min(free, 2*size(x, 2) + 20), x, omega2, ok)
+    call krylov_modes(op, min(freedoms, 2*size(x, 2) + 20), x, omega2, ok)
     omega2 = omega2 - op%shift
   end subroutine krylov_start
-
-  !> y = A x for real entries on the pattern, mechanical unknowns only.
-  pure function real_product(ds, values, x) result(y)
-    type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: values(:)         !! (entries) [any]
-    real(wp), intent(in) :: x(:)              !! (n) [any]
-    real(wp) :: y(size(x))                    !! [unit of values times unit of x]
-    integer :: j, e
-    y = 0.0_wp
-    do j = 1, size(x)
-      do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) > size(x)) exit
-        y(ds%row(e)) = y(ds%row(e)) + values(e)*x(j)
-      end do
-    end do
-  end function real_product
 
   !> Lowest p modes on an orthonormal basis of the null space of J, in unknowns of equal mass: lengths and angles stand side by
   !> side.
@@ -201,8 +185,8 @@ contains
     allocate (kz(ds%n, n), mz(ds%n, n), w(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n))
     do j = 1, n
       z(:, j) = unit*z(:, j)
-      kz(:, j) = 0.5_wp*(real_product(ds, ds%k, z(:, j)) + real_product(ds, ds%k(ds%mirror), z(:, j)))
-      mz(:, j) = real_product(ds, ds%m, z(:, j))
+      kz(:, j) = 0.5_wp*(ds%real_times(ds%k, z(:, j)) + ds%real_times(ds%k(ds%mirror), z(:, j)))
+      mz(:, j) = ds%real_times(ds%m, z(:, j))
     end do
     kz = matmul(transpose(z), kz)
     mz = matmul(transpose(z), mz)
@@ -230,21 +214,21 @@ contains
     z = a(:, ds%rows + 1:)
   end subroutine null_space
 
-  !> What rounding alone gives as x^T K x of a mass-normalised vector: a squared frequency below it is that of a rigid motion.
-  !> Elasticity holds all that bends: in a rigid motion frames alone move, so that elements of a fine mesh, whose entries of K are
-  !> the largest by far, do not count but by the rounding of x. Forces cancel in entries of K already: they round by their own size.
+  !> The rounding of x^T K x of a mass-normalised vector: a smaller squared frequency is that of a rigid motion. Three parts:
+  !>   frames: entries of K times x (in a rigid motion elastic coordinates rest);
+  !>   forces, which cancel in entries of K already: their own size;
+  !>   elastic coordinates: the rounding of x times the largest entries of K.
   pure real(wp) function rounding_level(ds, x) result(level)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:)              !! (n) [1/sqrt(kg)]
     real(wp) :: frames(ds%n)                  ! |x|, of scenes at rest without elastic coordinates [1/sqrt(kg)]
     frames = abs(x)
     if (ds%symmetric) frames = merge(frames, 0.0_wp, ds%solver%block_of(1:ds%n) == 0)
-    level = 100*epsilon(1.0_wp)*(dot_product(frames, real_product(ds, abs(ds%k), frames)) + dot_product(ds%forces, abs(x))**2) &
-            + mixed**2*fastest(ds)
+    level = 100*epsilon(1.0_wp)*(dot_product(frames, ds%real_times(abs(ds%k), frames)) + dot_product(ds%forces, abs(x))**2) &
+            + mixing**2*highest_ratio(ds)
   end function rounding_level
 
-  !> A stiffness on mass-normalised motions without entries that are rounding: of K, or of the motions themselves, each of which
-  !> holds a rounding of any other.
+  !> A stiffness on mass-normalised motions without entries that are rounding, of K or of the motions themselves.
   pure function without_rounding(k, level) result(clean)
     real(wp), intent(in) :: k(:, :)           !! (p, p) [1/s2]
     real(wp), intent(in) :: level(:)          !! (p) of each motion, `rounding_level` [1/s2]
@@ -253,14 +237,14 @@ contains
     do j = 1, size(k, 2)
       do i = 1, size(k, 1)
         clean(i, j) = k(i, j)
-        if (abs(k(i, j)) <= max(sqrt(level(i)*level(j)), mixed*max(abs(k(i, i)), abs(k(j, j))))) clean(i, j) = 0.0_wp
+        if (abs(k(i, j)) <= max(sqrt(level(i)*level(j)), mixing*max(abs(k(i, i)), abs(k(j, j))))) clean(i, j) = 0.0_wp
       end do
     end do
   end function without_rounding
 
-  !> Sizes that make a stiffness on mass-normalised motions one of entries of at most one: the diagonal, or what stiffer motions
-  !> make of one that has none there.
-  pure function squared_scales(k, least) result(scale)
+  !> Squared scales that bring all entries of a stiffness on mass-normalised motions to at most one: its diagonal, or where that is
+  !> small the stiffness by coupling to stiffer motions.
+  pure function stiffness_scales(k, least) result(scale)
     real(wp), intent(in) :: k(:, :)           !! (p, p) [1/s2]
     real(wp), intent(in) :: least(:)          !! (p) smallest sizes, about those of the diagonal [1/s2]
     real(wp) :: scale(size(least)), coupling  !! [1/s2]
@@ -273,10 +257,10 @@ contains
         scale(j) = max(scale(j), coupling)
       end do
     end do
-  end function squared_scales
+  end function stiffness_scales
 
   !> The largest ratio of stiffness and mass on the diagonal: about the largest squared frequency.
-  pure real(wp) function fastest(ds) result(ratio)
+  pure real(wp) function highest_ratio(ds) result(ratio)
     type(stiffness_system), intent(in) :: ds
     integer :: j, e
     ratio = 0.0_wp
@@ -284,5 +268,5 @@ contains
       e = ds%entry(j, j)
       if (ds%m(e) > 0.0_wp) ratio = max(ratio, abs(ds%k(e))/ds%m(e))
     end do
-  end function fastest
+  end function highest_ratio
 end module natural_modes

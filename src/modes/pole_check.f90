@@ -1,18 +1,20 @@
-!> What can be said of the list of modes and poles: it is complete where all eigenvalues were computed; undamped modes of a larger
-!> symmetric system are counted; poles of a larger system are those of the modes that are asked for.
+!> Whether the list of modes and poles is complete:
+!>   all eigenvalues computed: it is, and says so;
+!>   a larger symmetric system: its undamped modes are counted;
+!>   poles of a larger system: those of the modes that are asked for.
 module pole_check
   use kinds, only: wp, pi
   use dynamic_stiffness, only: stiffness_system
   use mode_list, only: mode_set, undamped_mode, real_pole
-  use natural_modes, only: fastest
+  use natural_modes, only: highest_ratio
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: check_undamped, check_whole, describe_searched, judge_completeness
+  public :: check_undamped, check_whole, describe_searched, say_what_is_missing
 
-  real(wp), parameter :: narrow = 0.01_wp              !! gap between squared frequencies, over the upper one, that is none [-]
-  real(wp), parameter :: noise = 100*epsilon(1.0_wp)   !! likewise over the highest of all: rounding of the stiffness [-]
-  integer, parameter :: further = 5                    !! modes beyond the list that the subspace knows well
+  real(wp), parameter :: least_gap = 0.01_wp           !! smallest gap between squared frequencies, over the upper one [-]
+  real(wp), parameter :: rounding_gap = 100*epsilon(1.0_wp) !! likewise, over the highest of all [-]
+  integer, parameter :: further_modes = 5              !! modes beyond the list whose frequencies are accurate
 
 contains
 
@@ -33,7 +35,7 @@ contains
       modes%note_undamped = modes%note_undamped//', not counted: there are gyroscopic terms or forces that follow the motion'
     else
       omega2 = -real(starts**2, wp)
-      k = gap(omega2, count(omega2 <= maxval(-real(modes%lambda**2, wp))), noise*fastest(ds))
+      k = gap(omega2, count(omega2 <= maxval(-real(modes%lambda**2, wp))), rounding_gap*highest_ratio(ds))
       modes%counted = k > 0
       if (modes%counted) call count_below(ds, 0.5_wp*(omega2(k) + omega2(k + 1)), k, modes)
       if (.not. modes%counted) modes%note_undamped = modes%note_undamped//', not counted: frequencies are as close as '// &
@@ -64,7 +66,7 @@ contains
     real(wp), intent(in) :: omega2(:)                  !! [rad2/s2]
     integer, intent(in) :: last                        !! the last one listed
     real(wp), intent(in) :: rounding                   !! [rad2/s2]
-    do k = last, min(last + further, size(omega2) - 1)
+    do k = last, min(last + further_modes, size(omega2) - 1)
       if (wide()) return
     end do
     do k = min(last, size(omega2)) - 1, 1, -1
@@ -74,7 +76,7 @@ contains
   contains
     !> Whether the gap above mode k is.
     pure logical function wide()
-      wide = omega2(k + 1) - omega2(k) > max(narrow*abs(omega2(k + 1)), rounding)
+      wide = omega2(k + 1) - omega2(k) > max(least_gap*abs(omega2(k + 1)), rounding)
     end function wide
   end function gap
 
@@ -117,8 +119,8 @@ contains
     words = to_text(count(damped) + count(damped .and. modes%lambda%im > 0.0_wp))//' with conjugates'
   end function number_listed
 
-  !> What is to be said of the list, nothing where nothing is known to be missing.
-  subroutine judge_completeness(modes, failed, words)
+  !> The sentence on what is missing in the list; empty where nothing is known to be missing.
+  subroutine say_what_is_missing(modes, failed, words)
     type(mode_set), intent(in) :: modes
     logical, intent(out) :: failed                     !! modes that were asked for are missing
     character(:), allocatable, intent(out) :: words
@@ -135,7 +137,7 @@ contains
     else if (.not. modes%counted) then
       words = 'modes.txt may not be complete: '//modes%note_undamped
     end if
-  end subroutine judge_completeness
+  end subroutine say_what_is_missing
 
   !> A modulus as a frequency.
   pure function hertz(modulus) result(text)

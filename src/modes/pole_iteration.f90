@@ -1,16 +1,16 @@
 !> One pole of the linearised mechanism with its right and left vectors, T(lambda) x = 0, y^T T(lambda) = 0, by two-sided
 !> Rayleigh iteration (Schreiber 2008): x <- T^-1 T' x, y <- T^-T T'^T y, lambda the root of y^T T(lambda) x. It converges
 !> cubically, and the root is of second order in the errors of x and y: what rounding leaves in the factor of a nearly
-!> singular T does not reach lambda. A T that is singular to the last bit is what the iteration looks for.
+!> singular T does not reach lambda. The iteration ends where T is singular to the last bit.
 module pole_iteration
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, exact
+  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
 
   integer, parameter :: most_passes = 30           ! a double root is approached by halves
-  real(wp), parameter :: exact = 1.0e-8_wp             !! relative change after which it has settled: the next one is its cube [-]
+  real(wp), parameter :: pole_change = 1.0e-8_wp       !! relative change that ends the iteration: the next one is its cube [-]
   real(wp), parameter :: smallest_step = 1.0e-4_wp     !! of the growing damping [-]
 
   !> A pole.
@@ -70,24 +70,24 @@ contains
 
   !> y^T T(s) x and its derivatives by s and, where asked for, by the damping. Without either the laws are not evaluated: s may be
   !> a pole of theirs.
-  pure subroutine functional(ds, pole, s, damping, f, slope, rise)
+  pure subroutine functional(ds, pole, s, damping, f, slope, by_damping)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(in) :: pole
     complex(wp), intent(in) :: s                       !! [1/s]
     real(wp), intent(in) :: damping                    !! [-]
     complex(wp), intent(out) :: f, slope               !! [kg/s2], [kg/s]
-    complex(wp), intent(out), optional :: rise         !! [kg/s2]
+    complex(wp), intent(out), optional :: by_damping   !! [kg/s2]
     complex(wp) :: damped                              ! part of f that grows with the damping [kg/s2]
     integer :: r
     damped = pole%c*s
     slope = pole%c
-    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. (present(rise) .and. s%im > 0.0_wp))
+    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. (present(by_damping) .and. s%im > 0.0_wp))
       damped = damped + pole%part(r)*ds%groups(r)%law%ratio(s)
       slope = slope + pole%part(r)*ds%groups(r)%law%slope(s)
     end do
     f = pole%m*s**2 + pole%gyro*s + pole%k + damping*damped
     slope = 2*pole%m*s + pole%gyro + damping*slope
-    if (present(rise)) rise = damped
+    if (present(by_damping)) by_damping = damped
   end subroutine functional
 
   !> Iterates until the pole changes by less than the tolerance, or by rounding alone.
@@ -108,7 +108,7 @@ contains
       call iterate(ds, pole%x, .false., tolerance, ok)
       if (ok .and. ds%symmetric) pole%y = pole%x
       if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance, ok)
-      if (.not. ok) then                               ! singular to the last bit: beside the pole the vectors are the same
+      if (.not. ok) then                               ! singular to the last bit: a little beside the pole
         pole%lambda = before*(1.0_wp + 1.0e-10_wp)
         cycle
       end if
@@ -193,7 +193,7 @@ contains
     yes = abs(slope) <= 1.0e-3_wp*abs(2*pole%lambda*pole%m)
   end function double_root
 
-  !> Follows a vibrating pole while the damping changes, in steps that keep it recognisable.
+  !> Follows a vibrating pole while the damping changes, in steps so small that its shape hardly changes.
   subroutine follow_damping(ds, from, to, longest, pole, vibrates)
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(in) :: from, to                   !! damping before and after: 1: all, 0: the undamped system [-]
@@ -201,31 +201,32 @@ contains
     type(pole_state), intent(inout) :: pole            !! in: the pole; out: the vibration that it turns into
     logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
     type(pole_state) :: next
-    complex(wp) :: f, slope, rise, predicted
-    real(wp) :: damping, step, ahead
-    logical :: good
+    complex(wp) :: f, slope, by_damping, predicted
+    real(wp) :: damping, step, next_damping
+    logical :: accepted
     damping = from
     step = 0.1_wp*longest
     vibrates = .true.
-    if (.not. ds%symmetric) call refine_pole(ds, damping, exact, pole, vibrates)
+    if (.not. ds%symmetric) call refine_pole(ds, damping, pole_change, pole, vibrates)
     do while (vibrates .and. abs(to - damping) > 0.0_wp)
-      call functional(ds, pole, pole%lambda, damping, f, slope, rise)
-      ahead = to
-      if (step < abs(to - damping)) ahead = damping + sign(step, to - damping)
+      call functional(ds, pole, pole%lambda, damping, f, slope, by_damping)
+      next_damping = to
+      if (step < abs(to - damping)) next_damping = damping + sign(step, to - damping)
       next = pole
-      next%lambda = pole%lambda - rise/slope*(ahead - damping)
-      good = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
+      next%lambda = pole%lambda - by_damping/slope*(next_damping - damping)
+      accepted = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
       predicted = next%lambda
-      if (good) call functional_root(ds, ahead, next, good)
-      if (good) good = abs(next%lambda - predicted) <= 0.1_wp*abs(next%lambda)
-      predicted = next%lambda                           ! the shape as it was: small is what it has changed
-      if (good) call refine_pole(ds, ahead, merge(exact, 1.0e-3_wp, abs(to - ahead) <= 0.0_wp), next, good)
-      if (good) good = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
-      if (good) good = abs(next%lambda - predicted) <= 0.01_wp*abs(next%lambda)
-      if (good) good = alike(ds, pole, next)
-      if (good) then
+      if (accepted) call functional_root(ds, next_damping, next, accepted)
+      if (accepted) accepted = abs(next%lambda - predicted) <= 0.1_wp*abs(next%lambda)
+      predicted = next%lambda                           ! of the former shape: a large change would be another pole
+      if (accepted) call refine_pole(ds, next_damping, merge(pole_change, 1.0e-3_wp, abs(to - next_damping) <= 0.0_wp), &
+                                     next, accepted)
+      if (accepted) accepted = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
+      if (accepted) accepted = abs(next%lambda - predicted) <= 0.01_wp*abs(next%lambda)
+      if (accepted) accepted = alike(ds, pole, next)
+      if (accepted) then
         pole = next
-        damping = ahead
+        damping = next_damping
         step = min(2*step, longest)
       else
         step = step/2
@@ -234,8 +235,8 @@ contains
     end do
   end subroutine follow_damping
 
-  !> Whether two poles belong to one path: their vectors are biorthogonal to those of all others. Of a double root all forms
-  !> vanish but for rounding, which one slope makes alike.
+  !> Whether two poles belong to one path: vectors of different poles are biorthogonal. The present slope is used for both, since
+  !> of a double root all forms vanish but for rounding.
   pure logical function alike(ds, a, b) result(yes)
     type(stiffness_system), intent(in) :: ds           !! factored at b, nearly
     type(pole_state), intent(in) :: a, b

@@ -1,13 +1,13 @@
 !> The linearised mechanism on a subspace of undamped motions, viscoelastic terms as coordinates of their own in the space that each
 !> set of terms deforms (theory.md, section 5), K_r = F F^T:
 !>   x'' = -K x - C x' - sum_r F sum_k alpha_k (F^T x - z_rk),   inertia_k z_rk'' + viscosity_k z_rk' + z_rk = F^T x
-!> Motions that hardly couple are taken apart: each mode of a homogeneous body is a system of its own. The poles start the
-!> search for those of the whole.
+!> Motions that do not couple are parts of their own, such as each mode of a homogeneous body. The poles are estimates of those of
+!> the whole system.
 module reduced_system
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeev, dgeqp3, dorgqr, dsyev
-  use natural_modes, only: rounding_level, squared_scales, without_rounding
+  use natural_modes, only: rounding_level, stiffness_scales, without_rounding
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -15,7 +15,7 @@ module reduced_system
 
   integer, parameter :: largest = 400                  !! unknowns of first order beyond which a part is cut at weak couplings
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
-  real(wp), parameter :: still = 1.0e-9_wp             !! stiffness of one set of terms that is rounding, over the whole [-]
+  real(wp), parameter :: negligible = 1.0e-9_wp        !! stiffness of one set of terms that is rounding, over the whole [-]
 
   real(wp), parameter :: rounding = 1.0e-13_wp         !! rate that is, over the highest frequency [-]
   real(wp), parameter :: dependent = 1.0e-9_wp         !! row of it that follows from others, rows scaled to 1 [-]
@@ -37,7 +37,7 @@ module reduced_system
   contains
     procedure :: build
     procedure :: find_scale
-    procedure :: take_apart
+    procedure :: split_into_parts
   end type reduced_model
 
   !> Poles of one part.
@@ -105,17 +105,17 @@ contains
         self%scale(j) = self%scale(j) + sum(self%law(r)%alpha)*self%part(j, j, r)
       end do
     end do
-    self%scale = sqrt(squared_scales(self%k, max(self%scale, 0.0_wp)))
+    self%scale = sqrt(stiffness_scales(self%k, max(self%scale, 0.0_wp)))
     do j = 1, self%p
       self%scale(j) = max(self%scale(j), maxval(abs(self%g(:, j))), maxval(abs(self%c(:, j))))
       if (.not. self%scale(j) > 0.0_wp) self%scale(j) = 1.0_wp
     end do
   end subroutine find_scale
 
-  !> Sorts the motions into parts that do not couple; parts too large are cut where they couple least.
-  subroutine take_apart(self)
+  !> Divides the motions into parts that do not couple; parts too large are divided where they couple least.
+  subroutine split_into_parts(self)
     class(reduced_model), intent(inout) :: self
-    real(wp) :: coupling(self%p, self%p), cut
+    real(wp) :: coupling(self%p, self%p), threshold
     integer :: i, j, r, part, order
     do j = 1, self%p
       do i = 1, self%p
@@ -132,33 +132,33 @@ contains
     self%parts = 0
     do j = 1, self%p
       if (self%label(j) > 0) cycle
-      cut = uncoupled
+      threshold = uncoupled
       do
         self%parts = self%parts + 1
         part = self%parts
-        call spread_label(j)
+        call label_coupled(j)
         order = order_of(self, pack([(i, i=1, self%p)], self%label == part))
         if (order <= largest .or. count(self%label == part) == 1) exit
         where (self%label == part) self%label = 0      ! cut higher and try again
         self%parts = self%parts - 1
         self%exact = .false.
-        cut = 3*cut
+        threshold = 3*threshold
       end do
     end do
   contains
     !> Labels all motions that couple to one, directly or through others.
-    subroutine spread_label(start)
+    subroutine label_coupled(start)
       integer, intent(in) :: start
       logical :: mine(self%p), new(self%p)
       mine = .false.
       new = [(i == start, i=1, self%p)]
       do while (any(new))
         mine = mine .or. new
-        new = self%label == 0 .and. .not. mine .and. [(any(coupling(:, i) > cut .and. new), i=1, self%p)]
+        new = self%label == 0 .and. .not. mine .and. [(any(coupling(:, i) > threshold .and. new), i=1, self%p)]
       end do
       where (mine) self%label = part
-    end subroutine spread_label
-  end subroutine take_apart
+    end subroutine label_coupled
+  end subroutine split_into_parts
 
   !> Unknowns of first order of some motions.
   integer function order_of(self, members) result(order)
@@ -186,8 +186,8 @@ contains
                 /(self%scale(members)*self%scale(members(i)))
     end do
     call dsyev('V', 'U', n, a, n, w, work, size(work), info)
-    f = a(:, pack([(i, i=1, n)], w > still))
-    w(1:size(f, 2)) = pack(w, w > still)
+    f = a(:, pack([(i, i=1, n)], w > negligible))
+    w(1:size(f, 2)) = pack(w, w > negligible)
     do i = 1, size(f, 2)
       f(:, i) = sqrt(w(i))*f(:, i)
     end do
@@ -221,12 +221,12 @@ contains
     kept = wi >= 0.0_wp
     do j = 1, zeros
       k = minloc(hypot(wr, wi), 1)
-      wr(k) = huge(1.0_wp)                             ! a pole at zero: not looked for
+      wr(k) = huge(1.0_wp)                             ! a pole at zero is left out
       kept(k) = .false.
     end do
     if (damped) then
       do j = 1, n
-        if (kept(j)) kept(j) = .not. unseen(model, cmplx(wr(j), wi(j), wp))
+        if (kept(j)) kept(j) = .not. is_term_pole(model, cmplx(wr(j), wi(j), wp))
       end do
     end if
     allocate (self%lambda(count(kept)), self%shape(model%p, count(kept)))
@@ -297,9 +297,9 @@ contains
     end do
   end subroutine first_order
 
-  !> How many eigenvalues are zero, by the dimensions of null spaces: a matrix with dependent rows has zeros, and on the space
-  !> that its rows span it may have more, down to where its rows are independent (Golub & Wilkinson 1976). The eigenvalues
-  !> themselves do not tell: rounding gives zeros of a Jordan chain more than slow turning gives to others.
+  !> How many eigenvalues are zero, by the dimensions of null spaces: as many as there are dependent rows, then the same on the
+  !> space that the rows span, until all rows are independent (Golub & Wilkinson 1976). The eigenvalues themselves do not show it:
+  !> rounding moves zeros of a Jordan chain farther than slow turning moves others.
   integer function zero_eigenvalues(matrix, noise) result(zeros)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
     real(wp), intent(in) :: noise                      !! what is rounding in it [1/s]
@@ -329,8 +329,8 @@ contains
     end do
   end function zero_eigenvalues
 
-  !> Whether a pole is one of a viscoelastic term alone, in which the mechanism stands still.
-  pure logical function unseen(model, lambda) result(yes)
+  !> Whether a pole is that of a viscoelastic term alone, in which nothing moves.
+  pure logical function is_term_pole(model, lambda) result(yes)
     type(reduced_model), intent(in) :: model
     complex(wp), intent(in) :: lambda                  !! [1/s]
     integer :: r
@@ -340,5 +340,5 @@ contains
         yes = yes .or. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
       end associate
     end do
-  end function unseen
+  end function is_term_pole
 end module reduced_system

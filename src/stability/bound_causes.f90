@@ -1,4 +1,4 @@
-!> What sets the bound of an explicit step: the body and strain of a fast mode, or the material or spring of a viscoelastic pole.
+!> The cause of the bound of an explicit step: body and strain of a fast mode, or material or spring of a viscoelastic pole.
 module bound_causes
   use kinds, only: wp
   use linear_matrices, only: linear_segment
@@ -7,7 +7,7 @@ module bound_causes
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: mode_cause, pole_cause, blame_damping
+  public :: mode_cause, pole_cause, name_damping
 
   real(wp), parameter :: takes_part = 1.0e-3_wp   !! share of a mode's strain energy from which a body is named [-]
 
@@ -15,7 +15,7 @@ module bound_causes
   type, public :: bound_cause
     character(:), allocatable :: what              !! in words
     integer :: body = 0                      !! body that carries the mode or has the material, 0: none
-    integer :: segment = 0                   !! segment whose internal variable it is, 0: a mode
+    integer :: segment = 0                   !! segment of the internal variable, 0: a mode
     logical :: rayleigh = .false.            !! Rayleigh damping of the body sets it
     integer :: material = 0                  !! material of that segment, 0: none, or a spring's terms
   end type bound_cause
@@ -55,8 +55,8 @@ contains
     end if
   end subroutine mode_cause
 
-  !> Names damping as what limits a mode: that of its body's material, or of springs.
-  pure subroutine blame_damping(f, spring_part, cause)
+  !> Names damping as the cause: that of the body's material, or of springs.
+  pure subroutine name_damping(f, spring_part, cause)
     type(fast_mode), intent(in) :: f
     real(wp), intent(in) :: spring_part      !! of the mode's damping [1/s]
     type(bound_cause), intent(inout) :: cause
@@ -66,7 +66,7 @@ contains
     else
       cause%what = 'dampers on '//cause%what
     end if
-  end subroutine blame_damping
+  end subroutine name_damping
 
   !> The material or spring of a segment's poles, with the number of its fastest term.
   function pole_cause(m, segments, r) result(cause)

@@ -1,6 +1,6 @@
 !> Eigenvalues of the damped mechanism on the space of its fastest motions: those of the instantaneous stiffness with those that
-!> dampers oppose most. Damping and viscoelastic terms couple these motions; taken one by one they have eigenvalues that the
-!> mechanism has not.
+!> dampers oppose most. Damping and viscoelastic terms couple these motions; one motion alone has eigenvalues
+!> that the mechanism does not have.
 module fast_poles
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -15,10 +15,10 @@ module fast_poles
   integer, parameter :: widest = 24                !! motions of the space
   integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
   integer, parameter :: most_unknowns = 200        !! of first order, about
-  integer, parameter :: least = 5                  !! motions that make a space
-  real(wp), parameter :: slow = 0.25_wp            !! squared frequency of motions that are left out, over the highest [-]
-  real(wp), parameter :: no_part = 1.0e-6_wp       !! stiffness of a segment in a motion that is none, over the whole [-]
-  real(wp), parameter :: slowest = 1.0e-5_wp       !! frequency that is told from that of a rigid motion, over the highest [-]
+  integer, parameter :: least_motions = 5          !! smallest number of motions
+  real(wp), parameter :: slow_part = 0.25_wp       !! squared frequency of motions that are left out, over the highest [-]
+  real(wp), parameter :: least_part = 1.0e-6_wp    !! smallest stiffness of a segment that takes part, over the whole [-]
+  real(wp), parameter :: slowest_part = 1.0e-5_wp  !! smallest frequency that is not a rigid motion's, over the highest [-]
 
   !> Poles with their motions.
   type :: pole_list
@@ -41,28 +41,28 @@ contains
     integer, allocatable :: group(:)
     integer :: p
     allocate (poles%lambda(0))
-    call space(m, ev, held, fast, x)
+    call find_motions(m, ev, held, fast, x)
     call sets_of_terms(m, ev, fast, x, model, group)
     do p = size(x, 2), 1, -1
       if (unknowns(fast, model, group, p) <= most_unknowns) exit
     end do
-    ok = p >= min(least, size(x, 2)) .and. p > 0
+    ok = p >= min(least_motions, size(x, 2)) .and. p > 0
     if (.not. ok) return
     call project(m, ev, fast, group, x(:, 1:p), model)
     call solve(model, poles, ok)
   end subroutine find_fast_poles
 
-  !> Unknowns of first order of some motions: a spring deforms in one way, a material in as many as there are motions.
+  !> Unknowns of first order of some motions: a spring has one deformation, a material as many as there are motions.
   pure integer function unknowns(fast, model, group, motions) result(total)
     type(fast_spectrum), intent(in) :: fast
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: group(:), motions       !! of each segment its set; motions
-    integer :: r, ways
+    integer :: r, deformations
     total = 2*motions
     do r = 1, size(model%law)
-      ways = count(group == r)
-      if (any(group == r .and. fast%lin%segments%element == 0)) ways = motions
-      total = total + min(ways, motions)*model%law(r)%order()
+      deformations = count(group == r)
+      if (any(group == r .and. fast%lin%segments%element == 0)) deformations = motions
+      total = total + min(deformations, motions)*model%law(r)%order()
     end do
   end function unknowns
 
@@ -81,14 +81,14 @@ contains
     do k = 1, size(x, 2)
       f%x = x(:, k)
       call fast%quotients(m, ev, f)
-      takes_part = takes_part .or. f%segments > no_part*(f%stiffness + sum(f%segments))
+      takes_part = takes_part .or. f%segments > least_part*(f%stiffness + sum(f%segments))
     end do
     call number_laws(fast%lin%segments, takes_part, group)
     model%law = [(fast%lin%segments(findloc(group, k, 1))%law, k=1, maxval([0, group]))]
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.
-  subroutine space(m, ev, held, fast, x)
+  subroutine find_motions(m, ev, held, fast, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held
@@ -102,14 +102,14 @@ contains
     p = 0
     if (fast%damped) then
       call fast%largest(m, ev, held, only_damping, 100, lambda)
-      call append(min(most_damped, fast%steps))
+      call append_fastest(min(most_damped, fast%steps))
       call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     end if
-    if (fast%steps > 0) call append(min(widest - p, count(fast%e(1:fast%steps) >= slow*fast%e(fast%steps))))
+    if (fast%steps > 0) call append_fastest(min(widest - p, count(fast%e(1:fast%steps) >= slow_part*fast%e(fast%steps))))
     x = x(:, 1:p)
   contains
-    !> Appends the fastest motions of the last iteration, less what is there already.
-    subroutine append(number)
+    !> Appends the fastest motions of the last iteration, made orthogonal to those before.
+    subroutine append_fastest(number)
       integer, intent(in) :: number
       part = fast%t(1:fast%steps, fast%steps:fast%steps + 1 - number:-1)
       v = matmul(fast%v(:, 1:fast%steps), part)
@@ -128,8 +128,8 @@ contains
         x(:, p) = v(:, k)/length
         mx(:, p) = mv(:, k)/length
       end do
-    end subroutine append
-  end subroutine space
+    end subroutine append_fastest
+  end subroutine find_motions
 
   !> All matrices on the basis.
   subroutine project(m, ev, fast, group, x, model)
@@ -161,7 +161,7 @@ contains
       model%part(:, :, r) = 0.5_wp*(model%part(:, :, r) + transpose(model%part(:, :, r)))
     end do
     call model%find_scale()
-    model%scale = max(model%scale, slowest*maxval(model%scale))
+    model%scale = max(model%scale, slowest_part*maxval(model%scale))
   end subroutine project
 
   !> Poles of all parts that do not couple.
@@ -173,7 +173,7 @@ contains
     complex(wp) :: v(model%p)
     real(wp), allocatable :: y(:, :)               ! (p, poles) real parts, in the motions of the basis [-]
     integer :: part, i, j
-    call model%take_apart()
+    call model%split_into_parts()
     allocate (y(model%p, 0))
     ok = .true.
     do part = 1, model%parts

@@ -5,14 +5,14 @@ module modal_eigenvalues
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
-  public :: modal_roots, mark_mode, segment_poles, instantaneous_pair, refine_root, extra
+  public :: modal_roots, find_mode_pair, term_poles, instantaneous_pair, refine_root, added_stiffness
 
   integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
 contains
 
-  !> Roots of s2 + c s + k + sum of a_r g_r(s): all of them; of very many terms the mode's own pair alone, since the poles lie
-  !> between ends that `material_poles` looks at.
+  !> Roots of s2 + c s + k + sum of a_r g_r(s): all of them. With very many terms the mode's own pair alone: `material_poles` has
+  !> bounds of the others.
   subroutine modal_roots(segments, k, c, parts, small, roots)
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
@@ -31,7 +31,7 @@ contains
     if (.not. ok) call all_roots(segments, kept, k, c, parts, roots)
   end subroutine modal_roots
 
-  !> The two roots that the instantaneous stiffness leads to, by Newton's method.
+  !> The two roots near those of the instantaneous stiffness, by Newton's method.
   subroutine mode_pair(segments, kept, k, c, parts, roots, ok)
     type(linear_segment), intent(in) :: segments(:)
     integer, intent(in) :: kept(:)             !! those that count
@@ -60,12 +60,12 @@ contains
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp) :: pair(2)                     !! [1/s]
     complex(wp) :: half                        ! of what lies between the two [1/s]
-    half = sqrt(cmplx(c**2/4 - k - extra(segments, parts), 0.0_wp, wp))
+    half = sqrt(cmplx(c**2/4 - k - added_stiffness(segments, parts), 0.0_wp, wp))
     pair = [-c/2 + half, -c/2 - half]
   end function instantaneous_pair
 
   !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
-  pure function extra(segments, parts) result(k)
+  pure function added_stiffness(segments, parts) result(k)
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     real(wp) :: k
@@ -74,7 +74,7 @@ contains
     do r = 1, size(segments)
       k = k + parts(r)*sum(segments(r)%law%alpha)
     end do
-  end function extra
+  end function added_stiffness
 
   !> Newton's method for a root of s2 + c s + k + sum of a_r g_r(s).
   pure subroutine refine_root(segments, k, c, parts, root, ok)
@@ -103,7 +103,7 @@ contains
     end do
   end subroutine refine_root
 
-  !> All of them that have to do with the motion, as poles of a system of one motion.
+  !> All roots in which the motion takes part, as poles of a system of one motion.
   subroutine all_roots(segments, kept, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
     integer, intent(in) :: kept(:)             !! those that count
@@ -131,7 +131,7 @@ contains
   end subroutine all_roots
 
   !> Which roots are the mode's own pair: those nearest to its pair at instantaneous stiffness; the others are poles of terms.
-  pure subroutine mark_mode(roots, square, c, is_mode)
+  pure subroutine find_mode_pair(roots, square, c, is_mode)
     complex(wp), intent(in) :: roots(:)        !! [1/s]
     real(wp), intent(in) :: square             !! its squared frequency at instantaneous stiffness [rad2/s2]
     real(wp), intent(in) :: c                  !! its damping [1/s]
@@ -144,17 +144,17 @@ contains
     k = minloc(abs(roots - (-c/2 - half)), dim=1)        ! the faster one of two that decay
     is_mode = is_mode .or. min(abs(roots - roots(k)), abs(roots - conjg(roots(k)))) <= 1.0e-9_wp*abs(roots(k))
     if (count(is_mode) == 1) is_mode(minloc(abs(roots - (half - c/2)), dim=1, mask=.not. is_mode)) = .true.
-  end subroutine mark_mode
+  end subroutine find_mode_pair
 
-  !> Poles of a segment's terms in a motion that its material or spring alone makes.
-  subroutine segment_poles(segment, lambda, poles)
+  !> Poles of a segment's terms in a motion that its material or spring alone holds.
+  subroutine term_poles(segment, lambda, poles)
     type(linear_segment), intent(in) :: segment
     real(wp), intent(in) :: lambda             !! static stiffness over mass [1/s2]
     complex(wp), allocatable, intent(out) :: poles(:)    !! [1/s]
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
     call all_roots([segment], [1], lambda, 0.0_wp, [lambda], roots)
-    call mark_mode(roots, lambda*(1 + sum(segment%law%alpha)), 0.0_wp, is_mode)
+    call find_mode_pair(roots, lambda*(1 + sum(segment%law%alpha)), 0.0_wp, is_mode)
     poles = pack(roots, .not. is_mode)
-  end subroutine segment_poles
+  end subroutine term_poles
 end module modal_eigenvalues

@@ -3,34 +3,34 @@
 !> Without damping the largest frequency sets it. With damping, every eigenvalue mu with its vector x, mass-normalised, obeys
 !>   mu2 + c mu + k = 0,   c = x* C x,  k = x* K x,
 !> for C and K symmetric; and for all x, p c + q k <= largest eigenvalue of p C + q K, whatever p and q. Straight lines in the
-!> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. The lines are
-!> placed more densely where a corner between two limits the step. Of springs that turn p C + q K counts what raises it.
+!> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. Where a corner
+!> between two lines limits the step, a line between them cuts it. Springs that may turn count where they raise p C + q K.
 module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use modal_eigenvalues, only: extra
+  use modal_eigenvalues, only: added_stiffness
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
   use tableaux, only: method_names
-  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, look_at
+  use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, add_mode_bound
   implicit none (type, external)
   private
   public :: find_safe_bound
 
   integer, parameter :: most_lines = 18            !! that enclose c and k
-  integer, parameter :: pieces = 8                 !! of the stretch of a line between its corners
-  real(wp), parameter :: narrow = pi/90            !! angle between lines whose corner is not cut any more [rad]
+  integer, parameter :: points = 8                 !! of the stretch of a line between its corners
+  real(wp), parameter :: least_angle = pi/90       !! angle between lines whose corner is not cut any more [rad]
 
-  !> A line c cos(angle)/c0 + k sin(angle)/k0 = reach, and the bound from its stretch between its neighbours.
+  !> A line c cos(angle)/c0 + k sin(angle)/k0 = distance, and the bound from its stretch between its neighbours.
   type :: enclosing_line
     real(wp) :: angle = 0.0_wp                     !! [rad]
-    real(wp) :: reach = 0.0_wp                     !! [-]
+    real(wp) :: distance = 0.0_wp                  !! [-]
     logical :: exists = .false.                    !! a line of some mode, rather than c >= 0 or k >= 0
-    type(fast_mode) :: mode                        !! the vector that reaches it
-    real(wp) :: at(2) = 0.0_wp                     !! its c and k, in units of the largest [-]
-    type(bound_cause) :: cause                     !! what carries that
+    type(fast_mode) :: mode                        !! the mode whose c and k are on it
+    real(wp) :: touches(2) = 0.0_wp                !! its c and k, in units of the largest [-]
+    type(bound_cause) :: cause                     !! the body that carries this mode
     type(step_bound) :: bound
     integer :: limit(size(method_names)) = 0       !! where on the stretch each method's bound is, 0 to pieces
   end type enclosing_line
@@ -45,7 +45,7 @@ module safe_bound
 
 contains
 
-  !> The safe bound. Springs with GHM terms may turn away from what they damp: without them, too.
+  !> The safe bound: the smaller one of those with and without springs with GHM terms, since they may turn away.
   subroutine find_safe_bound(m, ev, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -135,11 +135,11 @@ contains
     do k = 2, e%lines - 1
       if (e%line(k)%bound%step(method) < e%line(i)%bound%step(method)) i = k
     end do
-    if (2*e%line(i)%limit(method) <= pieces) i = i - 1
-    if (e%line(i + 1)%angle - e%line(i)%angle < narrow) i = 0
+    if (2*e%line(i)%limit(method) <= points) i = i - 1
+    if (e%line(i + 1)%angle - e%line(i)%angle < least_angle) i = 0
   end function corner_that_limits
 
-  !> How far c and k reach in a line's direction: the largest eigenvalue, with what is left of the iteration's error.
+  !> The distance of a line: the largest eigenvalue in its direction, with the remaining error of the iteration.
   subroutine find_line(m, ev, fast, e, i)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -147,11 +147,11 @@ contains
     type(enclosure), intent(inout) :: e
     integer, intent(in) :: i
     associate (l => e%line(i))
-      call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%reach)
-      l%reach = l%reach + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
+      call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%distance)
+      l%distance = l%distance + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
       call fast%mode(m, ev, 1, l%mode)
       call mode_cause(m, l%mode, l%cause)
-      l%at = [l%mode%damping, l%mode%stiffness + extra(fast%lin%segments, l%mode%segments)]/[e%c0, e%k0]
+      l%touches = [l%mode%damping, l%mode%stiffness + added_stiffness(fast%lin%segments, l%mode%segments)]/[e%c0, e%k0]
       l%exists = .true.
     end associate
   end subroutine find_line
@@ -169,22 +169,22 @@ contains
     if (.not. e%line(i)%exists) return
     first = corner(e%line(i - 1), e%line(i))
     last = corner(e%line(i), e%line(i + 1))
-    do j = 0, pieces
-      now = max((first*(pieces - j) + last*j)/pieces, 0.0_wp)
-      apart = [(merge(norm2(now - e%line(k)%at), huge(1.0_wp), e%line(k)%exists), k=i - 1, i + 1)]
+    do j = 0, points
+      now = max((first*(points - j) + last*j)/points, 0.0_wp)
+      apart = [(merge(norm2(now - e%line(k)%touches), huge(1.0_wp), e%line(k)%exists), k=i - 1, i + 1)]
       associate (l => e%line(i - 2 + minloc(apart, dim=1)))
         f = l%mode
         f%stiffness = now(2)*e%k0
         f%segments = 0.0_wp
-        if (l%at(2) > 0.0_wp) then
-          f%stiffness = now(2)*(l%mode%stiffness/l%at(2))
-          f%segments = now(2)*(l%mode%segments/l%at(2))
+        if (l%touches(2) > 0.0_wp) then
+          f%stiffness = now(2)*(l%mode%stiffness/l%touches(2))
+          f%segments = now(2)*(l%mode%segments/l%touches(2))
         end if
         f%damping = now(1)*e%c0
         f%springs = f%damping
-        if (l%at(1) > 0.0_wp) f%springs = now(1)*(l%mode%springs/l%at(1))
+        if (l%touches(1) > 0.0_wp) f%springs = now(1)*(l%mode%springs/l%touches(1))
         before = bound
-        call look_at(m, fast, f, l%cause, bound)
+        call add_mode_bound(m, fast, f, l%cause, bound)
       end associate
       where (bound%step < before%step) e%line(i)%limit = j
     end do
@@ -195,6 +195,7 @@ contains
   pure function corner(a, b) result(x)
     type(enclosing_line), intent(in) :: a, b
     real(wp) :: x(2)                               !! [-]
-    x = [a%reach*sin(b%angle) - b%reach*sin(a%angle), b%reach*cos(a%angle) - a%reach*cos(b%angle)]/sin(b%angle - a%angle)
+    x = [a%distance*sin(b%angle) - b%distance*sin(a%angle), b%distance*cos(a%angle) - a%distance*cos(b%angle)] &
+        /sin(b%angle - a%angle)
   end function corner
 end module safe_bound

@@ -121,7 +121,7 @@ contains
       end if
       self%alpha(j) = dot_product(self%v(:, j), self%r)
       self%r = self%r - self%alpha(j)*self%w(:, j) - self%beta(j - 1)*self%w(:, j - 1)
-      call take_out(size(self%r), j, self%v, self%w(:, 1:), self%r)
+      call remove_earlier(size(self%r), j, self%v, self%w(:, 1:), self%r)
       call solve_mass(m, ev, held, self%r, self%u)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
       self%steps = j
@@ -139,13 +139,13 @@ contains
     end do
   end subroutine largest
 
-  !> Takes what is left of earlier vectors out of the force of an iteration; products of matrices would allocate.
-  pure subroutine take_out(n, vectors, v, w, r)
+  !> Makes the force of an iteration orthogonal to earlier vectors, by loops: products of matrices would allocate.
+  pure subroutine remove_earlier(n, vectors, v, w, r)
     integer, intent(in) :: n, vectors
     real(wp), intent(in) :: v(n, vectors)    !! the vectors [kg^-.5]
     real(wp), intent(in) :: w(n, vectors)    !! their products with the mass [kg^.5]
     real(wp), intent(inout) :: r(n)          !! [N]
-    real(wp) :: sums(8)                      ! side by side: a single one would wait for each of its terms
+    real(wp) :: sums(8)                      ! eight sums: additions of one would wait for each other
     integer :: i, k
     do i = 1, vectors
       sums = 0.0_wp
@@ -154,7 +154,7 @@ contains
       end do
       r = r - (sum(sums) + dot_product(v(k:n, i), r(k:n)))*w(:, i)
     end do
-  end subroutine take_out
+  end subroutine remove_earlier
 
   !> The k-th fastest mode of the last iteration with its Rayleigh quotients. A mode that had room allocates nothing.
   subroutine mode(self, m, ev, k, f)
@@ -188,7 +188,7 @@ contains
     f%damping = self%lin%damping%quadratic_form(f%x)
     f%springs = 0.0_wp
     do r = 1, size(self%lin%segments)
-      f%segments(r) = self%lin%segments(r)%stiffness%quadratic_form(f%x)     ! 0 of a spring's, which follows
+      f%segments(r) = self%lin%segments(r)%stiffness%quadratic_form(f%x)     ! zero of a spring: it follows
     end do
     do j = 1, size(m%s%forces)
       if (.not. (self%spring_static(j) > 0.0_wp .or. self%spring_damping(j) > 0.0_wp)) cycle
@@ -226,14 +226,14 @@ contains
     end do
     do r = 1, size(group)
       if (group(r) == 0) cycle
-      call self%lin%segments(r)%stiffness%times(1.0_wp, x, parts(:, group(r)))       ! nothing of a spring's, which follows
+      call self%lin%segments(r)%stiffness%times(1.0_wp, x, parts(:, group(r)))       ! zero of a spring: it follows
       j = self%lin%segments(r)%element
       if (j > 0) call spring_pull(m, ev, j, self%spring_static(j), self%ends(:, j), x, parts(:, group(r)))
     end do
   end subroutine products
 
-  !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it: they may
-  !> turn away. Forces of springs against turns are an upper bound, too.
+  !> y = (p C + q K) x, K instantaneous, of bodies and springs. Springs that may turn count only where they raise it. Forces of
+  !> springs against turns are an upper bound, too.
   subroutine multiply(self, m, ev, mix, x, y)
     class(fast_spectrum), intent(in) :: self
     type(mechanism_model), intent(in) :: m

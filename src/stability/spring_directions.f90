@@ -3,8 +3,8 @@
 !>
 !>   (e_a.u_a - e_b.u_b)^2 <= (1 + s) |u_a|^2 + (1 + 1/s) |u_b|^2   for all unit vectors e_a, e_b and every s > 0,
 !>
-!> so that its stiffness k is at most that of two springs which pull whatever way their ends move, (1 + s) k from a and
-!> (1 + 1/s) k from b to the ground. With s = rho_b/rho_a, the ratio of what the ends yield to a force (largest
+!> so that its stiffness k is at most that of two springs that act in all directions, (1 + s) k from a and
+!> (1 + 1/s) k from b to the ground. With s = rho_b/rho_a, the ratio of the ends' accelerations by a unit force (largest
 !> eigenvalues of J M^-1 J^T), this is exact for one spring between two bodies: k (rho_a + rho_b). Its tension F adds
 !> F/length <= k across it, which is covered, too, and |F| |lever| against turns of a body about its mass centre.
 module spring_directions
@@ -34,15 +34,15 @@ contains
         if (.not. sp%along_line()) cycle
         if (is_guided(m, ev, k)) cycle
         ends(:, k) = 0.0_wp
-        ra = yield(m, ev, sp%ia)
-        rb = yield(m, ev, sp%ib)
+        ra = inverse_mass(m, ev, sp%ia)
+        rb = inverse_mass(m, ev, sp%ib)
         if (ra > 0.0_wp) ends(1, k) = 1 + rb/ra
         if (rb > 0.0_wp) ends(2, k) = 1 + ra/rb
       end associate
     end do
   end subroutine bound_directions
 
-  !> What the present forces of linear springs add at most to the stiffness against turns of every body.
+  !> Bound of the stiffness that the present forces of linear springs add against turns of every body.
   pure function turning_stiffness(m, ev) result(stiffness)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev       !! evaluated
@@ -85,8 +85,8 @@ contains
     is_guided = group(m%s%markers(m%s%forces(k)%item%ia)%body) == group(m%s%markers(m%s%forces(k)%item%ib)%body)
   end function is_guided
 
-  !> How a marker yields to a unit force in the direction in which it yields most: largest eigenvalue of J M^-1 J^T.
-  real(wp) function yield(m, ev, k) result(rho)
+  !> The largest acceleration of a marker by a unit force: largest eigenvalue of J M^-1 J^T.
+  real(wp) function inverse_mass(m, ev, k) result(rho)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k                     !! marker
@@ -109,5 +109,5 @@ contains
       end do
     end associate
     rho = 0.5_wp*(c(1, 1) + c(2, 2)) + hypot(0.5_wp*(c(1, 1) - c(2, 2)), 0.5_wp*(c(1, 2) + c(2, 1)))   ! [1/kg]
-  end function yield
+  end function inverse_mass
 end module spring_directions

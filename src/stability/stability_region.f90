@@ -1,4 +1,4 @@
-!> Linear stability of explicit methods: how far along the ray of an eigenvalue a step may reach (theory.md, section 8).
+!> Linear stability of explicit methods: the largest step for an eigenvalue (theory.md, section 8).
 module stability_region
   use kinds, only: wp
   use tableaux, only: growth
@@ -43,7 +43,7 @@ contains
   end function grows
 
   !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself), or none
-  !> below `limit`, and for the lower one of two conjugate eigenvalues, of which the upper one tells.
+  !> below `limit`; also for the lower one of two conjugate eigenvalues: the upper one has the same bound.
   pure function largest_step(method, mu, limit) result(h)
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: mu          !! eigenvalue [1/s]
@@ -55,7 +55,7 @@ contains
     if (abs(mu) <= tiny(1.0_wp)) return
     if (real(mu, wp) > 1.0e-9_wp*abs(mu) .or. aimag(mu) < 0.0_wp) return
     c = growth_on_ray(method, cmplx(min(real(mu, wp), 0.0_wp), aimag(mu), wp)/abs(mu))
-    farthest = 12.0_wp                     ! the regions end before
+    farthest = 12.0_wp                     ! no region is larger
     if (limit < 1.0e100_wp) farthest = min(farthest, limit*abs(mu))
     do k = 1, ceiling(100*farthest)        ! steps of 0.01 find the first crossing, bisection sharpens it
       x = 0.01_wp*k

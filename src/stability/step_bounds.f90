@@ -3,9 +3,9 @@
 module step_bounds
   use kinds, only: wp
   use linear_matrices, only: linear_segment
-  use bound_causes, only: bound_cause, mode_cause, pole_cause, blame_damping
+  use bound_causes, only: bound_cause, mode_cause, pole_cause, name_damping
   use fast_poles, only: pole_list, find_fast_poles
-  use modal_eigenvalues, only: modal_roots, mark_mode, segment_poles, extra
+  use modal_eigenvalues, only: modal_roots, find_mode_pair, term_poles, added_stiffness
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_stiffness
@@ -13,7 +13,7 @@ module step_bounds
   use tableaux, only: method_names
   implicit none (type, external)
   private
-  public :: step_bound, find_bound, take_smaller, material_poles, look_at, step_of
+  public :: step_bound, find_bound, take_smaller, material_poles, add_mode_bound, step_of
 
   !> A bound for each explicit method and what sets it.
   type :: step_bound
@@ -22,7 +22,7 @@ module step_bounds
     type(bound_cause) :: cause(size(method_names))        !! what it belongs to
   end type step_bound
 
-  integer, parameter :: modes_looked_at = 6        !! fastest modes that are looked at where too many laws take part in each
+  integer, parameter :: modes_examined = 6         !! fastest modes that are examined where too many laws take part in each
 
 contains
 
@@ -57,20 +57,20 @@ contains
     if (damped) then
       call find_fast_poles(m, ev, held, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
-        call look_at_pole(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
+        call add_pole_bound(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
     end if
-    do k = 1, merge(0, min(modes_looked_at, fast%steps), damped)
+    do k = 1, merge(0, min(modes_examined, fast%steps), damped)
       if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
       call fast%mode(m, ev, k, f)
       call mode_cause(m, f, cause)
-      call look_at(m, fast, f, cause, bound)
+      call add_mode_bound(m, fast, f, cause, bound)
     end do
     call material_poles(m, ev, held, fast, fastest, bound)
   end subroutine find_bound
 
   !> One pole of the mechanism with its motion, where it lowers a bound.
-  subroutine look_at_pole(m, ev, fast, mu, x, bound)
+  subroutine add_pole_bound(m, ev, fast, mu, x, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(in) :: fast
@@ -84,34 +84,34 @@ contains
     f%x = x
     call fast%quotients(m, ev, f)
     call mode_cause(m, f, cause)
-    call look_at(m, fast, f, cause, bound, [mu])
-  end subroutine look_at_pole
+    call add_mode_bound(m, fast, f, cause, bound, [mu])
+  end subroutine add_pole_bound
 
-  !> Eigenvalues of one mode: roots of s2 + c s + k + sum of k_r alpha h(s); where given, poles of the mechanism that belong to it.
-  subroutine look_at(m, fast, f, carrier, bound, poles)
+  !> The bound of one mode: of the roots of s2 + c s + k + sum of k_r alpha h(s), or of the given poles of the mechanism.
+  subroutine add_mode_bound(m, fast, f, carrier, bound, poles)
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(in) :: carrier   !! what the mode belongs to
     type(step_bound), intent(inout) :: bound
     complex(wp), intent(in), optional :: poles(:)   !! [1/s]
-    complex(wp), allocatable :: roots(:), looked_at(:)   ! [1/s]
+    complex(wp), allocatable :: roots(:), eigenvalues(:) ! [1/s]
     logical, allocatable :: is_mode(:)
     type(bound_cause) :: cause
     integer :: k
     call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
-    call mark_mode(roots, max(f%stiffness + extra(fast%lin%segments, f%segments), 0.0_wp), f%damping, is_mode)
-    looked_at = roots
-    if (present(poles)) looked_at = poles
-    is_mode = [(is_mode(minloc(abs(roots - looked_at(k)), 1)), k=1, size(looked_at))]
+    call find_mode_pair(roots, max(f%stiffness + added_stiffness(fast%lin%segments, f%segments), 0.0_wp), f%damping, is_mode)
+    eigenvalues = roots
+    if (present(poles)) eigenvalues = poles
+    is_mode = [(is_mode(minloc(abs(roots - eigenvalues(k)), 1)), k=1, size(eigenvalues))]
     cause = carrier
-    if (damping_limits(fast, f, looked_at)) call blame_damping(f, f%springs, cause)
-    call take(pack(looked_at, is_mode), cause, bound)
+    if (damping_limits(fast, f, eigenvalues)) call name_damping(f, f%springs, cause)
+    call keep_smallest(pack(eigenvalues, is_mode), cause, bound)
     if (all(is_mode)) return
     cause = pole_cause(m, fast%lin%segments, maxloc(f%segments, dim=1))
     cause%body = carrier%body
-    call take(pack(looked_at, .not. is_mode), cause, bound)
-  end subroutine look_at
+    call keep_smallest(pack(eigenvalues, .not. is_mode), cause, bound)
+  end subroutine add_mode_bound
 
   !> Whether a mode would allow larger steps of rk4 without its damping.
   logical function damping_limits(fast, f, roots) result(yes)
@@ -138,7 +138,7 @@ contains
   end function step_of
 
   !> Keeps the smallest step of every method.
-  subroutine take(roots, cause, bound)
+  subroutine keep_smallest(roots, cause, bound)
     complex(wp), intent(in) :: roots(:)        !! [1/s]
     type(bound_cause), intent(in) :: cause     !! what they belong to
     type(step_bound), intent(inout) :: bound
@@ -153,12 +153,12 @@ contains
         bound%cause(k) = cause
       end do
     end do
-  end subroutine take
+  end subroutine keep_smallest
 
-  !> Poles of every material's and spring's terms, between two ends: where hardly anything moves (the terms' own poles, which
-  !> slow modes approach), and where the least mass resists, in the motion that the material or spring alone would make
-  !> fastest. Poles of real modes lie between. That motion is slower than the fastest of all, so that only those are looked for
-  !> whose poles would set the bound even there.
+  !> Poles of the terms of every material and spring lie between two limits, and both are examined:
+  !>   hardly anything moves: the terms' own poles, which those of slow modes approach;
+  !>   the fastest motion with the stiffness of this material or spring alone.
+  !> The second is computed only where it can set the bound: that motion is slower than the fastest of the mechanism.
   subroutine material_poles(m, ev, held, fast, fastest, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -175,12 +175,12 @@ contains
     allocate (least(size(method_names), size(firsts)))
     do i = 1, size(firsts)
       associate (t => fast%lin%segments(firsts(i)))
-        call take(t%law%rates(), pole_cause(m, fast%lin%segments, firsts(i)), bound)
-        call segment_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
+        call keep_smallest(t%law%rates(), pole_cause(m, fast%lin%segments, firsts(i)), bound)
+        call term_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
         least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
       end associate
     end do
-    do i = 1 - size(method_names), size(firsts)          ! first the segment that limits each method most: others then need no look
+    do i = 1 - size(method_names), size(firsts)          ! first the segment that limits each method most
       k = i
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
@@ -188,8 +188,8 @@ contains
       call fast%largest(m, ev, held, only_stiffness, 100, lambda, firsts(k))
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
-      call segment_poles(fast%lin%segments(firsts(k)), lambda, roots)
-      call take(roots, pole_cause(m, fast%lin%segments, firsts(k)), bound)
+      call term_poles(fast%lin%segments(firsts(k)), lambda, roots)
+      call keep_smallest(roots, pole_cause(m, fast%lin%segments, firsts(k)), bound)
     end do
   end subroutine material_poles
 

@@ -1,4 +1,4 @@
-!> Watches whether a run stays within what the model can tell: small deflections in each body's frame, spins well below
+!> Watches whether a run stays within the limits of the model: small deflections in each body's frame, spins well below
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
@@ -18,7 +18,7 @@ module validity
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
   real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
-  real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a motion that is one, of the deflection [-]
+  real(wp), parameter :: least_vibration = 1.0e-9_wp !! smallest amplitude of a vibration, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
   !> What is kept of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], and the sums of squared
@@ -55,7 +55,7 @@ contains
     end do
   end subroutine begin
 
-  !> Looks at an evaluated state.
+  !> Adds an evaluated state to the figures.
   pure subroutine look(self, m, ev, q, v)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -89,13 +89,13 @@ contains
     call a%exchange(self%figures)
   end subroutine exchange
 
-  !> One sentence for each limit that a body passed; thick beams that bend where `thick_beams` has not told of all.
-  function warnings(self, m, ev, stage, thick_told) result(text)
+  !> One sentence for each limit that a body passed; thick beams that bend, unless `thick_beams` has named all.
+  function warnings(self, m, ev, stage, thick_named) result(text)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
-    logical, intent(in) :: thick_told
+    logical, intent(in) :: thick_named
     character(:), allocatable :: text
     real(wp) :: first, carried, bent, moving
     integer :: b
@@ -113,7 +113,7 @@ contains
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
         bent = max(f(deflection), f(rotation)*body%length)
-        if (bent > 1.0e-13_wp*body%length .and. .not. thick_told) text = text//thickness(body, stage)
+        if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) text = text//thickness(body, stage)
         carried = part_period*body%basis%carried
         if (ev%t*carried >= 2*pi) then       ! a start from rest looks faster than it is
           moving = self%elastic_frequency(m, b)
@@ -148,7 +148,7 @@ contains
     end associate
   end function elastic_frequency
 
-  !> Tells of every beam that is not slender: modes and responses bend them all.
+  !> A warning of every beam that is not slender: modes and responses bend them all.
   function thick_beams(m) result(text)
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
@@ -159,7 +159,7 @@ contains
     end do
   end function thick_beams
 
-  !> What a body loses by not being slender; nothing where it is.
+  !> A warning of a body that is not slender; empty where it is.
   function thickness(body, stage) result(text)
     type(body_model), intent(in) :: body
     character(*), intent(in) :: stage               !! as in `warnings`

@@ -5,7 +5,7 @@ module equilibrium_growth
   use dynamic_stiffness, only: stiffness_system
   use linear_state, only: linear_system
   use mode_list, only: mode_set
-  use natural_modes, only: natural_subspace, rounding_level
+  use natural_modes, only: lowest_natural_modes, rounding_level
   use scene_run, only: run_state
   implicit none (type, external)
   private
@@ -32,7 +32,7 @@ contains
     call linear_system(run, ds)
     if (ds%n == ds%rows) return
     if (ds%symmetric) then
-      call natural_subspace(ds, 1, .false., omega2, x, ok)
+      call lowest_natural_modes(ds, 1, .false., omega2, x, ok)
       if (.not. ok) return
       if (.not. omega2(1) < -rounding_level(ds, x(:, 1))) return
       rate = sqrt(-omega2(1))

@@ -12,7 +12,7 @@ module static_analysis
   use linear_matrices, only: linear_mechanism
   use force_element, only: by_position, element_action, held, stage_static
   use interruption, only: stop_if_signalled
-  use natural_modes, only: natural_subspace, rounding_level
+  use natural_modes, only: lowest_natural_modes, rounding_level
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
   use summary, only: add_warnings
@@ -79,7 +79,7 @@ contains
       ev%switches%state = by_position
     end associate
     call even_masses(run, ds)
-    call natural_subspace(ds, 4, .false., omega2, x, ok)
+    call lowest_natural_modes(ds, 4, .false., omega2, x, ok)
     allocate (free(size(run%sys%m%s%bodies)), source=.false.)
     do j = 1, merge(size(omega2), 0, ok)
       if (abs(omega2(j)) <= rounding_level(ds, x(:, j))) call mark(run, x(:, j), free)

@@ -13,7 +13,7 @@ module step_monitor
   use tableaux, only: method_names
   use modal_eigenvalues, only: instantaneous_pair, refine_root
   use stability_region, only: largest_step
-  use step_bounds, only: step_bound, find_bound, look_at, step_of
+  use step_bounds, only: step_bound, find_bound, add_mode_bound, step_of
   implicit none (type, external)
   private
   public :: stability_monitor, method_number
@@ -207,7 +207,7 @@ contains
       call iterate(self, m, ev, k, exists)
       if (.not. exists) cycle
       call mode_cause(m, self%mode, cause)
-      call look_at(m, self%fast, self%mode, cause, bound)
+      call add_mode_bound(m, self%fast, self%mode, cause, bound)
     end do
     if (bound%step(self%method) < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
   end subroutine name_cause

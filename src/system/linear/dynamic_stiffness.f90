@@ -50,6 +50,7 @@ module dynamic_stiffness
     procedure :: solve
     procedure :: padded
     procedure :: times
+    procedure :: real_times
     procedure :: balance
     procedure :: stiffness_times
     procedure :: stiffness_product
@@ -298,6 +299,22 @@ contains
       end do
     end do
   end function times
+
+  !> A x for real entries given on the pattern, mechanical unknowns only.
+  pure function real_times(self, values, x) result(y)
+    class(stiffness_system), intent(in) :: self
+    real(wp), intent(in) :: values(:)          !! (entries) [any]
+    real(wp), intent(in) :: x(:)               !! (n) [any]
+    real(wp) :: y(size(x))                     !! [unit of values times unit of x]
+    integer :: j, e
+    y = 0.0_wp
+    do j = 1, size(x)
+      do e = self%first(j), self%first(j + 1) - 1
+        if (self%row(e) > size(x)) exit
+        y(self%row(e)) = y(self%row(e)) + values(e)*x(j)
+      end do
+    end do
+  end function real_times
 
   !> K x, or K_r x of a group, summed in twice the working precision.
   pure function stiffness_product(self, x, group) result(y)
