@@ -17,6 +17,7 @@ MODES = 6  # that are listed
 WAYS = {
     ("deflection", "v"): ("largest deflection, {}", ("u", "v")),
     ("internal", "s"): ("largest stress, {}", ("s",)),
+    ("stress", "s"): ("largest stress, {}", ("s",)),
     ("internal", "m1"): ("largest bending moment, {}", ("m1", "m2")),
     ("reaction", "fx"): ("largest force, {}", ("fx", "fy")),
     ("reaction", "m"): ("largest moment, {}", ("m",)),
