@@ -58,17 +58,18 @@ contains
     ev%wrench(:, k) = ev%wrench(:, k) + [ev%frame%to_body(b, w(1:2)), w(3)]
   end subroutine add_wrench
 
-  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M.
+  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M, less what acts on the nodes' part of a turn (`shape_integrals`).
   pure subroutine load_frames(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
+    real(wp) :: arm(3)                      ! what a turn moves [m, m, -]
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
       b = self%markers%body(k)
       ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) + ev%wrench(1:2, k)
-      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) + ev%wrench(3, k) + ev%p%rho(1, k)*ev%wrench(2, k) &
-                       - ev%p%rho(2, k)*ev%wrench(1, k)
+      arm = self%s%markers(k)%rest_of_turn(ev%p%rho(:, k))
+      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) + dot_product(arm, ev%wrench(:, k))
     end do
   end subroutine load_frames
 

@@ -13,6 +13,7 @@ from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
 from four_bars import row_of_four_bars
+from linearised import DECKS
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
 MIXED = (
@@ -103,13 +104,13 @@ def tangent():
     return measure
 
 
-@pytest.mark.parametrize("scene", ["mixed", "vrl_ghm", "four_bar", "viscoelastic_joint", "spin_up", "andrews"])
+@pytest.mark.parametrize("scene", ["mixed", "short_element", "vrl_ghm", "four_bar", "viscoelastic_joint", "spin_up", "andrews"])
 @pytest.mark.parametrize(("step", "seed"), [(1e-4, 3), (1e-3, 7), (1e-2, 11)])
 def test_the_tangent_is_the_derivative_of_the_residual(scene, step, seed, tangent, tmp_path):
     deck = REFERENCE / scene / "deck.nml"
-    if scene == "mixed":
-        deck = tmp_path / "mixed.nml"
-        deck.write_text(MIXED, encoding="utf-8")
+    if scene in ("mixed", "short_element"):
+        deck = tmp_path / "deck.nml"
+        deck.write_text(MIXED if scene == "mixed" else DECKS[scene], encoding="utf-8")
     bodies, row, constraints = tangent(deck, step, 0.6, seed)
     assert bodies < 1e-7
     assert row < 1e-5

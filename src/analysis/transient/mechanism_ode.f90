@@ -314,7 +314,7 @@ contains
     logical, intent(in) :: left_limit
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m]
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
-    call take_body_residuals(self%t)
+    call take_body_residuals(self%t, self%m)
     gap = self%ev%rows%phi
   end subroutine mechanism_residual
 

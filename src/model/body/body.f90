@@ -26,6 +26,19 @@ module body
     real(wp), allocatable :: c0(:)            !! (nf) [kg m]
     real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
     real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
+    ! A unit turn of the undeformed body is N turned + rest. Where the frame stands at one node of a fine mesh, the rest is a motion of
+    ! one element, and its inertia all that is left of the body's: then it is split off, and elsewhere turned is 0, the rest the turn.
+    logical :: split = .false.
+    real(wp), allocatable :: turned(:)        !! (nf) coordinates of that turn [m, -]
+    real(wp), allocatable :: m_turned(:)      !! (nf) the translational part of m_ff times these [kg m]
+    real(wp), allocatable :: c_turned(:)      !! (nf) Rayleigh damping times these [N s, N m s]
+    real(wp), allocatable :: rest_c0(:)       !! (nf) integral of rest^T N: c0 - m_ff turned [kg m]
+    real(wp), allocatable :: rest_i1f(:)      !! (nf) integral of rest^T H N [kg m]
+    real(wp) :: rest_i1(2) = 0.0_wp           !! integral of the rest: H I1 - S-bar turned [kg m]
+    real(wp) :: rest_i11 = 0.0_wp             !! integral of its square [kg m2]
+    real(wp) :: rest_spin = 0.0_wp            !! rest_i1f turned [kg m2]
+    integer, allocatable :: rest_element(:)   !! elements that have a part of the rest
+    real(wp), allocatable :: rest(:, :)       !! (6, these) it at their nodes, body axes [m, -]
   contains
     procedure :: moment
   end type shape_integrals
@@ -46,6 +59,7 @@ module body
     procedure(to_deformations), deferred :: deform
     procedure(to_forces), deferred :: add_stress
     procedure :: add_forces => operator_forces
+    procedure :: turned_moment => no_moment
     procedure(to_accelerations), deferred :: solve_mass
     procedure(to_parts), deferred :: strain_parts
     procedure(to_largest), deferred :: largest_force
@@ -226,6 +240,16 @@ contains
                 source=0.0_wp)
     end associate
   end subroutine allocate_work
+
+  !> turned . (elastic forces that deformations ask for), see `shape_integrals`: none in modes, whose coordinates do not turn.
+  pure function no_moment(self, b, d, ds, q) result(moment)
+    class(elastic_basis), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! deformations, and with the terms' differences [m, rad]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp) :: moment                              !! [N m]
+    moment = 0.0_wp
+  end function no_moment
 
   !> Adds theta'^2 m q + 2 theta' Z q' - dV/dq to the forces and -Z q to m_theta_f (theory.md, section 3), by the operators.
   pure subroutine operator_forces(self, b, thetad, w, qmq, qmv)

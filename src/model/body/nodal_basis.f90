@@ -22,6 +22,7 @@ module nodal_basis
     procedure :: deform
     procedure :: add_stress
     procedure :: add_forces
+    procedure :: turned_moment
     procedure :: solve_mass
     procedure :: strain_parts
     procedure :: largest_force
@@ -127,7 +128,7 @@ contains
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
-    real(wp) :: y(6), a(6), s(4), psi
+    real(wp) :: y(6), a(6), psi
     integer :: e, k
     psi = 0.0_wp
     do e = 1, b%ne
@@ -135,14 +136,54 @@ contains
         call gather(self, b, e, q, a)
         psi = (a(5) - a(2))*self%constants(2, e)
       end if
-      s = element_stress(b, e, d(:, e), ds(:, e), psi)
-      y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
-      if (.not. self%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
+      y = nodal_forces(self, b, e, d(:, e), ds(:, e), psi)
       do k = 1, 6
         f(b%edof(k, e)) = f(b%edof(k, e)) + factor*y(k)
       end do
     end do
   end subroutine add_stress
+
+  !> turned . (elastic forces that deformations ask for). No element resists a turn of the undeformed body, but for the one of its
+  !> chord where its axial force acts along that; so the sum is less what elements exert on the rest of a turn.
+  pure function turned_moment(self, b, d, ds, q) result(moment)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
+    real(wp) :: moment                              !! [N m]
+    real(wp) :: a(6), psi
+    integer :: e, k
+    moment = 0.0_wp
+    psi = 0.0_wp
+    if (.not. b%shape%split) return
+    if (b%stiffening) then
+      do e = 1, b%ne
+        call gather(self, b, e, q, a)
+        moment = moment + b%elements(e)%ea_l*ds(1, e)*(a(5) - a(2))
+      end do
+    end if
+    do k = 1, size(b%shape%rest_element)
+      e = b%shape%rest_element(k)
+      if (b%stiffening) then
+        call gather(self, b, e, q, a)
+        psi = (a(5) - a(2))*self%constants(2, e)
+      end if
+      moment = moment - dot_product(b%shape%rest(:, k), nodal_forces(self, b, e, d(:, e), ds(:, e), psi))
+    end do
+  end function turned_moment
+
+  !> Forces on the nodes of an element that its deformations ask for, body axes.
+  pure function nodal_forces(self, b, e, d, ds, psi) result(y)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e
+    real(wp), intent(in) :: d(:), ds(:)             !! (nd) [m, rad, rad]
+    real(wp), intent(in) :: psi                     !! [rad]
+    real(wp) :: y(6), s(4)                          !! [N, N m]
+    s = element_stress(b, e, d, ds, psi)
+    y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
+    if (.not. self%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
+  end function nodal_forces
 
   !> Inertia forces of the elastic coordinates: of a chain in one loop over its elements, of other bodies by the operators.
   pure subroutine add_forces(self, b, thetad, w, qmq, qmv)
@@ -295,7 +336,11 @@ contains
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     type(marker_model), intent(inout) :: p
+    integer :: c
     p%dof = b%dof(:, p%node)
+    do c = 1, 3
+      if (p%dof(c) > 0) p%turned(c) = b%shape%turned(p%dof(c))
+    end do
   end subroutine attach
 
   !> Compares the constants of the elements and the factor of m_ff.

@@ -7,6 +7,7 @@
 !> act (theory.md, section 7). What it is made of, set up once.
 module condensed_system
   use kinds, only: wp, number
+  use body, only: shape_integrals
   use border_row_lists, only: row_lists
   use border_rows, only: row_system, set_up_rows
   use elastic_block, only: block_factor
@@ -37,6 +38,7 @@ module condensed_system
     real(number) :: force(3) = 0.0_wp        !! residual of the frame, body axes [N, N, N m]
     real(number), allocatable :: elastic(:)  !! (n) residual of the elastic coordinates, then T0^-1 times it [N, N m], [m, rad]
     real(number) :: frame(3, 3) = 0.0_wp     !! tangent of the frame [N/m, N, N m]
+    real(number) :: angle = 0.0_wp           !! what is left of its last entry (`body_equations`) [N m]
     real(number) :: origin(2) = 0.0_wp       !! rows of the origin: origin(1) S + origin(2) H S; its columns: c1 S^T [kg/s2]
     real(number), allocatable :: column(:)   !! (n) tangent of the elastic residual by the angle, then T0^-1 times it [N, m, ...]
     real(number), allocatable :: row(:)      !! (n) tangent of the angle's residual by the elastic coordinates [N, N m]
@@ -44,6 +46,8 @@ module condensed_system
     type(marker_columns) :: at
     real(number) :: inverse(3, 3) = 0.0_wp   !! of the condensed frame [m/N, rad/N]
     real(number) :: free(3) = 0.0_wp         !! frame's correction without rows [m, m, rad]
+  contains
+    procedure :: take_turn
   end type condensed_body
 
   !> The condensed dynamic stiffness of a mechanism.
@@ -59,6 +63,13 @@ module condensed_system
   end type condensed_matrix
 
 contains
+
+  !> Residuals come without what the turn of the undeformed body carries (`body_terms`): added again where it is not kept apart.
+  subroutine take_turn(self, shape)
+    class(condensed_body), intent(inout) :: self
+    type(shape_integrals), intent(in) :: shape
+    if (shape%split .and. .not. self%block%turn_apart) self%force(3) = self%force(3) + sum(shape%turned*self%elastic)
+  end subroutine take_turn
 
   !> Work space of a mechanism.
   subroutine set_up_condensed(self, m, lists)

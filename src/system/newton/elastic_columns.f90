@@ -44,7 +44,7 @@ contains
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%n == 0) cycle
-        call x%block%factor_base(m%s%bodies(b)%op, c1, c2, bad)
+        call x%block%factor_base(m%s%bodies(b), c1, c2, bad)
         if (bad) return
         call fill_columns(x, m%s%bodies(b), m%s%markers, .false.)
       end associate

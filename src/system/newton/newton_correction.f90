@@ -27,7 +27,9 @@ contains
         x%force(1) = ev%frame%cos(b)*r(i + 1) + ev%frame%sin(b)*r(i + 2)
         x%force(2) = ev%frame%cos(b)*r(i + 2) - ev%frame%sin(b)*r(i + 1)
         x%force(3) = r(i + 3)
-        if (x%n > 0) x%elastic = r(i + 4:i + 3 + x%n)
+        if (x%n == 0) cycle
+        x%elastic = r(i + 4:i + 3 + x%n)
+        call x%take_turn(m%s%bodies(b)%shape)
       end associate
     end do
   end subroutine take_residual

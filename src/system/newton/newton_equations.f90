@@ -102,11 +102,10 @@ contains
       if (b == 0) cycle
       associate (eq => self%eq(b))
         if (eq%n > 0) then
-          call m%s%markers(k)%add_wrench(ev%p%rho(:, k), self%wrench(:, k), eq%frame, eq%elastic(1:eq%n))
-        else
-          eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
-          eq%frame(3) = eq%frame(3) + self%wrench(3, k) + ev%p%rho(1, k)*self%wrench(2, k) - ev%p%rho(2, k)*self%wrench(1, k)
+          call m%s%markers(k)%add_elastic_forces(self%wrench(:, k), eq%elastic(1:eq%n))
         end if
+        eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
+        eq%frame(3) = eq%frame(3) + dot_product(m%s%markers(k)%rest_of_turn(ev%p%rho(:, k)), self%wrench(:, k))
       end associate
     end do
   end subroutine residual
@@ -147,14 +146,17 @@ contains
   end subroutine renew
 
   !> Hands the last residual to what solves for corrections.
-  subroutine take_residual(self)
+  subroutine take_residual(self, m)
     type(newton_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
     integer :: b
     self%t%solved = .false.
     do b = 1, size(self%eq)
       associate (x => self%t%b(b), eq => self%eq(b))
         x%force = eq%frame
-        if (x%n > 0) x%elastic = eq%elastic(1:x%n)
+        if (x%n == 0) cycle
+        x%elastic = eq%elastic(1:x%n)
+        call x%take_turn(m%s%bodies(b)%shape)
       end associate
     end do
   end subroutine take_residual
