@@ -190,23 +190,26 @@ contains
     integer, intent(out) :: k
     logical, intent(out) :: falls             !! it has fallen at the right end
     real(wp) :: h, g(0:1), d(0:1), x, zero
+    logical :: known                          ! rates at both ends
     integer :: i
     h = right%h - left%h
     s = huge(1.0_wp)
+    d = 0.0_wp
     k = 0
     falls = .false.
     do i = 1, size(scale)
       zero = rounding*scale(i)
       g = [left%g(i), right%g(i)]
       if (max(g(0), g(1)) >= huge(1.0_wp)) cycle
+      known = max(left%rate(i), right%rate(i)) < huge(1.0_wp)
+      if (known) d = h*[left%rate(i), right%rate(i)]
       ! a cubic dips below its ends by 4/27 of both slopes at most: a root far from zero
-      if (min(g(0), g(1)) > 8/27.0_wp*h*(abs(left%rate(i)) + abs(right%rate(i)))) cycle
+      if (known .and. min(g(0), g(1)) > 8/27.0_wp*(abs(d(0)) + abs(d(1)))) cycle
       if (g(0) <= zero) g(0) = 0.0_wp
-      d = h*min(huge(1.0_wp)/h, [left%rate(i), right%rate(i)])
-      if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp)) d = g(1) - g(0)
+      if (.not. known) d = g(1) - g(0)
       if (g(1) < -zero) then
         x = cubic_fall(g, d)
-        if (max(left%rate(i), right%rate(i)) >= huge(1.0_wp) .and. g(0) <= 0.0_wp) x = 0.5_wp
+        if (.not. known .and. g(0) <= 0.0_wp) x = 0.5_wp
       else
         x = doubtful_dip(g, d, zero)
       end if

@@ -101,7 +101,7 @@ contains
     self%depth = max(self%depth, peak(depth))
     self%force = max(self%force, peak(force))
     self%age = self%age + h
-    if (self%age > 2*self%time) self%longest = huge(1.0_wp)
+    if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
     if (explicit) self%longest = min(self%longest, m%s%forces(k)%item%contact_step(with, self%mass, maxval(depth), maxval(rate)))
   end subroutine note_step
 

@@ -218,11 +218,11 @@ contains
     class(stability_monitor), intent(in) :: self
     integer(ip), intent(in) :: steps           !! accepted so far
     real(wp), intent(in) :: before             !! the bound at the last estimate, `interval` steps ago [s]
-    real(wp) :: fall                           ! part of what is left to the step [-]
+    real(wp) :: left                           ! to the step, over the fall since then [-]
     n = int(min(int(self%every, ip), max(first, steps)))
     if (self%latest >= before .or. self%latest <= self%step) return
-    fall = (before - self%latest)/(self%latest - self%step)
-    n = max(n/most_often, min(n, int(0.5_wp*n/fall)), 1)
+    left = (self%latest - self%step)/(before - self%latest)
+    n = max(n/most_often, int(min(real(n, wp), 0.5_wp*n*left)), 1)
   end function interval
 
   !> Saves or restores what the estimates have found.

@@ -32,10 +32,7 @@ contains
       call text%figure(', let go before they opened ', 'let_go', sum(all%let_go))
       call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
       call text%close()
-      associate (h => run%sys%shortest_limit, step => actual_step(run%d%transient%output_step, run%d%transient%step))
-        if (h < step .and. .not. run%d%transient%adaptive) call text%figure('  steps were divided while stops touched, the '// &
-          'shortest contact allows ', 'step_in_contact', h, 3, rest=' s')
-      end associate
+      if (.not. run%d%transient%adaptive) call tell_division(run, text)
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
       call text%open('stops', '[')
       do i = 1, size(all)
@@ -44,6 +41,16 @@ contains
       call text%close()
     end associate
   end subroutine stop_lines
+
+  !> Says that fixed steps were divided, where they were.
+  subroutine tell_division(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text
+    associate (r => run%d%transient, h => run%sys%shortest_limit)
+      if (h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops touched, the shortest '// &
+        'contact allows ', 'step_in_contact', h, 3, rest=' s')
+    end associate
+  end subroutine tell_division
 
   !> One stop: what touched when, how hard, what it took.
   subroutine one_stop(run, i, text)
@@ -97,7 +104,8 @@ contains
         b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
         if (b == 0) cycle
         if (.not. m%s%bodies(b)%flexible) cycle
-        if (x%briefest*m%s%bodies(b)%basis%carried < pi) call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'// &
+        if (x%briefest >= pi/max(m%s%bodies(b)%basis%carried, sqrt(tiny(1.0_wp)))) cycle
+        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'// &
           es_text(x%briefest, 2)//' s, less than half a period of what the mesh or modes of body "'//trim(m%s%bodies(b)%name)// &
           '" can carry ('//to_text(m%s%bodies(b)%basis%carried)//' rad/s): its force is not converged (more elements or modes, '// &
           'or a softer stop)', text)
