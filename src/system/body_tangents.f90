@@ -7,7 +7,7 @@ module body_tangents
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: find_tangents, find_wrenches
+  public :: find_tangents, find_wrenches, frame_acceleration
 
 contains
 
@@ -26,10 +26,22 @@ contains
       i = m%s%qo(b)
       n = i + 3 + eq(b)%n
       call body_tangent(eq(b), m%s%bodies(b), a2, a1, a0, q(i + 1:n), v(i + 1:n), a(i + 1:n), &
-                        ev%frame%to_body(b, a(i + 1:i + 2) - ev%options%gravity))
+                        frame_acceleration(m, ev, b, a))
     end do
     if (abs(a0) > 0.0_wp) call turn_wrenches(m, ev, wrench, action, a0, eq)
   end subroutine find_tangents
+
+  !> A^T (R'' - g) of a body, with the weight of the last residual [m/s2].
+  pure function frame_acceleration(m, ev, b, a) result(x)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: b
+    real(wp), intent(in) :: a(:)             !! (nq) accelerations [m/s2, rad/s2]
+    real(wp) :: x(2), g(2)                   !! [m/s2]
+    g = a(m%s%qo(b) + 1:m%s%qo(b) + 2) - ev%options%gravity
+    x(1) = ev%frame%cos(b)*g(1) + ev%frame%sin(b)*g(2)
+    x(2) = ev%frame%cos(b)*g(2) - ev%frame%sin(b)*g(1)
+  end function frame_acceleration
 
   !> Residual force (body axes) and moment on every marker: multipliers' minus applied ones.
   subroutine find_wrenches(m, ev, lambda, action, wrench)
@@ -41,22 +53,27 @@ contains
     integer :: i, k
     wrench = 0.0_wp
     do i = 1, m%s%rows
-      call add(m%incidence%row_marker(1, i), ev%rows%na(:, i)*lambda(i), ev%rows%sa(i)*lambda(i))
-      call add(m%incidence%row_marker(2, i), ev%rows%nb(:, i)*lambda(i), ev%rows%sb(i)*lambda(i))
+      call add(m%incidence%row_marker(1, i), lambda(i), ev%rows%na(1, i), ev%rows%na(2, i), ev%rows%sa(i))
+      call add(m%incidence%row_marker(2, i), lambda(i), ev%rows%nb(1, i), ev%rows%nb(2, i), ev%rows%sb(i))
     end do
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item)
-        call add(f%ia, -action(k)%a(1:2), -action(k)%a(3))
-        if (f%ib /= f%ia) call add(f%ib, -action(k)%b(1:2), -action(k)%b(3))
+        call add(f%ia, -1.0_wp, action(k)%a(1), action(k)%a(2), action(k)%a(3))
+        if (f%ib /= f%ia) call add(f%ib, -1.0_wp, action(k)%b(1), action(k)%b(2), action(k)%b(3))
       end associate
     end do
   contains
-    !> Adds a force (global axes) and a moment.
-    subroutine add(marker, force, moment)
+    !> Adds a factor times a wrench in global axes, by numbers: a step calls it for every row.
+    subroutine add(marker, factor, fx, fy, moment)
       integer, intent(in) :: marker
-      real(wp), intent(in) :: force(2), moment       !! [N], [N m]
-      wrench(1:2, marker) = wrench(1:2, marker) + ev%frame%to_body(m%markers%body(marker), force)
-      wrench(3, marker) = wrench(3, marker) + moment
+      real(wp), intent(in) :: factor                 !! [N], or -1 [-]
+      real(wp), intent(in) :: fx, fy, moment         !! [-, -, m], or [N, N, N m]
+      integer :: b
+      b = m%markers%body(marker)
+      if (b == 0) return
+      wrench(1, marker) = wrench(1, marker) + factor*(ev%frame%cos(b)*fx + ev%frame%sin(b)*fy)
+      wrench(2, marker) = wrench(2, marker) + factor*(ev%frame%cos(b)*fy - ev%frame%sin(b)*fx)
+      wrench(3, marker) = wrench(3, marker) + factor*moment
     end subroutine add
   end subroutine find_wrenches
 

@@ -55,7 +55,9 @@ contains
     integer :: b
     b = self%markers%body(k)
     if (b == 0) return
-    ev%wrench(:, k) = ev%wrench(:, k) + [ev%frame%to_body(b, w(1:2)), w(3)]
+    ev%wrench(1, k) = ev%wrench(1, k) + ev%frame%cos(b)*w(1) + ev%frame%sin(b)*w(2)
+    ev%wrench(2, k) = ev%wrench(2, k) - ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
+    ev%wrench(3, k) = ev%wrench(3, k) + w(3)
   end subroutine add_wrench
 
   !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M, less what acts on the nodes' part of a turn (`shape_integrals`).

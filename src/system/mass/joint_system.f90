@@ -10,8 +10,8 @@ module joint_system
   use row_sides, only: side_a
   implicit none (type, external)
   private
-  public :: constraint_values, row_rates, add_row_motion, row_accelerations, condense_constraints, joint_accelerations
-  public :: rigid_wrenches, add_frame_compliance
+  public :: constraint_values, row_rates, add_row_motion, row_accelerations, velocity_terms, condense_constraints
+  public :: joint_accelerations, rigid_wrenches, add_frame_compliance
 
 contains
 

@@ -205,7 +205,8 @@ contains
       r%frame_column(:, e) = j
       if (t%block%turn_apart) r%frame_column(3, e) = dot_product(m%s%markers(k)%rest_of_turn(ev%p%rho(:, k)), w)
       if (r%kind(e) > 3) then                ! what turning adds to a marker's rate
-        rel = ev%frame%to_body(b, ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2))
+        rel = ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
+        rel = [ev%frame%cos(b)*rel(1) + ev%frame%sin(b)*rel(2), ev%frame%cos(b)*rel(2) - ev%frame%sin(b)*rel(1)]
         j = [0.0_wp, 0.0_wp, w(2)*rel(1) - w(1)*rel(2)]
         w(1:2) = v(m%s%qo(b) + 3)*[w(2), -w(1)]
         r%marker_column(:, e) = 0.0_wp
@@ -258,7 +259,8 @@ contains
     case default
       w(3) = 1.0_wp
     end select
-    w(1:2) = ev%frame%to_body(b, n)
+    w(1) = ev%frame%cos(b)*n(1) + ev%frame%sin(b)*n(2)
+    w(2) = ev%frame%cos(b)*n(2) - ev%frame%sin(b)*n(1)
   end function side_direction
 
   !> One body's part of the rows' compliance.

@@ -3,7 +3,7 @@
 !> the full elastic blocks only where it is asked to.
 module newton_equations
   use kinds, only: wp
-  use body_tangents, only: find_tangents, find_wrenches
+  use body_tangents, only: find_tangents, find_wrenches, frame_acceleration
   use body_terms, only: body_residual
   use elastic_columns, only: factor_blocks
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
@@ -94,8 +94,7 @@ contains
     do b = 1, size(self%eq)
       i = m%s%qo(b)
       n = i + 3 + self%eq(b)%n
-      call body_residual(self%eq(b), m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), &
-                         ev%frame%to_body(b, a(i + 1:i + 2) - options%gravity))
+      call body_residual(self%eq(b), m%s%bodies(b), q(i + 1:n), v(i + 1:n), a(i + 1:n), frame_acceleration(m, ev, b, a))
     end do
     do k = 1, size(m%s%markers)
       b = m%markers%body(k)

@@ -30,7 +30,8 @@ contains
     do b = 1, size(newton%eq)
       i = m%s%qo(b)
       associate (eq => newton%eq(b))
-        r(i + 1:i + 2) = ev%frame%to_global(b, eq%frame(1:2))
+        r(i + 1) = ev%frame%cos(b)*eq%frame(1) - ev%frame%sin(b)*eq%frame(2)
+        r(i + 2) = ev%frame%sin(b)*eq%frame(1) + ev%frame%cos(b)*eq%frame(2)
         r(i + 3) = eq%frame(3)
         if (eq%n > 0) r(i + 4:i + 3 + eq%n) = eq%elastic(1:eq%n)
       end associate
