@@ -52,9 +52,10 @@ contains
         if (.not. f > 0.0_wp) cycle
         associate (band => run%d%materials(k)%band)
           ! what lasts less than a period of the band's end looks faster than it is
-          if (f < band(1) .or. (f > band(2) .and. run%sys%ev%t*band(2) >= 1.0_wp)) &
+          if (f < band(1) .or. (f > band(2) .and. run%sys%ev%t*band(2) >= 1.0_wp)) then
             text = text//warning(run, k, 'the elastic motion of body "'//trim(run%d%bodies(b)%name)//'", '//figure(f)// &
                                  ' Hz by its mean squares, lies')
+          end if
         end associate
       end do
     end do

@@ -304,8 +304,8 @@ contains
     if (.not. s > together*h) s = huge(1.0_wp)
   end function next_fall
 
-  !> Lets the system pass the event at the present state; the march starts anew. The solution is lost where events follow one another
-  !> without end.
+  !> Lets the system pass the event at the present state; the march starts anew. The solution is lost where events follow one
+  !> another without end.
   subroutine pass_event(march, system)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system

@@ -1,5 +1,5 @@
-!> Fixed steps of all methods: equal steps in each output interval, times never accumulated. A step has pieces where an event lies in
-!> it or a breakpoint; it is divided where it fails or is too long for what an event has begun.
+!> Fixed steps of all methods: equal steps in each output interval, times never accumulated. A step has pieces where an event or a
+!> breakpoint lies in it; it is divided where it fails or is too long for what an event has begun.
 module fixed_march
   use kinds, only: wp, ip
   use event_location, only: find_event, pass_event

@@ -84,8 +84,8 @@ contains
     u = [frame(1:2) + frame(3)*turn(rho), frame(3)] + self%elastic(x)
   end function displacement
 
-  !> Displacement of the marker by a unit turn of its body's frame, less what its node's coordinates carry of a turn of the undeformed
-  !> body (`shape_integrals`).
+  !> Displacement of the marker by a unit turn of its body's frame, less what its node's coordinates carry of a turn of the
+  !> undeformed body (`shape_integrals`).
   pure function rest_of_turn(self, rho) result(u)
     class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]

@@ -20,7 +20,7 @@ module results
   !> Open result files and what their rows need.
   type :: result_set
     type(result_file), private :: files(4)
-    integer, allocatable, private :: used(:)  !! files that are written: motion where the deck asks for it, events where there may be
+    integer, allocatable, private :: used(:)  !! files that are written: motion and events only where there may be any
     integer(ip) :: events = 0                 !! so far; the file has the first ones
     real(wp), allocatable :: values(:)        !! columns of the sensors [unit of each column]
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on

@@ -143,8 +143,9 @@ contains
     associate (body => m%s%bodies(b), f => self%figures(:, b))
       bent = max(f(deflection), f(rotation)*body%length)
       moving = 0.0_wp
-      if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit .and. bent > 1.0e-13_wp*body%length) &
+      if (f(rates) > least_vibration*sqrt(f(accelerations))*bent/body%basis%unit .and. bent > 1.0e-13_wp*body%length) then
         moving = sqrt(f(accelerations)/f(rates))
+      end if
     end associate
   end function elastic_frequency
 

@@ -14,8 +14,8 @@ module contact_mass
 
 contains
 
-  !> m of 1/m = J M^-1 J^T, J the gradient of the penetration, with the joints held, by the factors of the last evaluation; huge where
-  !> nothing can move. [kg] or [kg m2]
+  !> m of 1/m = J M^-1 J^T, J the gradient of the penetration, with the joints held, by the factors of the last evaluation; huge
+  !> where nothing can move. [kg] or [kg m2]
   real(wp) function mass_at(m, ev, k) result(mass)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

@@ -60,7 +60,8 @@ contains
     ev%wrench(3, k) = ev%wrench(3, k) + w(3)
   end subroutine add_wrench
 
-  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M, less what acts on the nodes' part of a turn (`shape_integrals`).
+  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M, less what acts on the nodes' part of a turn
+  !> (`shape_integrals`).
   pure subroutine load_frames(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev

@@ -30,7 +30,8 @@ LOADS = """&force name='f1' type='force' body='b' node=2 fx=30.0 fy=-20.0 axes='
 """
 STOPS = """&stop name='s1' type='position' body_a='r' point_a=0.1,0.1 body_b='b' node_b=2 direction=0.3 upper=-0.5
   stiffness=4.0e3 damping=0.05 /
-&stop name='s2' type='clearance' body_a='r' point_a=-0.2,0.1 body_b='f' node_b=3 gap=0.01 stiffness=2.0e3 exponent=2.0 damping=0.03 /
+&stop name='s2' type='clearance' body_a='r' point_a=-0.2,0.1 body_b='f' node_b=3 gap=0.01 stiffness=2.0e3 exponent=2.0
+  damping=0.03 /
 &stop name='s3' type='rotation' body_a='b' node_a=3 body_b='f' node_b=2 lower=2.0 stiffness=30.0 exponent=1.0 damping=0.02 /
 &stop name='s4' type='rotation' body_a='r' body_b='f' node_b=3 lower=-2.0 upper=0.3 stiffness=40.0 exponent=3.0 /
 &stop name='open' type='position' body_a='r' body_b='f' node_b=3 direction=0.3 lower=-9.0 upper=9.0 stiffness=1.0e6 /

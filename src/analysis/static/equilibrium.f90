@@ -26,8 +26,8 @@ module equilibrium
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_relaxed = 400           !! steps of find_contacts
-  real(wp), parameter :: farthest = 1.0e-6_wp        !! what a displacement counts there beside a turn: bodies may come from afar [-]
-  real(wp), parameter :: landing = 50.0_wp            !! most that a step may raise the residual there: it ends where a contact begins [-]
+  real(wp), parameter :: farthest = 1.0e-6_wp        !! weight of a displacement there beside a turn: bodies may come from afar [-]
+  real(wp), parameter :: landing = 50.0_wp            !! most growth of the residual in a step there: contacts may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]

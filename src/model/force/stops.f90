@@ -21,7 +21,7 @@ module stops
   integer, parameter, public :: stop_open = 0, stop_touching = 1, stop_let_go = 2   !! negative ones: of the lower limit
 
   real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
-  real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which a stop that is not touched is stated [size or rad]
+  real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which an open stop is described [size or rad]
 
   !> A stop.
   type, abstract, extends(force_model), public :: stop_model
@@ -234,8 +234,8 @@ contains
     if (depth > 0.0_wp) time = pi*sqrt(mass/self%stiffness_at(depth))
   end function rest_time
 
-  !> A step with which explicit methods follow a mass on the stop: c h/m at most 2, where they are stable, and sqrt(k/m) h at most 0.5,
-  !> where they hardly damp its vibration.
+  !> A step with which explicit methods follow a mass on the stop: c h/m at most 2, where they are stable, and sqrt(k/m) h at most
+  !> 0.5, where they hardly damp its vibration.
   pure real(wp) function longest_step(self, with, mass, depth, rate) result(h)   ! [s]
     class(stop_model), intent(in) :: self
     type(conditions), intent(in) :: with
