@@ -21,7 +21,7 @@ module radau_stages
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
-  real(wp), parameter :: far = 1.0e3_wp            !! longest step that the last one's polynomial leads to, over that one: rounding [-]
+  real(wp), parameter :: far = 1.0e3_wp            !! longest step to which the last one's polynomial leads, over that one [-]
 
   !> Internal variables.
   type, public :: inner_values

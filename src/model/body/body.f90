@@ -27,7 +27,7 @@ module body
     real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
     real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
     ! A unit turn of the undeformed body is N turned + rest. Where the frame stands at one node of a fine mesh, the rest is a motion
-    ! of one element, and its inertia all that is left of the body's: then it is split off. Elsewhere turned is 0, the rest the turn.
+    ! of one element, and its inertia all that is left of the body's: then it is split off. Else turned is 0, the rest the turn.
     logical :: split = .false.
     real(wp), allocatable :: turned(:)        !! (nf) coordinates of that turn [m, -]
     real(wp), allocatable :: m_turned(:)      !! (nf) the translational part of m_ff times these [kg m]
