@@ -79,7 +79,7 @@ contains
     class(marker_model), intent(in) :: self
     real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
     real(wp), intent(in) :: frame(3)         !! of the frame, body axes: x, y, angle [m, m, rad]
-    real(wp), intent(in) :: x(:)             !! (nf) [m, rad]
+    real(wp), intent(in), contiguous :: x(:) !! (nf) [m, rad]
     real(wp) :: u(3)                         !! body axes: u, v, rotation
     u = [frame(1:2) + frame(3)*turn(rho), frame(3)] + self%elastic(x)
   end function displacement

@@ -173,7 +173,7 @@ def test_exports_that_cannot_be_written_are_told(run, capsys):
     (run / "file").write_text("")
     for words, told in (
         ([str(run), str(run), "--output", "x.csv"], "export: --output goes with one RUN\n"),
-        ([str(run), "--output", f"{run}/file/x.csv"], f"export: {run}/file/x.csv: cannot be written (Cannot save file into"),
+        ([str(run), "--output", f"{run}/file/x.csv"], f"export: {run}/file/x.csv: cannot be written (Not a directory)\n"),
         ([str(run), "--output", str(run)], f"export: {run}: cannot be written (Is a directory)\n"),
     ):
         assert export_command.main([*words, "--to", "csv"]) == 2

@@ -1,5 +1,6 @@
 !> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the
-!> deck's text, the number of values, the values, the parameters that the command line set, a digest of all before.
+!> deck's text, the numbers of values and of letters, the values, the letters of the parameters that the command line set, a
+!> digest of all before.
 !> It is written under another name and renamed when it and the results that it counts on are on the disk, so that at any moment
 !> there is a complete one or none.
 module checkpoint
@@ -17,7 +18,7 @@ module checkpoint
   character(*), parameter :: name = '/checkpoint'
   character(*), parameter :: layout = ' values 2'            !! what is in an archive, to be counted up where that changes
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
-  integer, parameter :: frame = 5                            !! words beside the values
+  integer, parameter :: frame = 6                            !! words beside the values
 
 contains
 
@@ -31,9 +32,9 @@ contains
     integer :: handle, k
     set = [(int(iachar(settings(k:k)), ip), k=1, len(settings))]
     allocate (words(a%count + size(set) + frame))
-    words(1:4) = [mark, program_digest(), digest(text_words(deck_text)), a%count]
-    words(5:4 + a%count) = a%words(1:a%count)
-    words(5 + a%count:size(words) - 1) = set
+    words(1:5) = [mark, program_digest(), digest(text_words(deck_text)), a%count, size(set, kind=ip)]
+    words(6:5 + a%count) = a%words(1:a%count)
+    words(6 + a%count:size(words) - 1) = set
     words(size(words)) = digest(words(1:size(words) - 1))
     handle = create_file(folder//name//'.new')
     ok = handle >= 0
@@ -60,7 +61,7 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip), allocatable :: words(:)
     integer :: unit, status
-    integer(ip) :: bytes, head(4)
+    integer(ip) :: bytes, head(5)
     logical :: exists
     inquire (file=folder//name, exist=exists)
     if (.not. exists) then
@@ -78,7 +79,7 @@ contains
     end if
     open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
     if (status == 0) read (unit, iostat=status) head
-    if (status == 0 .and. head(4) >= 0 .and. head(4) <= bytes/8 - frame) then
+    if (status == 0 .and. minval(head(4:5)) >= 0 .and. head(4) == bytes/8 - frame - head(5)) then
       allocate (words(bytes/8), stat=status)
       if (status == 0) read (unit, pos=1, iostat=status) words
     end if
@@ -98,15 +99,15 @@ contains
     else if (words(3) /= digest(text_words(deck_text))) then
       call refuse('belongs to another deck, or the deck has been changed since')
     else
-      call a%begin_restoring(words(5:4 + head(4)))
+      call a%begin_restoring(words(6:5 + head(4)))
     end if
   contains
     !> The parameters that the command line of the checkpoint set.
     function saved_settings() result(text)
-      character(size(words) - frame - int(head(4))) :: text
+      character(head(5)) :: text
       integer :: k
       do k = 1, len(text)
-        text(k:k) = achar(iand(int(words(4 + head(4) + k)), 127))
+        text(k:k) = achar(iand(int(words(5 + head(4) + k)), 127))
       end do
     end function saved_settings
 

@@ -21,13 +21,12 @@ contains
     real(wp), intent(in) :: t1                !! end of the step [s]
     logical, intent(in) :: own                !! by the method's own accelerations
     real(wp), intent(inout), contiguous :: e(:)   !! (n) error [unit of each unknown]
-    real(wp) :: powers(system%quadratures)    ! [W]
     associate (m => self%error, nq => self%nq)
       if (own) then
         call differences(self, self%vd1, self%vd, m%before_own, e)
       else
         call system%accelerations(t1, self%x1(1:nq), self%v1(1:nq), self%x1(nq + 1:), self%v1(nq + 1:), .true., m%next, &
-                                  self%dlambda, powers)
+                                  self%dlambda, self%energy%next)
         call differences(self, m%next, m%now, m%before, e)
       end if
     end associate

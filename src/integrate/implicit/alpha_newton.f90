@@ -299,13 +299,12 @@ contains
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
-    real(wp) :: powers(system%quadratures)    ! [W]
     integer :: i
     associate (nq => self%nq, s => self%now)
-      call system%powers(t1, self%x1(1:nq), self%v1(1:nq), self%lambda1, self%x1(nq + 1:), self%v1(nq + 1:), powers)
+      call system%powers(t1, self%x1(1:nq), self%v1(1:nq), self%lambda1, self%x1(nq + 1:), self%v1(nq + 1:), self%energy%next)
       self%energy%removed = self%energy%removed + removed_energy(self, system)
-      self%energy%sums = self%energy%sums + 0.5_wp*s%h*(self%energy%powers + powers)
-      self%energy%powers = powers
+      self%energy%sums = self%energy%sums + 0.5_wp*s%h*(self%energy%powers + self%energy%next)
+      self%energy%powers = self%energy%next
       self%error%h = s%h
       do i = 1, size(self%x)
         self%error%before_own(i) = self%vd1(i) - self%vd(i)

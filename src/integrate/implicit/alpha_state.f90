@@ -33,6 +33,7 @@ module alpha_state
   type, public :: energy_sums
     real(wp), allocatable :: sums(:)         !! (quadratures) dissipated, put in, and others [J]
     real(wp), allocatable :: powers(:)       !! the same [W]
+    real(wp), allocatable :: next(:)         !! (quadratures) work: powers at the end of the trial step [W]
     real(wp) :: removed = 0.0_wp             !! what the method itself took [J]
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work space of that [m, rad] and per second
   end type energy_sums
@@ -74,7 +75,8 @@ contains
     self%nzd = system%nzd
     n = self%nq + self%nz
     allocate (self%x(n), self%v(n), self%vd(n), self%lag(n), self%x1(n), self%v1(n), self%vd1(n), self%dx(n), &
-              self%energy%pairs(n, 4), self%energy%sums(system%quadratures), self%energy%powers(system%quadratures), source=0.0_wp)
+              self%energy%pairs(n, 4), self%energy%sums(system%quadratures), self%energy%powers(system%quadratures), &
+              self%energy%next(system%quadratures), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:3), &
               self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
               self%along(self%nq, 3), self%mu(system%rows, 3), source=0.0_wp)

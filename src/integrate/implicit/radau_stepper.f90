@@ -18,6 +18,7 @@ module radau_stepper
   type, extends(implicit_stepper), public :: radau_march
     type(radau_stage_values) :: stages
     real(wp), allocatable :: end_a(:, :)      !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
+    real(wp), allocatable :: powers(:, :)     !! (quadratures, 3) work: those of the stages [W]
   contains
     procedure :: set_up
     procedure :: limit_first_step
@@ -40,7 +41,7 @@ contains
     self%patience = 4
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    allocate (self%end_a(system%nq, 2), source=0.0_wp)
+    allocate (self%end_a(system%nq, 2), self%powers(system%quadratures, 3), source=0.0_wp)
   end subroutine set_up
 
   !> First step, or the first one after a jump: rates and accelerations change values and rates by a part of their scales whose
@@ -127,19 +128,18 @@ contains
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    real(wp) :: power(system%quadratures, 3)  ! [W]
     integer :: i, n
     n = size(self%y) - system%quadratures + 1
     associate (s => self%stages)
       do i = 1, 3
         call system%powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
-                                 power(:, i))
+                                 self%powers(:, i))
       end do
       self%dense(:, 1) = self%y
       self%dense_times = [self%t, h]
       do i = 1, 3
         call pack_stage(self, i, self%dense(:, i + 1))
-        self%dense(n:, i + 1) = self%y(n:) + h*matmul(power, s%method%a(i, :))
+        self%dense(n:, i + 1) = self%y(n:) + h*matmul(self%powers, s%method%a(i, :))
       end do
       self%removed = self%removed + removed_energy(s, system)
       self%end_a(:, 1) = s%a0

@@ -2,7 +2,6 @@
 !> coordinates, the frames' in body axes.
 module mass_solve
   use kinds, only: wp
-  use frame_axes, only: to_body
   use joint_response, only: apply_multipliers, solve_frame
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -17,8 +16,9 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: held                !! joints and drives held
-    real(wp), intent(in) :: r(:)               !! (n) forces [N], moments [N m]
-    real(wp), intent(out) :: u(:)              !! (n) accelerations [m/s2], [rad/s2]
+    real(wp), intent(in), contiguous :: r(:)   !! (n) forces [N], moments [N m]
+    real(wp), intent(out), contiguous :: u(:)  !! (n) accelerations [m/s2], [rad/s2]
+    real(wp) :: moved(2)                       ! what the rows do to a frame, body axes [m/s2]
     integer :: b, e
     do b = 1, size(m%s%bodies)
       associate (i => m%s%qo(b), n => 3 + m%s%bodies(b)%nf)
@@ -35,7 +35,13 @@ contains
       end do
       call ev%schur%solve(mu)
       call apply_multipliers(m, ev, mu, x)
-      u = u + to_body(m, ev, x)
+      do b = 1, size(m%s%bodies)
+        associate (i => m%s%qo(b))
+          moved = ev%frame%to_body(b, x(i + 1:i + 2))
+          x(i + 1:i + 2) = moved
+        end associate
+      end do
+      u = u + x
     end associate
   end subroutine solve_mass
 
@@ -73,7 +79,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: b, e                !! body, side of a row on it
-    real(wp), intent(in) :: u(:)               !! (n) accelerations [m/s2], [rad/s2]
+    real(wp), intent(in), contiguous :: u(:)   !! (n) accelerations [m/s2], [rad/s2]
     real(wp) :: s
     integer :: i, k
     i = m%s%qo(b)
