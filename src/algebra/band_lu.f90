@@ -1,5 +1,5 @@
 !> LU factor with row pivots of a small band matrix that each step makes anew, in LAPACK's band storage: LAPACK's own calls cost
-!> more than the arithmetic of the few entries of a column (a third of a step of 50 links).
+!> more than the arithmetic of the few entries of a column.
 module band_lu
   use kinds, only: wp, number
   implicit none (type, external)

@@ -207,7 +207,7 @@ contains
     call text%line('  this deck: '//line)
   end subroutine deck_step
 
-  !> The step up to which generalized_alpha is known to be stable on lines that turn; a warning where the deck's step is longer.
+  !> The step up to which generalized_alpha is known to be stable with one mass on a line that turns; a warning where the deck's step is longer.
   subroutine turning_line_bound(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
@@ -218,7 +218,7 @@ contains
       if (rate <= 0.0_wp) return
       call text%figure('    on the line of "'//name//'", which turns at ', 'line_rate', rate, 4)
       call text%figure(' rad/s, with steps up to ', 'line_step', line_turn/rate, 4)
-      call text%line(' s ('//to_text(line_turn)//' rad a step)')
+      call text%line(' s ('//to_text(line_turn)//' rad a step; known for one mass on its line)')
       if (t%adaptive .or. fixed_step_of(run)*rate <= line_turn) return
       call add_warnings(text, t%at%file//':'//to_text(t%at%line), 'warning: transient/step: the line of "'//name//'" turns by '// &
                         adjustl(es_text(fixed_step_of(run)*rate, 3))//' rad in a step of '//to_text(fixed_step_of(run))// &
