@@ -207,7 +207,8 @@ contains
     call text%line('  this deck: '//line)
   end subroutine deck_step
 
-  !> The step up to which generalized_alpha is known to be stable with one mass on a line that turns; a warning where the deck's step is longer.
+  !> The step up to which generalized_alpha is known to be stable with one mass on a line that turns; a warning where the deck's
+  !> step is longer.
   subroutine turning_line_bound(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
