@@ -193,10 +193,12 @@ def test_a_killed_rerun_does_not_read_done(run_deck, biela, tmp_path):
     assert "outcome: done" in old.summary
     assert {"modes.txt", "motion.txt", "history.txt"} <= {path.name for path in old.folder.iterdir()}
     (old.folder / "notes.txt").write_text("mine")
-    (old.folder / "history.txt").unlink()
+    for name in ("history.txt", "energy.txt"):  # which the new run opens one after the other
+        (old.folder / name).unlink()
     (tmp_path / "scene.nml").write_text(CRANK.replace("0.1524,0.0 /", "0.1524,0.0 /  ! changed") + LONG)
     process = subprocess.Popen([biela, "--quiet", "scene.nml"], cwd=tmp_path)
-    wait_for(old.folder / "history.txt", process)
+    for name in ("history.txt", "energy.txt"):
+        wait_for(old.folder / name, process)
     summary = old.summary
     process.send_signal(signal.SIGKILL)
     process.wait(timeout=TIMEOUT)
