@@ -6,7 +6,7 @@ module stop_advice
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use readable_text, only: json_text
-  use stops, only: example_depth, stop_model
+  use stops, only: example_depth, share_of_contact, stop_model
   use summary_text, only: json_number, summary_record
   use text, only: to_text
   implicit none (type, external)
@@ -64,7 +64,7 @@ contains
         call text%member('contact', json_number(time))
         words = words//', against '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))//'; a contact from '// &
                 to_text(speed)//trim(merge(' rad/s', ' m/s  ', f%angular))//' lasts '//to_text(time)//' s and takes steps of '// &
-                to_text(0.1_wp*time)//' s'
+                to_text(share_of_contact*time)//' s'
       else
         words = words//'; its force moves nothing'
         if (len(drives_against(m, ev)) > 0) words = words//', for what it limits is prescribed by drive'//drives_against(m, ev)

@@ -6,7 +6,6 @@ module build_bodies
   use errors, only: fault_list
   use deck_geometry, only: removed_coordinates
   use deck_records, only: deck, body_record
-  use beam_element, only: beam_geometry
   use body, only: body_model, lump
   use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &

@@ -10,7 +10,6 @@ module event_location
   private
   public :: begin_roots, find_event, next_fall, pass_event
 
-  real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of its scale [-]
   real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
   integer, parameter :: most_trials = 80           !! each second one halves at least: more than the digits of a number
@@ -25,9 +24,9 @@ contains
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     associate (r => march%roots, n => system%roots)
-      allocate (r%now%g(n), r%now%rate(n), r%end%g(n), r%end%rate(n), r%scale(n), source=0.0_wp)
+      allocate (r%now%g(n), r%now%rate(n), r%end%g(n), r%end%rate(n), r%zero(n), source=0.0_wp)
       allocate (r%fallen(n), source=.false.)
-      if (n > 0) call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%scale)
+      if (n > 0) call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine begin_roots
 
@@ -44,7 +43,7 @@ contains
     found = .false.
     ok = .true.
     call look(march, system, h, march%roots%end)
-    call first_fall(march%roots%now, march%roots%end, march%roots%scale, s, k, falls)
+    call first_fall(march%roots%now, march%roots%end, march%roots%zero, s, k, falls)
     if (k > 0) call try_lengths(march, system, h, found, ok)
     if (.not. ok) return
     associate (r => march%roots)
@@ -73,7 +72,7 @@ contains
     n = 1
     trials = 0
     do
-      call first_fall(left, right(n), march%roots%scale, s, k, falls)
+      call first_fall(left, right(n), march%roots%zero, s, k, falls)
       if (k == 0) then
         found = .false.
         if (n == 1) exit
@@ -121,9 +120,9 @@ contains
     integer :: other
     logical :: falls
     yes = .false.
-    if (abs(right%g(k)) > rounding*march%roots%scale(k)) return
+    if (abs(right%g(k)) > march%roots%zero(k)) return
     if (right%rate(k) > 0.0_wp .and. right%rate(k) < huge(1.0_wp)) return
-    call first_fall(left, right, march%roots%scale, s, other, falls)
+    call first_fall(left, right, march%roots%zero, s, other, falls)
     yes = other == 0
   end function ends_event
 
@@ -134,7 +133,7 @@ contains
     integer, intent(in) :: k
     real(wp), intent(in) :: whole             !! length of the step within which they fall [s]
     associate (r => march%roots)
-      r%fallen = at%rate < 0.0_wp .and. at%g <= max(rounding*r%scale, -together*whole*at%rate)
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -together*whole*at%rate)
       r%fallen(k) = .true.
       r%end = at
     end associate
@@ -149,7 +148,7 @@ contains
     at%h = h
     if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
     call march%pack_trial()
-    call system%find_roots(march%tried, march%trial, at%g, at%rate, march%roots%scale)
+    call system%find_roots(march%tried, march%trial, at%g, at%rate, march%roots%zero)
   end subroutine look
 
   !> Rates that the system does not know: those of the parabola through three lengths.
@@ -183,13 +182,13 @@ contains
 
   !> Length after the left one at which a root first falls to zero by its interpolant, k = 0: none does. Where the interpolant alone
   !> says so, falls is false and the length that of its minimum, to be tried; it is believed but for the depth of the dip itself.
-  pure subroutine first_fall(left, right, scale, s, k, falls)
+  pure subroutine first_fall(left, right, zero, s, k, falls)
     type(root_values), intent(in) :: left, right
-    real(wp), intent(in) :: scale(:)          !! (roots) [any]
+    real(wp), intent(in) :: zero(:)           !! (roots) values so small are zero [any]
     real(wp), intent(out) :: s                !! [s]
     integer, intent(out) :: k
     logical, intent(out) :: falls             !! it has fallen at the right end
-    real(wp) :: h, g(0:1), d(0:1), x, zero
+    real(wp) :: h, g(0:1), d(0:1), x
     logical :: known                          ! rates at both ends
     integer :: i
     h = right%h - left%h
@@ -197,26 +196,25 @@ contains
     d = 0.0_wp
     k = 0
     falls = .false.
-    do i = 1, size(scale)
-      zero = rounding*scale(i)
+    do i = 1, size(zero)
       g = [left%g(i), right%g(i)]
       if (max(g(0), g(1)) >= huge(1.0_wp)) cycle
       known = max(left%rate(i), right%rate(i)) < huge(1.0_wp)
       if (known) d = h*[left%rate(i), right%rate(i)]
       ! a cubic dips below its ends by 4/27 of both slopes at most: a root far from zero
       if (known .and. min(g(0), g(1)) > 8/27.0_wp*(abs(d(0)) + abs(d(1)))) cycle
-      if (g(0) <= zero) g(0) = 0.0_wp
+      if (g(0) <= zero(i)) g(0) = 0.0_wp
       if (.not. known) d = g(1) - g(0)
-      if (g(1) < -zero) then
+      if (g(1) < -zero(i)) then
         x = cubic_fall(g, d)
         if (.not. known .and. g(0) <= 0.0_wp) x = 0.5_wp
       else
-        x = doubtful_dip(g, d, zero)
+        x = doubtful_dip(g, d, zero(i))
       end if
       if (x > 1.0_wp .or. h*x >= s) cycle
       s = h*x
       k = i
-      falls = g(1) < -zero
+      falls = g(1) < -zero(i)
     end do
   end subroutine first_fall
 
@@ -300,7 +298,7 @@ contains
     integer :: k
     logical :: falls
     call look(march, system, h, march%roots%end)
-    call first_fall(march%roots%now, march%roots%end, march%roots%scale, s, k, falls)
+    call first_fall(march%roots%now, march%roots%end, march%roots%zero, s, k, falls)
     if (.not. s > together*h) s = huge(1.0_wp)
   end function next_fall
 
@@ -319,7 +317,7 @@ contains
       r%recent = r%recent + 1
       call march%restart(system, ok)
       if (.not. ok .or. r%recent > most_recent) march%trouble = trouble_events
-      call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%scale)
+      call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine pass_event
 end module event_location

@@ -43,16 +43,16 @@ module ode_system
 
 contains
 
-  !> Roots at a state: their values, their rates and what rounding of the values is small against. Huge values are not watched, huge
-  !> rates not known. Here: none.
-  subroutine no_roots(self, t, y, g, rate, scale)
+  !> Roots at a state: their values, their rates and what is zero for the values. Huge values are not watched, huge rates not known.
+  !> Here: none.
+  subroutine no_roots(self, t, y, g, rate, zero)
     class(ode), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: y(:)  !! (n) [unit of each unknown]
-    real(wp), intent(out) :: g(:), rate(:), scale(:)   !! (roots) [any], [any/s], [any]
+    real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     g = huge(1.0_wp)
     rate = huge(1.0_wp)
-    scale = 1.0_wp
+    zero = 0.0_wp
   end subroutine no_roots
 
   !> What events change: the system's own states, and the state y where an event makes it jump. Not ok where events follow one

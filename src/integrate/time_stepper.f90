@@ -47,7 +47,7 @@ module time_stepper
   type, public :: root_watch
     type(root_values) :: now                  !! at the present state
     type(root_values) :: end                  !! at the end of the step that was tried
-    real(wp), allocatable :: scale(:)         !! (roots) what rounding of their values is small against [any]
+    real(wp), allocatable :: zero(:)          !! (roots) values so small are zero [any]
     logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
     logical :: pending = .false.              !! some have, and the system has not been told yet
     logical :: locating = .false.             !! lengths are tried, each of which counts to the last digit

@@ -44,10 +44,8 @@ contains
       b = m%s%markers(marker)%body
       if (b == 0) return
       i = m%s%qo(b)
-      associate (cs => ev%frame%cos(b), sn => ev%frame%sin(b), n => m%s%bodies(b)%nf)
-        call m%s%markers(marker)%add_wrench(ev%p%rho(:, marker), [cs*w(1) + sn*w(2), cs*w(2) - sn*w(1), w(3)], f(i + 1:i + 3), &
-                                            f(i + 4:i + 3 + n))
-      end associate
+      call m%s%markers(marker)%add_wrench(ev%p%rho(:, marker), [ev%frame%to_body(b, w(1:2)), w(3)], f(i + 1:i + 3), &
+                                          f(i + 4:i + 3 + m%s%bodies(b)%nf))
     end subroutine add
   end function mass_at
 

@@ -6,11 +6,10 @@ module switch_tally
   use archive, only: value_archive
   use force_element, only: conditions
   use mechanism, only: mechanism_model
+  use stops, only: share_of_contact
   implicit none (type, external)
   private
   public :: exchange_tallies
-
-  real(wp), parameter :: parts_of_contact = 0.1_wp  !! a step, of a contact [-]
 
   !> Of one element.
   type, public :: element_tally
@@ -67,7 +66,7 @@ contains
     self%longest = huge(1.0_wp)
   end subroutine note_event
 
-  !> A contact begins: steps are to be a tenth of it.
+  !> A contact begins: steps are to be a part of it.
   pure subroutine note_contact(self, mass, time)
     class(element_tally), intent(inout) :: self
     real(wp), intent(in) :: mass              !! that meets the stop [kg] or [kg m2]
@@ -75,7 +74,7 @@ contains
     self%mass = mass
     self%time = time
     self%age = 0.0_wp
-    self%longest = parts_of_contact*time
+    self%longest = share_of_contact*time
   end subroutine note_contact
 
   !> Looks at an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to

@@ -1,17 +1,15 @@
 !> Discrete states of force elements along a run: what roots they watch, what their events change, and a list of the events since it
 !> was last emptied (theory.md, section 11).
 module switching
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use archive, only: value_archive
   use evaluation_results, only: evaluation, conditions_of
-  use force_element, only: conditions, most_roots, watched_roots
+  use force_element, only: most_roots, watched_roots
   use marker_motion, only: set_frames, marker_kinematics
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
   public :: start_states, watch_roots, pass_events, exchange_states
-
-  real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of its scale [-]
 
   !> An event of one element.
   type, public :: switch_event
@@ -49,11 +47,11 @@ contains
   end subroutine start_states
 
   !> Roots of all elements in their present states, at a state of motion.
-  subroutine watch_roots(m, ev, q, v, g, rate, scale)
+  subroutine watch_roots(m, ev, q, v, g, rate, zero)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
-    real(wp), intent(out) :: g(:), rate(:), scale(:) !! (roots) `watched_roots` [any], [any/s], [any]
+    real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots) `watched_roots` [any], [any/s], [any]
     type(watched_roots) :: x
     integer :: i, n
     call set_frames(m, ev, q)
@@ -64,7 +62,7 @@ contains
         n = most_roots*(i - 1)
         g(n + 1:n + most_roots) = x%g
         rate(n + 1:n + most_roots) = x%rate
-        scale(n + 1:n + most_roots) = x%scale
+        zero(n + 1:n + most_roots) = x%zero
       end do
     end associate
   end subroutine watch_roots
@@ -79,18 +77,18 @@ contains
     logical, intent(in) :: fallen(:)          !! (roots)
     type(event_list), intent(inout) :: list
     logical, intent(out) :: ok
-    real(wp), dimension(size(fallen)) :: g, rate, scale   ! [any], [any/s], [any]
+    real(wp), dimension(size(fallen)) :: g, rate, zero   ! [any], [any/s], [any]
     logical :: down(size(fallen))
     integer :: pass, i, k
     down = fallen
-    call watch_roots(m, ev, q, v, g, rate, scale)
+    call watch_roots(m, ev, q, v, g, rate, zero)
     do pass = 1, 4*size(m%s%switching)
       do i = 1, size(m%s%switching)
         k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
-      call watch_roots(m, ev, q, v, g, rate, scale)
-      down = g < -rounding*scale .and. rate < 0.0_wp
+      call watch_roots(m, ev, q, v, g, rate, zero)
+      down = g < -zero .and. rate < 0.0_wp
       ok = .not. any(down)
       if (ok) return
     end do

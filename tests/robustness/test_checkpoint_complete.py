@@ -18,7 +18,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("trouble", "tried", "trial", "settings", "norm"),
         *("cause", "next_stop", "row_due", "roots"),
     },
-    ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "scale", "locating"},
+    ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "zero", "locating"},
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method"},
     ("step_control", "step_controller", "step_control", "self"): {"order"},
     ("step_control", "error_norm", "adaptive_pair", "self%norm"): {

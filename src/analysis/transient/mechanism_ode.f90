@@ -137,13 +137,13 @@ contains
   end subroutine start_switching
 
   !> Roots of the elements that switch.
-  subroutine find_roots(self, t, y, g, rate, scale)
+  subroutine find_roots(self, t, y, g, rate, zero)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(out) :: g(:), rate(:), scale(:)   !! (roots) [any], [any/s], [any]
+    real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     associate (nq => self%m%s%nq)
-      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g, rate, scale)
+      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g, rate, zero)
     end associate
   end subroutine find_roots
 

@@ -11,7 +11,7 @@ module deck_histories
   use deck_words, only: get_name, get_choice, get_word, get_references
   use deck_kinds, only: in_history
   use deck_paths, only: beside
-  use deck_records, only: deck_record => deck, history_record
+  use deck_records, only: history_record
   use deck_tables, only: read_columns
   implicit none (type, external)
   private

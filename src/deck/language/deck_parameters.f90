@@ -4,11 +4,11 @@
 module deck_parameters
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: lower, quoted, to_text
+  use text, only: lower, quoted
   use deck_input, only: deck_source
   use deck_kinds, only: in_parameter
   use deck_names, only: not_there
-  use deck_numbers, only: check_range, read_real
+  use deck_numbers, only: check_range
   use deck_syntax, only: value_token, bare_value, expression_value, string_value, bad_value
   use expression, only: evaluate, find_names, most_names, name_letters, nearest_constant
   implicit none (type, external)

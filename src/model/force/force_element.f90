@@ -14,6 +14,7 @@ module force_element
   integer, parameter, public :: by_position = -huge(1)   !! no discrete state is kept: an element takes it from its position
   integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
   integer, parameter, public :: most_roots = 2           !! that an element watches at a time
+  real(wp), parameter, public :: root_rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of what it is a difference of [-]
 
   !> What an element may depend on beside the motion of its markers and its internal variables.
   type, public :: conditions
@@ -40,7 +41,7 @@ module force_element
   type, public :: watched_roots
     real(wp) :: g(most_roots) = huge(1.0_wp)      !! values; huge: not watched [m], [rad] or [-]
     real(wp) :: rate(most_roots) = 0.0_wp         !! their rates; huge: not known without accelerations [m/s], [rad/s] or [1/s]
-    real(wp) :: scale(most_roots) = 1.0_wp        !! what rounding of the value is small against [m], [rad] or [-]
+    real(wp) :: zero(most_roots) = root_rounding  !! a value so small is rounding [m], [rad] or [-]
   end type watched_roots
 
   !> A spring, a load or anything else that acts by forces that follow from the state.

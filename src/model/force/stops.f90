@@ -10,7 +10,7 @@
 module stops
   use kinds, only: wp, pi
   use constraint, only: marker_stiffness
-  use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held
+  use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held, root_rounding
   use marker, only: marker_states, turn
   use small_matrices, only: outer
   use text, only: to_text
@@ -22,6 +22,8 @@ module stops
 
   real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
   real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which an open stop is described [size or rad]
+
+  real(wp), parameter, public :: share_of_contact = 0.1_wp   !! a step that follows a contact, of the contact [-]
 
   !> A stop.
   type, abstract, extends(force_model), public :: stop_model
@@ -346,7 +348,7 @@ contains
     real(wp) :: x, xd, g(6)
     text = ''
     call self%contact(p, conditions(), c)
-    if (.not. c%depth > 64*epsilon(1.0_wp)*self%size) return
+    if (.not. c%depth > root_rounding*self%size) return
     call self%measure(p, x, xd, g)
     unit = merge(' rad', ' m  ', self%angular)
     text = 'begins beyond its limit: it measures '//to_text(x)//trim(unit)//', allowed is'
@@ -375,9 +377,9 @@ contains
         watched%rate(2) = huge(1.0_wp)
       end if
     end if
-    watched%scale(1) = max(self%size, norm2(p%r(:, self%ia)), norm2(p%r(:, self%ib)))
-    if (self%angular) watched%scale(1) = max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
-    if (with%state == stop_open) watched%scale(2) = watched%scale(1)
+    watched%zero(1) = root_rounding*max(self%size, norm2(p%r(:, self%ia)), norm2(p%r(:, self%ib)))
+    if (self%angular) watched%zero(1) = root_rounding*max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
+    if (with%state == stop_open) watched%zero(2) = watched%zero(1)
   end subroutine stop_roots
 
   !> The distances to both limits.
@@ -446,11 +448,11 @@ contains
     call self%roots(p, unknown, watched)
     state = stop_open
     memory = 0.0_wp
-    if (minval(watched%g) > 64*epsilon(1.0_wp)*watched%scale(1)) return
+    if (minval(watched%g) > watched%zero(1)) return
     state = merge(1, -1, watched%g(1) <= watched%g(2))*stop_touching
     unknown%state = state
     call self%contact(p, unknown, c)
-    if (c%depth <= 64*epsilon(1.0_wp)*watched%scale(1) .and. c%rate < 0.0_wp) then
+    if (c%depth <= watched%zero(1) .and. c%rate < 0.0_wp) then
       state = stop_open
     else
       memory = max(c%rate, self%slowest())

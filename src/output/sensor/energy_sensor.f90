@@ -2,15 +2,14 @@
 module energy_sensor
   use kinds, only: wp
   use body_energy, only: kinetic_energy, strain_energy
-  use sensor, only: observation, sensor_model, harmonic_motion
+  use sensor, only: nonlinear_sensor, observation
   implicit none (type, external)
   private
 
   !> A body's energies.
-  type, extends(sensor_model), public :: energy_sensor_model
+  type, extends(nonlinear_sensor), public :: energy_sensor_model
   contains
     procedure :: read => read_energy
-    procedure :: respond
   end type energy_sensor_model
 
 contains
@@ -30,13 +29,4 @@ contains
                            at%y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
     end associate
   end subroutine read_energy
-
-  !> An energy is a product: it has no amplitude (the reader of decks refuses the question).
-  subroutine respond(self, at, motion, x)
-    class(energy_sensor_model), intent(in) :: self
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [J], [J]
-    x(1:2) = 0.0_wp
-  end subroutine respond
 end module energy_sensor

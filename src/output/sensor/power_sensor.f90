@@ -2,17 +2,16 @@
 !> others their forces and moments times the velocities of their markers.
 module power_sensor
   use kinds, only: wp
-  use sensor, only: observation, sensor_model, harmonic_motion
+  use sensor, only: nonlinear_sensor, observation
   implicit none (type, external)
   private
 
   !> A power.
-  type, extends(sensor_model), public :: power_sensor_model
+  type, extends(nonlinear_sensor), public :: power_sensor_model
     integer :: constraint = 0                 !! number of the drive among joints and drives, 0: a force element
     integer :: element = 0                    !! its number among the force elements
   contains
     procedure :: read => read_power
-    procedure :: respond
   end type power_sensor_model
 
 contains
@@ -33,13 +32,4 @@ contains
       if (f%ib /= f%ia) x(1) = x(1) + dot_product(does%b(1:2), p%v(:, f%ib)) + does%b(3)*p%rate(f%ib)
     end associate
   end subroutine read_power
-
-  !> A power is a product: it has no amplitude (the reader of decks refuses the question).
-  subroutine respond(self, at, motion, x)
-    class(power_sensor_model), intent(in) :: self
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [W]
-    x(1) = 0.0_wp
-  end subroutine respond
 end module power_sensor

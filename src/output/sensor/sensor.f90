@@ -35,6 +35,12 @@ module sensor
     procedure :: elastic_part
   end type sensor_model
 
+  !> A sensor of what has no linear response, such as a product; the reader of decks refuses to ask for one.
+  type, abstract, extends(sensor_model), public :: nonlinear_sensor
+  contains
+    procedure :: respond => no_amplitude
+  end type nonlinear_sensor
+
   !> Makes an array of different kinds possible.
   type, public :: sensor_box
     class(sensor_model), allocatable :: item
@@ -59,6 +65,15 @@ module sensor
   end interface
 
 contains
+
+  !> Amplitudes that nobody asks for.
+  subroutine no_amplitude(self, at, motion, x)
+    class(nonlinear_sensor), intent(in) :: self
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [the columns' units]
+    x = 0.0_wp
+  end subroutine no_amplitude
 
   !> Elastic part (u, v, rotation) of a vector of coordinates or accelerations at the sensor's marker, body axes.
   pure function elastic_part(self, m, q) result(u)

@@ -2,15 +2,14 @@
 module stress_sensor
   use kinds, only: wp
   use section_sensor, only: read_element
-  use sensor, only: observation, sensor_model, harmonic_motion
+  use sensor, only: nonlinear_sensor, observation
   implicit none (type, external)
   private
 
   !> A body's largest stress.
-  type, extends(sensor_model), public :: stress_sensor_model
+  type, extends(nonlinear_sensor), public :: stress_sensor_model
   contains
     procedure :: read => read_stress
-    procedure :: respond
   end type stress_sensor_model
 
 contains
@@ -29,13 +28,4 @@ contains
       if (e == 1 .or. found(5) > x(1)) x(1:2) = [found(5), real(e, wp)]
     end do
   end subroutine read_stress
-
-  !> The largest of many is no linear figure (the reader of decks refuses the question).
-  subroutine respond(self, at, motion, x)
-    class(stress_sensor_model), intent(in) :: self
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [Pa], [-]
-    x(1:2) = 0.0_wp
-  end subroutine respond
 end module stress_sensor

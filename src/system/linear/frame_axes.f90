@@ -6,7 +6,7 @@ module frame_axes
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: to_global, to_body
+  public :: to_global, to_body, turn_to_body
 
 contains
 
@@ -30,11 +30,21 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: x(:)             !! (nq) [any]
     real(wp) :: y(size(x))
-    integer :: b, i
     y = x
+    call turn_to_body(m, ev, y)
+  end function to_body
+
+  !> The same in place.
+  pure subroutine turn_to_body(m, ev, x)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(inout), contiguous :: x(:)   !! (nq) [any]
+    real(wp) :: turned(2)                    ! without it the compiler allocates a copy [any]
+    integer :: b, i
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      y(i + 1:i + 2) = ev%frame%to_body(b, x(i + 1:i + 2))
+      turned = ev%frame%to_body(b, x(i + 1:i + 2))
+      x(i + 1:i + 2) = turned
     end do
-  end function to_body
+  end subroutine turn_to_body
 end module frame_axes

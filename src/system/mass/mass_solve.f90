@@ -4,6 +4,7 @@ module mass_solve
   use kinds, only: wp
   use joint_response, only: apply_multipliers, solve_frame
   use evaluation_results, only: evaluation
+  use frame_axes, only: turn_to_body
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -18,7 +19,6 @@ contains
     logical, intent(in) :: held                !! joints and drives held
     real(wp), intent(in), contiguous :: r(:)   !! (n) forces [N], moments [N m]
     real(wp), intent(out), contiguous :: u(:)  !! (n) accelerations [m/s2], [rad/s2]
-    real(wp) :: moved(2)                       ! what the rows do to a frame, body axes [m/s2]
     integer :: b, e
     do b = 1, size(m%s%bodies)
       associate (i => m%s%qo(b), n => 3 + m%s%bodies(b)%nf)
@@ -35,12 +35,7 @@ contains
       end do
       call ev%schur%solve(mu)
       call apply_multipliers(m, ev, mu, x)
-      do b = 1, size(m%s%bodies)
-        associate (i => m%s%qo(b))
-          moved = ev%frame%to_body(b, x(i + 1:i + 2))
-          x(i + 1:i + 2) = moved
-        end associate
-      end do
+      call turn_to_body(m, ev, x)
       u = u + x
     end associate
   end subroutine solve_mass

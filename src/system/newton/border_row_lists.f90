@@ -2,7 +2,6 @@
 !> work only.
 module border_row_lists
   use kinds, only: wp
-  use counting_sort, only: sort_by_number
   use mechanism, only: mechanism_model
   use row_sides, only: side_list
   use ordering, only: reverse_cuthill_mckee
