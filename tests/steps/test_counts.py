@@ -87,10 +87,11 @@ def test_implicit_steps_and_their_changes_allocate_nothing(biela, counters, tmp_
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
     group = "&transient method='generalized_alpha' t_end={} " + steps + " output_step={} /\n"
-    ends = 4e-3, 0.03 if "chain" in name else 0.015
+    ends = (4e-3, 0.02) if steps.startswith("step") or name == "modal" else (4e-3, 0.5) if name == "rigid chain" else (1e-3, 2e-3)
     short, long = (counts(biela, counters, tmp_path, SCENES[name](group.format(t, t / 20))) for t in ends)
-    steps_more = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["steps"] - 400 * steps.startswith("step")
-    assert abs(long[0] - short[0]) < max(steps_more / 4, 20), steps_more  # the words of the two summaries may differ
+    total = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["steps"]
+    assert total > 1500
+    assert abs(long[0] - short[0]) < total / 4  # the digits of the seconds in two summaries make a difference of up to 300
     assert short[0] > 0
     if steps.startswith("step"):
         assert long[1] == short[1]
