@@ -9,7 +9,7 @@ module build_markers
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: marker_table, make_marker, find_marker, scene_size, list_loaded
+  public :: marker_table, begin_markers, make_marker, find_marker, elastic_marker, scene_size, list_loaded
 
   !> Markers found so far, body by body, so that each is kept once.
   type :: marker_table
@@ -20,6 +20,13 @@ module build_markers
   end type marker_table
 
 contains
+
+  !> An empty table for the markers of so many bodies.
+  pure type(marker_table) function begin_markers(bodies) result(markers)
+    integer, intent(in) :: bodies
+    allocate (markers%items(16))
+    allocate (markers%next(16), markers%head(0:bodies), source=0)
+  end function begin_markers
 
   !> The marker of the model for a marker of the deck.
   type(marker_model) function make_marker(s, r) result(p)
@@ -48,12 +55,51 @@ contains
       end if
       k = markers%next(k)
     end do
-    markers%count = markers%count + 1
-    k = markers%count
-    markers%items(k) = make_marker(s, r)
+    k = added(markers, make_marker(s, r))
     markers%next(k) = markers%head(r%body)
     markers%head(r%body) = k
   end function find_marker
+
+  !> Index of a new marker at the origin of a body, which its node's u, v or rotation, or an elastic coordinate, displaces along x of
+  !> the body: what `elastic_quantity` measures. On a rigid body it stays there.
+  integer function elastic_marker(s, markers, body, node, number) result(k)
+    type(scene), intent(in) :: s
+    type(marker_table), intent(inout) :: markers
+    integer, intent(in) :: body, node         !! node 0: a coordinate of the body
+    integer, intent(in) :: number             !! 1 to 3: u, v, rotation; or number of the coordinate
+    type(marker_model) :: p, at
+    p%body = body
+    associate (b => s%bodies(body))
+      if (b%flexible) then
+        at%node = max(node, 1)
+        call b%basis%attach(b, at)
+        if (allocated(at%psi)) then
+          allocate (p%psi(3, b%nf), source=0.0_wp)
+          if (node > 0) p%psi(1, :) = at%psi(number, :)
+          if (node == 0) p%psi(1, number) = 1.0_wp
+        else
+          p%dof(1) = number
+          if (node > 0) p%dof(1) = at%dof(number)
+          if (p%dof(1) > 0) p%turned(1) = b%shape%turned(p%dof(1))
+        end if
+      end if
+    end associate
+    k = added(markers, p)
+  end function elastic_marker
+
+  !> Index of a marker that is appended to a table.
+  integer function added(markers, p) result(k)
+    type(marker_table), intent(inout) :: markers
+    type(marker_model), intent(in) :: p
+    if (markers%count == size(markers%items)) then
+      markers%items = [markers%items, markers%items]
+      markers%next = [markers%next, markers%next]
+    end if
+    markers%count = markers%count + 1
+    k = markers%count
+    markers%items(k) = p
+    markers%next(k) = 0
+  end function added
 
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
   !> markers on the ground. Frames on which drives, torques and torsional springs act are not markers, and

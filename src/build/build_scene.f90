@@ -6,7 +6,7 @@ module build_scene
   use build_bodies, only: build_body
   use build_constraints, only: make_constraints
   use build_loads, only: make_forces
-  use build_markers, only: marker_table, find_marker, scene_size, list_loaded
+  use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use counting_sort, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
@@ -58,8 +58,7 @@ contains
     end do
     if (faults%count > 0) return
     s%size = scene_size(s, acting)
-    allocate (markers%items(size(acting)))
-    allocate (markers%next(size(acting)), markers%head(0:size(s%bodies)), source=0)
+    markers = begin_markers(size(s%bodies))
     do k = 1, size(s%constraints)
       associate (c => s%constraints(k)%item)
         c%ia = find_marker(s, markers, acting(1, k)%marker)

@@ -2,7 +2,7 @@
 !> its own range. No mechanics here. SI units, angles in radians. `ground` is body 0.
 module deck_records
   use kinds, only: wp, ip
-  use deck_origin, only: origin, named_record
+  use deck_origin, only: name_length, origin, named_record
   implicit none (type, external)
   private
 
@@ -136,6 +136,13 @@ module deck_records
     real(wp), allocatable :: factors(:)      !! sum: of each part [-]
     real(wp), allocatable :: durations(:)    !! sequence: of each part [s]
   end type history_record
+
+  !> A column of a sensor that is a quantity of motion, as other groups name it: `tip.x`.
+  type, public :: column_record
+    integer :: sensor = 0                    !! index of the sensor; 0: none is named
+    character(name_length) :: suffix = ''    !! `.x`; blank: the sensor's only column
+    integer :: number = 0                    !! of it among the sensor's columns of motion (`deck_columns`)
+  end type column_record
 
   !> &force
   type, extends(named_record), public :: force_record

@@ -4,13 +4,13 @@ module deck_words
   use text, only: lower, to_text, nearest_word, joined, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: get, text_of
-  use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive
+  use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive, in_sensor
   use deck_names, only: doubtful
   use deck_origin, only: name_length, named_record
   use deck_syntax, only: value_token
   implicit none (type, external)
   private
-  public :: get_word, get_choice, get_name, get_reference, get_references, get_letters, get_input, &
+  public :: get_word, get_choice, get_name, get_reference, get_references, get_column, get_letters, get_input, &
     valid_name
 
   !> Words that users try, each with the deck's word for it.
@@ -139,6 +139,27 @@ contains
     call resolve(deck, name, 1, value, kind, found, good)
     if (good) number = found
   end subroutine get_reference
+
+  !> A column of a sensor: `tip.x`, or the sensor's name alone where it has one column. `deck_columns` judges it.
+  subroutine get_column(deck, name, sensor, suffix, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name
+    integer, intent(inout) :: sensor              !! receives the number of the sensor
+    character(*), intent(out) :: suffix           !! what follows the sensor's name, with the point
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
+    character(:), allocatable :: value
+    integer :: found, point
+    logical :: good
+    suffix = ''
+    call get(deck, name, value, need, kinds, 'a column of a &sensor')
+    if (.not. deck%is_set(name)) return
+    point = index(value, '.')
+    if (point == 0) point = len(value) + 1
+    suffix = lower(value(point:))
+    call resolve(deck, name, 1, value(:point - 1), in_sensor, found, good)
+    if (good) sensor = found
+  end subroutine get_column
 
   !> A list of references to named things.
   subroutine get_references(deck, name, kind, numbers, need, kinds)

@@ -1,13 +1,12 @@
-!> Angle of a section or frame, its rate or its acceleration.
+!> Angular acceleration of a section or frame.
 module angle_sensor
   use kinds, only: wp
   use sensor, only: observation, sensor_model, harmonic_motion, marker_motion
   implicit none (type, external)
   private
 
-  !> An angle or a derivative of it.
+  !> An angular acceleration.
   type, extends(sensor_model), public :: angle_sensor_model
-    integer :: order = 0                      !! derivative: 0 angle, 1 angular velocity, 2 angular acceleration
   contains
     procedure :: read => read_angle
     procedure :: respond
@@ -19,11 +18,8 @@ contains
   subroutine read_angle(self, at, x)
     class(angle_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
-    real(wp), intent(inout) :: x(:)           !! [rad], [rad/s] or [rad/s2]
+    real(wp), intent(inout) :: x(:)           !! [rad/s2]
     real(wp) :: u(3)
-    if (self%order == 0) x(1) = at%p%angle(self%number)
-    if (self%order == 1) x(1) = at%p%rate(self%number)
-    if (self%order < 2) return
     u = self%elastic_part(at%m, at%ev%a)
     x(1) = u(3)
     if (self%marker%body > 0) x(1) = x(1) + at%ev%a(at%m%s%qo(self%marker%body) + 3)
@@ -34,9 +30,9 @@ contains
     class(angle_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [rad], [rad/s] or [rad/s2]
+    complex(wp), intent(inout) :: x(:)        !! [rad/s2]
     complex(wp) :: w(3)
     w = marker_motion(at%m, self%marker, at%p%rho(:, self%number), motion%x)
-    x(1) = w(3)*motion%s**self%order
+    x(1) = w(3)*motion%s**2
   end subroutine respond
 end module angle_sensor

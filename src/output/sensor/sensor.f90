@@ -20,7 +20,8 @@ module sensor
   type, public :: observation
     type(mechanism_model), pointer :: m => null()
     type(evaluation), pointer :: ev => null()     !! with the accelerations and multipliers of the state
-    type(marker_states), pointer :: p => null()
+    type(marker_model), pointer :: markers(:) => null()   !! of all sensors
+    type(marker_states), pointer :: p => null()           !! their states
     real(wp), pointer, contiguous :: y(:) => null()   !! the state [m, rad] and per second
   end type observation
 

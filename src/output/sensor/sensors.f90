@@ -3,7 +3,8 @@
 module sensors
   use kinds, only: wp
   use angle_sensor, only: angle_sensor_model
-  use build_markers, only: make_marker
+  use build_markers, only: begin_markers, find_marker, marker_table
+  use build_quantities, only: make_quantity
   use coordinate_sensor, only: coordinate_sensor_model
   use deck_records, only: deck, sensor_record
   use deflection_sensor, only: deflection_sensor_model
@@ -14,6 +15,7 @@ module sensors
   use marker, only: marker_model, marker_states
   use point_sensor, only: point_sensor_model
   use power_sensor, only: power_sensor_model
+  use quantity_sensor, only: quantity_sensor_model
   use reaction_sensor, only: reaction_sensor_model
   use relative_sensor, only: relative_sensor_model
   use section_sensor, only: section_sensor_model
@@ -33,7 +35,7 @@ module sensors
     integer, allocatable :: first(:)                !! first column of each sensor
     integer :: columns = 0
     character(80), allocatable :: names(:)          !! name[unit] of each column
-    type(marker_model), allocatable :: markers(:)   !! where they measure, then the markers against which relative ones do
+    type(marker_model), allocatable :: markers(:)   !! between which they measure
     type(marker_states) :: p                        !! of these markers
   end type sensor_list
 
@@ -45,45 +47,43 @@ contains
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(out) :: list
     character(suffix_length), allocatable :: suffix(:)
-    integer :: k, j, n
+    type(marker_table) :: markers
+    integer :: k, j, n, other
     n = size(d%sensors)
-    allocate (list%sensors(n), list%first(n), list%names(4*n))
-    list%markers = [(make_marker(m%s, d%sensors(k)%marker), k=1, n)]
+    allocate (list%sensors(n), list%first(n), list%names(5*n + 1))
+    markers = begin_markers(size(m%s%bodies))
     do k = 1, n
-      call make_sensor(d%sensors(k), m, list%sensors(k)%item, suffix)
-      associate (s => list%sensors(k)%item)
-        s%name = d%sensors(k)%name
-        s%number = k
-        s%marker = list%markers(k)
+      call make_sensor(d, d%sensors(k), m, markers, list%sensors(k)%item, suffix)
+      associate (s => list%sensors(k)%item, r => d%sensors(k))
+        s%name = r%name
+        s%number = find_marker(m%s, markers, r%marker)
+        s%marker = markers%items(s%number)
+        if (r%relative .and. index(r%quantity, 'acceleration') > 0) then
+          other = find_marker(m%s, markers, r%other)
+          call make_relative(list%sensors(k)%item, markers%items(other), other, size(suffix))
+        end if
       end associate
-      if (d%sensors(k)%relative) then
-        list%markers = [list%markers, make_marker(m%s, d%sensors(k)%other)]
-        call make_relative(list%sensors(k)%item, list%markers(size(list%markers)), size(list%markers), size(suffix), &
-                           d%sensors(k)%quantity == 'distance')
-      end if
       list%first(k) = list%columns + 1
-      if (list%columns + size(suffix) > size(list%names)) list%names = [list%names, list%names]
       do j = 1, size(suffix)
         list%columns = list%columns + 1
         list%names(list%columns) = trim(d%sensors(k)%name)//suffix(j)
       end do
     end do
+    list%markers = markers%items(1:markers%count)
     call list%p%allocate(size(list%markers))
   end subroutine set_up_sensors
 
   !> Makes a sensor one that measures against another marker.
-  subroutine make_relative(item, marker, number, columns, distance)
+  subroutine make_relative(item, marker, number, columns)
     class(sensor_model), allocatable, intent(inout) :: item
     type(marker_model), intent(in) :: marker       !! the other one
     integer, intent(in) :: number                  !! of it among all markers of sensors
     integer, intent(in) :: columns                 !! of the sensor
-    logical, intent(in) :: distance                !! the length of the difference is asked for
     type(relative_sensor_model) :: both
     both%name = item%name
     both%number = item%number
     both%marker = item%marker
     both%columns = columns
-    both%distance = distance
     allocate (both%b, source=item)
     both%b%number = number
     both%b%marker = marker
@@ -92,28 +92,31 @@ contains
   end subroutine make_relative
 
   !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
-  subroutine make_sensor(r, m, item, suffixes)
+  subroutine make_sensor(d, r, m, markers, item, suffixes)
+    type(deck), intent(in) :: d
     type(sensor_record), intent(in) :: r
     type(mechanism_model), intent(in) :: m
+    type(marker_table), intent(inout) :: markers
     class(sensor_model), allocatable, intent(out) :: item
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
-    character(*), parameter :: points(0:2) = [character(12) :: 'position', 'velocity', 'acceleration']
-    character(*), parameter :: angles(0:2) = [character(20) :: 'angle', 'angular_velocity', 'angular_acceleration']
-    character(*), parameter :: per(0:2) = [character(4) :: ']', '/s]', '/s2]']
     character(:), allocatable :: unit
-    integer :: order                               ! derivative
     select case (r%quantity)
-    case ('position', 'velocity', 'acceleration')
-      order = findloc(points, r%quantity, 1) - 1
-      item = point_sensor_model(order=order)
-      suffixes = [character(suffix_length) :: '.x[m'//per(order), '.y[m'//per(order)]
+    case ('position')
+      suffixes = [character(suffix_length) :: '.x[m]', '.y[m]']
+    case ('velocity')
+      suffixes = [character(suffix_length) :: '.x[m/s]', '.y[m/s]']
+    case ('acceleration')
+      allocate (point_sensor_model :: item)
+      suffixes = [character(suffix_length) :: '.x[m/s2]', '.y[m/s2]']
     case ('distance')
-      item = point_sensor_model()
       suffixes = [character(suffix_length) :: '[m]']
-    case ('angle', 'angular_velocity', 'angular_acceleration')
-      order = findloc(angles, r%quantity, 1) - 1
-      item = angle_sensor_model(order=order)
-      suffixes = [character(suffix_length) :: '[rad'//per(order)]
+    case ('angle')
+      suffixes = [character(suffix_length) :: '[rad]']
+    case ('angular_velocity')
+      suffixes = [character(suffix_length) :: '[rad/s]']
+    case ('angular_acceleration')
+      allocate (angle_sensor_model :: item)
+      suffixes = [character(suffix_length) :: '[rad/s2]']
     case ('deflection')
       item = deflection_sensor_model()
       suffixes = [character(suffix_length) :: '.u[m]', '.v[m]', '.r[rad]']
@@ -151,7 +154,26 @@ contains
       suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']
       if (m%s%forces(r%spring)%item%angular) suffixes = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
     end select
+    if (.not. allocated(item)) call make_quantities(d, r, m, size(suffixes), markers, item)
   end subroutine make_sensor
+
+  !> A sensor whose columns are quantities of motion.
+  subroutine make_quantities(d, r, m, columns, markers, item)
+    type(deck), intent(in) :: d
+    type(sensor_record), intent(in) :: r
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: columns
+    type(marker_table), intent(inout) :: markers
+    class(sensor_model), allocatable, intent(out) :: item
+    type(quantity_sensor_model), allocatable :: shown
+    integer :: k
+    allocate (shown)
+    allocate (shown%columns(columns))
+    do k = 1, columns
+      call make_quantity(d, m%s, r, k, markers, shown%columns(k)%item)
+    end do
+    call move_alloc(shown, item)
+  end subroutine make_quantities
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)
@@ -174,7 +196,7 @@ contains
       end if
     end do
     do k = 1, size(list%sensors)
-      call list%sensors(k)%item%read(observation(m, ev, list%p, y), values(list%first(k):))
+      call list%sensors(k)%item%read(observation(m, ev, list%markers, list%p, y), values(list%first(k):))
     end do
   end subroutine read_sensors
 
@@ -188,7 +210,7 @@ contains
     complex(wp), intent(out) :: values(:)         !! (columns) [their units]
     integer :: k
     do k = 1, size(list%sensors)
-      call list%sensors(k)%item%respond(observation(m, ev, list%p, y), motion, values(list%first(k):))
+      call list%sensors(k)%item%respond(observation(m, ev, list%markers, list%p, y), motion, values(list%first(k):))
     end do
   end subroutine read_linear_sensors
 end module sensors

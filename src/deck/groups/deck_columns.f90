@@ -1,0 +1,65 @@
+!> The columns of sensors that are quantities of motion: what forces may follow without their value depending on itself.
+module deck_columns
+  use errors, only: fault_list
+  use deck_origin, only: origin
+  use deck_records, only: deck, column_record
+  use text, only: joined, quoted
+  implicit none (type, external)
+  private
+  public :: motion_suffixes, find_column
+
+contains
+
+  !> What follows the sensor's name in the names of its columns of motion; size 0: it has none.
+  pure function motion_suffixes(quantity) result(list)
+    character(*), intent(in) :: quantity
+    character(3), allocatable :: list(:)
+    select case (quantity)
+    case ('position', 'velocity')
+      list = [character(3) :: '.x', '.y']
+    case ('angle', 'angular_velocity', 'distance')
+      list = [character(3) :: '']
+    case ('deflection')
+      list = [character(3) :: '.u', '.v', '.r']
+    case ('coordinate')
+      list = [character(3) :: '.q', '.qd']
+    case ('spring')
+      list = [character(3) :: '.d']
+    case default
+      allocate (list(0))
+    end select
+  end function motion_suffixes
+
+  !> Finds the column that a group names, or says what is wrong with it.
+  subroutine find_column(d, at, variable, column, faults)
+    type(deck), intent(in) :: d                     !! its sensors are read
+    type(origin), intent(in) :: at                  !! the group
+    character(*), intent(in) :: variable            !! that names the column
+    type(column_record), intent(inout) :: column
+    type(fault_list), intent(inout) :: faults
+    character(:), allocatable :: written
+    character(3), allocatable :: list(:)
+    character(40), allocatable :: names(:)
+    integer :: k
+    if (column%sensor == 0) return
+    associate (s => d%sensors(column%sensor))
+      if (len_trim(s%name) == 0 .or. len_trim(s%quantity) == 0) return     ! it could not be read
+      list = motion_suffixes(s%quantity)
+      column%number = findloc(list == column%suffix, .true., 1)
+      if (column%number > 0) return
+      written = variable//'='//quoted(trim(s%name)//trim(column%suffix))
+      if (size(list) == 0 .or. (s%quantity == 'spring' .and. column%suffix == '.f') .or. &
+          (s%quantity == 'coordinate' .and. column%suffix == '.qdd')) then
+        call at%blame(faults, written//' is no quantity of motion: what quantity='//quoted(trim(s%quantity))//' shows there '// &
+          'follows from the forces themselves, expected a column of position, velocity, angle, angular_velocity, deflection, '// &
+          'coordinate (.q, .qd), distance or spring (.d)')
+      else
+        allocate (names(size(list)))
+        do k = 1, size(list)
+          names(k) = quoted(trim(s%name)//trim(list(k)))
+        end do
+        call at%blame(faults, written//' is no column of that sensor, expected '//joined(names, ' or '))
+      end if
+    end associate
+  end subroutine find_column
+end module deck_columns
