@@ -84,8 +84,8 @@ contains
     value = merge(xd, x - self%datum, self%rate)
   end function value
 
-  !> Derivatives of the value by the places (x, y, section angle of a, then of b, global axes) and by their rates. A rate g.v changes
-  !> with the places where g does.
+  !> Derivatives of the value by the places (x, y, section angle of a, then of b, global axes) and by their rates. A rate g.v
+  !> changes with the places where g does.
   pure subroutine gradient(self, p, by_place, by_rate)
     class(quantity_model), intent(in) :: self
     type(marker_states), intent(in) :: p

@@ -145,6 +145,7 @@ contains
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
     integer, intent(inout) :: sensor              !! receives the number of the sensor
+    ! allow(C072): as long as a record keeps it
     character(*), intent(out) :: suffix           !! what follows the sensor's name, with the point
     logical, intent(in), optional :: need
     character(*), intent(in), optional :: kinds
