@@ -42,15 +42,19 @@ contains
     end associate
   end function make_marker
 
-  !> Index of a marker, added where it is new.
-  integer function find_marker(s, markers, r) result(k)
+  !> Index of a marker, added where it is new. What acts by a moment alone on the frame of a body takes any marker of that frame.
+  integer function find_marker(s, markers, r, turns_alone) result(k)
     type(scene), intent(in) :: s
     type(marker_table), intent(inout) :: markers
     type(marker_record), intent(in) :: r
+    logical, intent(in), optional :: turns_alone
+    logical :: any_point
+    any_point = .false.
+    if (present(turns_alone)) any_point = turns_alone
     k = markers%head(r%body)
     do while (k > 0)
       if (markers%items(k)%node == r%node) then
-        if (r%node > 0) return
+        if (r%node > 0 .or. any_point) return
         if (all(abs(markers%items(k)%x - r%point) <= 0.0_wp)) return
       end if
       k = markers%next(k)

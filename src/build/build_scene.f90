@@ -50,6 +50,7 @@ contains
     type(marker_table) :: markers
     integer, allocatable :: first(:), lumps(:)   ! lumps by body
     integer :: k
+    logical :: alone                       ! it acts by moments alone
     acting = list_acting(d, s)
     call sort_by_number(d%lumps%marker%body, size(d%bodies), first, lumps)
     allocate (s%bodies(size(d%bodies)))
@@ -70,8 +71,9 @@ contains
     end do
     do k = 1, size(s%forces)
       associate (f => s%forces(k)%item, pair => acting(:, size(s%constraints) + k)%marker)
-        f%ia = find_marker(s, markers, pair(1))
-        f%ib = find_marker(s, markers, pair(2))
+        alone = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
+        f%ia = find_marker(s, markers, pair(1), alone)
+        f%ib = find_marker(s, markers, pair(2), alone)
         f%size = s%size
       end associate
     end do

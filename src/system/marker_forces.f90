@@ -27,8 +27,6 @@ contains
     with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item, x => ev%action(k))
-        b = self%markers%body(f%ia)
-        if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
           with%memory = ev%switches%memory(f%switch_number)
@@ -37,6 +35,8 @@ contains
             cycle
           end if
         end if
+        b = self%markers%body(f%ia)
+        if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
         call f%act(ev%p, with, z, zd, ev%zdd, x)
         ev%dissipated_power = ev%dissipated_power + x%dissipated
         ev%input_power = ev%input_power + x%input
@@ -69,6 +69,7 @@ contains
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
+      if (max(abs(ev%wrench(1, k)), abs(ev%wrench(2, k)), abs(ev%wrench(3, k))) <= 0.0_wp) cycle   ! most stops are open
       b = self%markers%body(k)
       ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) + ev%wrench(1:2, k)
       arm = self%s%markers(k)%rest_of_turn(ev%p%rho(:, k))

@@ -3,11 +3,13 @@
 module mechanism_ode
   use kinds, only: wp
   use archive, only: value_archive
+  use border_row_lists, only: row_lists, list_rows, order_rows
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: conditions_of, evaluation, powers_of
-  use force_element, only: most_roots
+  use condensed_system, only: change_rows
+  use force_element, only: idle, most_roots
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use contact_mass, only: mass_at, time_of_contact
@@ -26,7 +28,8 @@ module mechanism_ode
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, start_states, watch_roots, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
-  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed
+  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
+                                      change_complex => change_rows
   implicit none (type, external)
   private
 
@@ -42,6 +45,7 @@ module mechanism_ode
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
+    logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
     real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
     procedure :: start_implicit
@@ -164,6 +168,7 @@ contains
         call self%tally(event%element)%note_event(t, event%from, event%to)
       end associate
     end do
+    call choose_rows(self)
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
   end subroutine resolve_events
@@ -226,7 +231,23 @@ contains
     call a%exchange(self%shortest_limit)
     call self%events%exchange(a)
     call exchange_tallies(self%tally, a)
+    call choose_rows(self)
   end subroutine exchange_switches
+
+  !> Elements that are idle have no rows in the border of implicit steps: open stops would widen its band.
+  subroutine choose_rows(self)
+    class(mechanism_system), intent(inout) :: self
+    type(row_lists) :: lists
+    if (.not. allocated(self%t)) return
+    associate (states => self%ev%switches%state)
+      if (all(self%bordered .eqv. states /= idle)) return
+      self%bordered = states /= idle
+      call list_rows(lists, self%m, states)
+    end associate
+    call order_rows(lists)
+    call change_rows(self%t%t, self%m, lists)
+    if (allocated(self%stages)) call change_complex(self%stages, self%m, lists)
+  end subroutine choose_rows
 
   !> Makes ready for an implicit method.
   subroutine start_implicit(self, stages)
@@ -250,6 +271,8 @@ contains
       call set_up_complex(self%stages, self%m, self%t%t%rows%row_lists)
       call let_terms_follow(self%t)
     end if
+    self%bordered = spread(.true., 1, size(self%m%s%switching))
+    call choose_rows(self)
     self%viscosity = spread(0.0_wp, 1, self%nz)
     self%inertia = self%viscosity
     do k = 1, size(self%t%terms)

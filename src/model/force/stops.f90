@@ -377,8 +377,11 @@ contains
         watched%rate(2) = huge(1.0_wp)
       end if
     end if
-    watched%zero(1) = root_rounding*max(self%size, norm2(p%r(:, self%ia)), norm2(p%r(:, self%ib)))
-    if (self%angular) watched%zero(1) = root_rounding*max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
+    if (self%angular) then
+      watched%zero(1) = root_rounding*max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
+    else
+      watched%zero(1) = root_rounding*max(self%size, norm2(p%r(:, self%ia)), norm2(p%r(:, self%ib)))
+    end if
     if (with%state == stop_open) watched%zero(2) = watched%zero(1)
   end subroutine stop_roots
 

@@ -2,6 +2,7 @@
 !> work only.
 module border_row_lists
   use kinds, only: wp
+  use force_element, only: idle
   use mechanism, only: mechanism_model
   use row_sides, only: side_list
   use ordering, only: reverse_cuthill_mckee
@@ -36,16 +37,18 @@ module border_row_lists
 
 contains
 
-  !> Constraint rows, displacement rows and rate rows with their sides, body by body.
-  subroutine list_rows(r, m)
-    type(row_lists), intent(inout) :: r
+  !> Constraint rows, displacement rows and rate rows with their sides, body by body. Elements that switch have rows while they are
+  !> not idle.
+  subroutine list_rows(r, m, states)
+    type(row_lists), intent(out) :: r
     type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: states(:)           !! discrete ones, of the elements that switch
     integer :: k
     call r%begin(2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints)))
     call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows
-    call list_laws(r, m)
+    call list_laws(r, m, states)
     call r%sort(size(m%s%bodies))
     allocate (r%rate_row(r%n), source=.false.)
     do k = 1, size(r%laws)
@@ -54,9 +57,10 @@ contains
   end subroutine list_rows
 
   !> Curved joints, and force elements with a tangent.
-  subroutine list_laws(r, m)
+  subroutine list_laws(r, m, states)
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: states(:)
     type(coupling), allocatable :: all(:)
     integer, allocatable :: components(:)
     integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
@@ -72,6 +76,9 @@ contains
     end do
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item)
+        if (f%switch_number > 0) then
+          if (states(f%switch_number) == idle) cycle
+        end if
         if (size(f%components()) == 0) cycle
         all(n + 1) = new_law(from_element, k, f%ia, f%ib, f%components())
         call add_rates(all(n), f%ia, f%ib, f%rate_components())

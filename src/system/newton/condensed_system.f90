@@ -15,7 +15,7 @@ module condensed_system
   use row_sides, only: attached_markers
   implicit none (type, external)
   private
-  public :: condensed_matrix, condensed_body, set_up_condensed
+  public :: condensed_matrix, condensed_body, set_up_condensed, change_rows
 
   !> Markers of a flexible body where rows act: columns of the inverse block, and what markers see of them.
   type, extends(attached_markers) :: marker_columns
@@ -95,4 +95,19 @@ contains
       end associate
     end do
   end subroutine set_up_condensed
+
+  !> Other rows, whose markers are among those of the set-up. The bodies keep their factors.
+  subroutine change_rows(self, m, lists)
+    type(condensed_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(row_lists), intent(in) :: lists
+    integer :: b, e
+    call set_up_rows(self%rows, lists)
+    do b = 1, size(self%b)
+      if (.not. m%s%bodies(b)%flexible) cycle
+      do e = self%rows%first(b), self%rows%first(b + 1) - 1
+        self%rows%attachment(e) = findloc(self%b(b)%at%marker, self%rows%marker(e), 1)
+      end do
+    end do
+  end subroutine change_rows
 end module condensed_system

@@ -6,6 +6,7 @@ module newton_system
   use border_row_lists, only: row_lists, list_rows, order_rows
   use condensed_system, only: condensed_matrix, set_up_condensed
   use condensed_terms, only: condensed_term, list_terms
+  use force_element, only: by_position
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -28,7 +29,7 @@ contains
     type(newton_matrix), intent(out) :: self
     type(mechanism_model), intent(in) :: m
     type(row_lists) :: lists
-    integer :: b, nz
+    integer :: b, nz, k
     nz = m%s%nz
     allocate (self%offset(nz), self%element_z(nz), self%element_zd(nz), source=0.0_wp)
     allocate (self%wrench(3, size(m%s%markers)), source=0.0_wp)
@@ -37,7 +38,7 @@ contains
     do b = 1, size(self%eq)
       call set_up_terms(self%eq(b), m%s%bodies(b))
     end do
-    call list_rows(lists, m)
+    call list_rows(lists, m, [(by_position, k=1, size(m%s%switching))])   ! room for elements in every state
     call order_rows(lists)
     call set_up_condensed(self%t, m, lists)
   end subroutine set_up_newton
