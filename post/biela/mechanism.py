@@ -53,33 +53,61 @@ class Place:
     node: int | None
     point: np.ndarray
 
+    def angle(self, row: int) -> float:
+        """Return the angle of the section there [rad]; that of a node is the turn of an element that ends in it."""
+        if self.body is None:
+            return 0.0
+        angle = self.body.frame[row, 2]
+        if self.node is not None:
+            last = len(self.body.rest) - 1
+            pairs = self.body.elements or [(min(self.node, last - 1), min(self.node, last - 1) + 1)]
+            i, j = next(pair for pair in pairs if self.node in pair)
+            rest, now = self.body.rest[j] - self.body.rest[i], self.body.local[row, j] - self.body.local[row, i]
+            angle += np.arctan2(rest[0] * now[1] - rest[1] * now[0], rest @ now)
+        return float(angle)
+
+
+ON_LIMIT = 1e-9  # so near to its limit a stop is touched [m, rad]: digits of motion.txt
+
 
 @dataclass
 class Stop:
-    """A stop that limits a position along a line through b, or the distance from b: its limits, None where there is none [m]."""
+    """A stop that limits a position along a line through b, the distance from b, or an angle: None where there is no limit."""
 
     a: Place
     b: Place
-    direction: float | None  # from the frame of b's body [rad]; None: a clearance
+    direction: float | None  # from the frame of b's body [rad]; None: a clearance or an angle
     lower: float | None
     upper: float | None
+    angular: bool = False
 
     def walls(self, scene: Mechanism, row: int, half: float) -> tuple[np.ndarray, bool]:
         """Return the line to draw, shape (n, 2) [m], NaN rows between walls of half that length, and whether a touches one."""
         a, b = scene.at(self.a, row), scene.at(self.b, row)
+        limits = [limit for limit in (self.lower, self.upper) if limit is not None]
+        if self.angular:
+            x = self.a.angle(row) - self.b.angle(row)
+            arm = np.nanmean(scene.outline(self.a.body, row), axis=0) - a
+            angles = [np.arctan2(arm[1], arm[0]) + limit - x for limit in limits]
+            rays = [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]
+            walls = [point for ray in rays for point in (a + half * ray, a + 4.0 * half * ray, [np.nan] * 2)]
+            return np.array(walls), self.beyond(x)
         if self.direction is None:
             turn = np.linspace(0.0, 2.0 * np.pi, 61)
             r = max(self.upper, 0.5 * half)
-            return b + r * np.transpose([np.cos(turn), np.sin(turn)]), bool(np.hypot(*(a - b)) >= self.upper)
+            return b + r * np.transpose([np.cos(turn), np.sin(turn)]), self.beyond(np.hypot(*(a - b)))
         angle = self.direction + (self.b.body.frame[row, 2] if self.b.body else 0.0)
         along, x = np.array([np.cos(angle), np.sin(angle)]), 0.0
         x = (a - b) @ along
         across = half * np.array([-along[1], along[0]])
-        limits = [limit for limit in (self.lower, self.upper) if limit is not None]
         feet = [a + (limit - x) * along for limit in limits]
         walls = [point for foot in feet for point in (foot - across, foot + across, [np.nan] * 2)]
-        beyond = (self.lower is not None and x <= self.lower) or (self.upper is not None and x >= self.upper)
-        return np.array(walls), bool(beyond)
+        return np.array(walls), self.beyond(x)
+
+    def beyond(self, x: float) -> bool:
+        """Return whether a limit is reached."""
+        below = self.lower is not None and x <= self.lower + ON_LIMIT
+        return bool(below or (self.upper is not None and x >= self.upper - ON_LIMIT))
 
 
 @dataclass
@@ -273,11 +301,9 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
             mechanism.springs.append((a, b))
     for stop in scene.get("stops", []):  # older runs do not tell them
         a, b = place(stop["a"]), place(stop["b"])
-        if stop["kind"] == "rotation":
-            continue
         turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
         direction = stop["direction"] - turned if stop["kind"] == "position" else None
-        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"]))
+        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], stop["kind"] == "rotation"))
     for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
         place(item)
     mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them

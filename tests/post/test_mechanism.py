@@ -151,7 +151,7 @@ def test_a_motion_file_has_frames():
 
 
 def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
-    """A wall 0.5 m along x of the turned body b, a hole of 0.1 m about the same point."""
+    """A wall 0.5 m along x of the turned body b, a hole of 0.1 m about the same point, the end of a turn by a radian."""
     plate = Body(np.array([[1.0, 2.0, QUARTER]]), np.zeros((1, 0, 2)), np.zeros((0, 2)))
     scene = Mechanism(np.zeros(1), {"plate": plate})
     base = Place(plate, None, np.zeros(2))
@@ -162,3 +162,11 @@ def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
     circle, found = Stop(Place(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
     np.testing.assert_allclose(np.hypot(*(circle - [1.0, 2.0]).T), 0.1, rtol=1e-12)
     assert not found
+    plate.places = [np.array([0.3, 0.0])]
+    for upper, touches in ((1.0, True), (QUARTER, True), (QUARTER + 0.1, False)):
+        stop = Stop(base, Place(None, None, np.zeros(2)), None, None, upper, angular=True)
+        walls, found = stop.walls(scene, 0, 0.1)
+        np.testing.assert_allclose(walls[1] - [1.0, 2.0], [0.4 * np.cos(upper), 0.4 * np.sin(upper)], atol=1e-15)
+        assert found is touches
+    bent = Body(np.zeros((1, 3)), np.array([[[0.0, 0.0], [1.0, 0.0], [2.0, 0.1]]]), np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
+    assert [Place(bent, node, np.zeros(2)).angle(0) for node in (0, 2)] == pytest.approx([0.0, np.arctan(0.1)], abs=1e-15)
