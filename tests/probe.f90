@@ -220,6 +220,7 @@ contains
           do i = c%first, c%first + c%rows - 1
             call marker_gradient(c%ia, r%na(:, i), r%sa(i), j(:, i))
             call marker_gradient(c%ib, r%nb(:, i), r%sb(i), j(:, i))
+            if (c%ic > 0) call marker_gradient(c%ic, [0.0_wp, 0.0_wp], r%sc(i), j(:, i))
           end do
         end associate
       end do

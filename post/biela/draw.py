@@ -23,7 +23,7 @@ from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
 DRIVE, FORCE, SPRING, SENSOR, STOP = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00", "#b0126e"
-SIGNS = {"revolute": "o", "weld": "s", "slider": "s", "prismatic": "s", "distance": "o"}
+SIGNS = {"revolute": "o", "weld": "s", "slider": "s", "prismatic": "s", "distance": "o", "gear": "h"}
 SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
 
 

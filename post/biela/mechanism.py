@@ -293,7 +293,7 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         elif joint["kind"] in ("slider", "prismatic"):
             turned = frames[joint["b"]["body"].lower()][2] if b.body else 0.0
             mechanism.sliders.append((a, b, joint["direction"] - turned))
-        else:
+        elif joint["kind"] != "gear":  # which joins angles, wherever its bodies are
             mechanism.pins.append(b)
     for spring in scene["springs"]:
         a, b = place(spring["a"]), place(spring["b"])

@@ -109,6 +109,7 @@ contains
     call move(n, d%lumps%marker%body == b, d%lumps%marker%node)
     call move(n, d%joints%a%body == b, d%joints%a%node)
     call move(n, d%joints%b%body == b, d%joints%b%node)
+    call move(n, d%joints%c%body == b, d%joints%c%node)
     call move(n, d%drives%a%body == b, d%drives%a%node)
     call move(n, d%drives%b%body == b, d%drives%b%node)
     call move(n, d%springs%a%body == b, d%springs%a%node)

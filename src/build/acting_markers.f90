@@ -15,13 +15,15 @@ module acting_markers
 
 contains
 
-  !> (2, n) markers a and b of all joints and drives, then of all springs, loads and stops; a load has one marker, which stands twice.
+  !> (3, n) markers a and b of all joints and drives, then of all springs, loads and stops; a load has one marker, which stands twice.
+  !> The third one is the carrier of a gear.
   pure function list_markers(d) result(list)
     type(deck), intent(in) :: d
     type(marker_record), allocatable :: list(:, :)
-    allocate (list(2, size(d%joints) + size(d%drives) + size(d%springs) + size(d%forces) + size(d%stops)))
+    allocate (list(3, size(d%joints) + size(d%drives) + size(d%springs) + size(d%forces) + size(d%stops)))
     list(1, :) = [d%joints%a, d%drives%a, d%springs%a, d%forces%marker, d%stops%a]
     list(2, :) = [d%joints%b, d%drives%b, d%springs%b, d%forces%marker, d%stops%b]
+    list(3, :size(d%joints)) = d%joints%c
   end function list_markers
 
   !> The same with what acts on them.
@@ -31,10 +33,11 @@ contains
     type(acting_marker), allocatable :: list(:, :)
     integer :: k, n
     n = size(s%constraints)
-    allocate (list(2, n + size(s%forces)))
+    allocate (list(3, n + size(s%forces)))
     list%marker = list_markers(d)
     do k = 1, n
       call set_acts(list(:, k), s%constraints(k)%item%acts_on())
+      if (k <= size(d%joints)) list(3, k)%acts(3) = d%joints(k)%type == 'gear'
     end do
     do k = 1, size(s%forces)
       call set_acts(list(:, n + k), s%forces(k)%item%acts_on())
@@ -43,7 +46,7 @@ contains
 
   !> Sets what acts on markers a and b.
   pure subroutine set_acts(pair, acts)
-    type(acting_marker), intent(inout) :: pair(2)
+    type(acting_marker), intent(inout) :: pair(:)
     logical, intent(in) :: acts(6)
     pair(1)%acts = acts(1:3)
     pair(2)%acts = acts(4:6)
@@ -60,7 +63,7 @@ contains
     integer :: i, side
     acts = .false.
     do i = 1, size(acting, 2)
-      do side = 1, 2
+      do side = 1, 3
         associate (at => acting(side, i)%marker)
           if (at%body == k .and. at%node > 0) acts(:, at%node) = acts(:, at%node) .or. in_body_axes(acting(side, i)%acts)
         end associate

@@ -6,6 +6,7 @@ module build_constraints
   use deck_records, only: deck, joint_record, drive_record
   use distance_joint, only: distance_model
   use errors, only: fault_list
+  use gear_joint, only: gear_model
   use history, only: history_model, breakpoint
   use line_joint, only: line_model
   use pin_joint, only: pin_model
@@ -51,6 +52,9 @@ contains
         item = line_model(rows=1, direction=r%direction + pi/2, fixed=r%b%body == 0)
       case ('prismatic')
         item = line_model(rows=2, direction=r%direction + pi/2, fixed=r%b%body == 0, prismatic=.true., angle=angle)
+      case ('gear')
+        item = gear_model(rows=1, ratio=r%ratio, angle=deck_angle(r%a%body) - deck_angle(r%c%body) &
+                          - r%ratio*(deck_angle(r%b%body) - deck_angle(r%c%body)))
       case default
         item = distance_model(rows=1, length=r%length, pending=.not. r%has_length)
       end select

@@ -64,6 +64,7 @@ contains
       associate (c => s%constraints(k)%item)
         c%ia = find_marker(s, markers, acting(1, k)%marker)
         c%ib = find_marker(s, markers, acting(2, k)%marker)
+        if (acting(3, k)%acts(3)) c%ic = find_marker(s, markers, acting(3, k)%marker)
         c%first = s%rows + 1
         c%size = s%size
         s%rows = s%rows + c%rows

@@ -218,17 +218,20 @@ contains
     end do
   end function model_warnings
 
-  !> Says where a drive, torque or torsional spring acts on the frame of a flexible body.
+  !> Says where a gear, drive, torque or torsional spring acts on the frame of a flexible body.
   subroutine frame_notes(m, text)
     type(mechanism_model), intent(in) :: m
     type(summary_record), intent(inout) :: text
     logical :: acts(6)
+    character(:), allocatable :: what
     integer :: k
-    do k = m%s%joints + 1, size(m%s%constraints)
+    do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         acts = c%acts_on()
-        if (acts(3)) call note(c%ia, 'drive "'//trim(c%name)//'"')
-        if (acts(6)) call note(c%ib, 'drive "'//trim(c%name)//'"')
+        what = trim(merge('joint', 'drive', k <= m%s%joints))//' "'//trim(c%name)//'"'
+        if (acts(3)) call note(c%ia, what)
+        if (acts(6)) call note(c%ib, what)
+        if (c%ic > 0) call note(c%ic, what)
       end associate
     end do
     do k = 1, size(m%s%forces)

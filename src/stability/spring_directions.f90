@@ -77,7 +77,7 @@ contains
         b = group(m%s%markers(c%ib)%body)
         welded = c%rows == 3
         associate (last => c%first + c%rows - 1)
-          if (norm2(ev%rows%na(:, last)) > 0.0_wp) cycle      ! the sections' angle is free
+          if (norm2(ev%rows%na(:, last)) > 0.0_wp .or. c%rows == 1) cycle   ! the sections' angle is free
         end associate
         if (welded .or. abs(dot_product(ev%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
       end associate

@@ -56,6 +56,10 @@ contains
       call add(m%incidence%row_marker(1, i), lambda(i), ev%rows%na(1, i), ev%rows%na(2, i), ev%rows%sa(i))
       call add(m%incidence%row_marker(2, i), lambda(i), ev%rows%nb(1, i), ev%rows%nb(2, i), ev%rows%sb(i))
     end do
+    do k = 1, size(m%incidence%carried)
+      i = m%incidence%carried(k)
+      call add(m%incidence%carrier(k), lambda(i), 0.0_wp, 0.0_wp, ev%rows%sc(i))
+    end do
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item)
         call add(f%ia, -1.0_wp, action(k)%a(1), action(k)%a(2), action(k)%a(3))

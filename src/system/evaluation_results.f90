@@ -100,7 +100,7 @@ contains
     allocate (ev%side%w(3, n), ev%side%frame_wrench(3, n), ev%side%g(3, n), ev%side%rigid_wrench(3, n), source=0.0_wp)
     associate (r => ev%rows)
       n = m%s%rows
-      allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
+      allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
     end associate
     allocate (ev%elastic(nb), ev%attached(nb), ev%action(size(m%s%forces)), ev%work(2, maxval([0, m%s%bodies%nf])))
     do k = 1, nb

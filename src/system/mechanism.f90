@@ -11,6 +11,8 @@ module mechanism
   !> The sides of constraint rows on moving bodies.
   type, extends(side_list) :: row_incidence
     integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
+    integer, allocatable :: carried(:)          !! rows with a carrier
+    integer, allocatable :: carrier(:)          !! its marker, of each
     integer, allocatable :: entry(:)            !! entry of S for each pair of sides f <= e of one body, body by body; negative
                                                 !! where both are sides of one row, whose entry gets the pair twice
   end type row_incidence

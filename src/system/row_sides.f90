@@ -6,7 +6,7 @@ module row_sides
   implicit none (type, external)
   private
 
-  integer, parameter, public :: side_a = -1, side_b = -2   !! kinds of side: of constraint rows; other rows have positive ones
+  integer, parameter, public :: side_a = -1, side_b = -2, side_c = -3   !! kinds of side: of constraint rows; others: positive
 
   !> Sides, while they are collected in the order in which they come.
   type, public :: side_list
@@ -15,7 +15,7 @@ module row_sides
     integer, allocatable :: row(:)              !! (sides) row
     integer, allocatable :: body(:)             !! (sides) body
     integer, allocatable :: marker(:)           !! (sides) marker
-    integer, allocatable :: kind(:)             !! (sides) side_a, side_b; other rows: what they ask of the marker
+    integer, allocatable :: kind(:)             !! (sides) side_a, side_b, side_c; other rows: what they ask of the marker
     logical, allocatable :: acts(:, :)          !! (3, sides) components of the marker, in body axes, that the row may see
     integer, allocatable :: attachment(:)       !! (sides) the marker's number among those attached to the body (flexible bodies)
   contains
@@ -69,6 +69,7 @@ contains
         do i = c%first, c%first + c%rows - 1
           call self%add(s, c%ia, i, side_a, acts(1:3))
           call self%add(s, c%ib, i, side_b, acts(4:6))
+          if (c%ic > 0) call self%add(s, c%ic, i, side_c, [.false., .false., .true.])
         end do
       end associate
     end do

@@ -16,7 +16,7 @@ import random_scenes  # noqa: E402
 import scenes  # noqa: E402
 
 METHODS = ["rk4", "dopri5", "radau", "generalized_alpha"]
-JOINTS = ["revolute", "weld", "slider", "prismatic", "distance"]
+JOINTS = ["revolute", "weld", "slider", "prismatic", "distance", "gear"]
 WILD = re.findall(
     r"\S+",
     """0 -0.0 -1 1 2 3 1e-300 1e-40 1e-30 1e-20 1e-12 1e-5 1e6 1e12 1e15 1e20 1e30 1e40 1e100 1e200 1e300 1e308 -1e308 1e400 nan
@@ -267,6 +267,8 @@ def language(dice: random.Random) -> str:
                 if kind in ("slider", "prismatic")
                 else maybe(dice, 0.1, " length=0.4")
                 if kind == "distance"
+                else maybe(dice, 0.9, f" ratio={dice.uniform(-9, 9):.2f}") + maybe(dice, 0.5, f" body_c='b{dice.randint(0, k)}'")
+                if kind == "gear"
                 else ""
             )
             text += f"&joint name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more} /\n"

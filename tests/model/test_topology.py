@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from biela.histories import read
 
 GRAVITY = "&scene title='t' gravity=0.0,-9.81 /\n"
 WEIGHTLESS = "&scene title='t' /\n"
@@ -418,3 +419,58 @@ def test_a_joint_between_two_nodes_of_one_body(run_deck, string):
         ends.append([h[column][-1] for column in ("string.fx", "string.fy", "a.x", "a.y")])
     assert np.hypot(*ends[0][:2]) > 0.05
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-7)
+
+
+def geared(n: float) -> str:
+    """Return an arm on a base that turns, both about one shaft, and the arm's motor on the base: its rotor turns n times as far."""
+    text = "&body name='base' kind='rigid' mass=2.0 inertia=0.3 /\n" + joint("b", "revolute", "base", "")
+    for name, mass, inertia in (("arm", 1.0, 0.1), ("rotor", 0.2, 1.0e-3)):
+        text += f"&body name='{name}' kind='rigid' mass={mass} inertia={inertia} position=0.5,0.0 angle=0.2 /\n"
+        text += joint(name, "revolute", name, "", "base", "point_b=0.5,0.0")
+    text += joint("g", "gear", "rotor", "", "arm", more=f"body_c='base' ratio={n!r}")
+    return text + "".join(sensor(name, "angle", f"body='{name}'") for name in ("base", "arm", "rotor"))
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5", "radau", "generalized_alpha"])
+def test_a_motor_turns_its_arm_and_the_base_that_carries_it(run_deck, method):
+    """Turn of the rotor: n that of the arm less (n - 1) that of the base; a torque on it turns both by these shares."""
+    n, torque, t_end = -20.0, 0.5, 0.4
+    push = f"&force name='m' type='torque' body='rotor' moment={torque} /\n" + sensor("r", "reaction", "joint='g'")
+    h = run_deck(WEIGHTLESS + geared(n) + push + transient(t_end, 2e-3).replace("rk4", method)).history
+    turns = np.array([1 - n, n])
+    inertia = np.diag([0.3 + 1.2 * 0.5**2, 0.1]) + 1e-3 * np.outer(turns, turns)
+    base, arm = np.linalg.solve(inertia, torque * turns)
+    of = 1e-11 if method != "generalized_alpha" else 1e-6
+    for name, rate, start in (("base", base, 0.0), ("arm", arm, 0.2), ("rotor", turns @ [base, arm], 0.2)):
+        np.testing.assert_allclose(h[name] - start, 0.5 * rate * h.time**2, rtol=0, atol=of * abs(rate) * t_end**2)
+    np.testing.assert_allclose(h["r.m"], 1e-3 * (turns @ [base, arm]) - torque, rtol=1e-6)
+
+
+def test_a_rotor_behind_gears_at_rest_and_in_vibration(run_deck):
+    """A spring at the arm, a torque at the rotor of a base that is held: the arm feels n times the torque, n^2 the inertia."""
+    n, k = 15.0, 30.0
+    hold = "&drive name='hold' type='rotation' body_a='base' history='none' /\n"
+    hold += "&history name='none' kind='polynomial' coefficients=0 /\n"
+    spring = f"&spring name='k' type='torsional' body_a='arm' stiffness={k} free_angle=0.2 /\n"
+    push = "&force name='m' type='torque' body='rotor' moment=0.1 /\n&static /\n&modal modes=1 /\n"
+    run = run_deck(WEIGHTLESS + geared(n) + hold + spring + push)
+    static = read(run.folder, "static")
+    turns = [static[name][-1] for name in ("base", "arm", "rotor")]
+    np.testing.assert_allclose(turns, [0.0, 0.2 + n * 0.1 / k, 0.2 + n * n * 0.1 / k], rtol=0, atol=1e-11)
+    frequency = np.sqrt(k / (0.1 + n * n * 1e-3)) / (2 * np.pi)
+    assert read(run.folder, "modes")["undamped_frequency"][0] == pytest.approx(frequency, rel=1e-10)
+
+
+def test_gears_in_a_ring_are_redundant_or_hold_the_wheels(run_deck):
+    """Three wheels in a ring: the third gear repeats the others where the product of the ratios is 1, and else stops them all."""
+    wheels = ""
+    for k in range(3):
+        wheels += rigid(f"w{k}", f"{k}.0,0.0", com="0.0,0.0")
+        wheels += joint(f"p{k}", "revolute", f"w{k}", "", point_b=f"point_b={k}.0,0.0")
+    for last, rows, freedoms in ((-0.25, 1, 1), (0.25, 0, 0)):
+        ring = "".join(
+            joint(f"g{k}", "gear", f"w{k}", "", f"w{(k + 1) % 3}", more=f"ratio={ratio}") for k, ratio in enumerate((2, -2, last))
+        )
+        run = run_deck(WEIGHTLESS + wheels + ring + "&transient t_end=0.01 method='rk4' step=0.01 /\n", name=f"ring{rows}")
+        assert run.figures["model"].get("redundant_constraints", 0) == rows
+        assert run.figures["model"]["degrees_of_freedom"] == freedoms

@@ -74,30 +74,6 @@ def test_a_ball_rests_on_the_bumper_and_vibrates_on_it(tmp_path):
     assert read(tmp_path / "results", "modes")["undamped_frequency"][0] == pytest.approx(frequency, rel=1e-9)
 
 
-@pytest.mark.parametrize("modes", [0, 1])
-def test_a_gear_on_a_beam_gets_the_static_shape_of_its_moment(tmp_path, modes):
-    """A simply supported beam under a load at its middle; gears at one end join it to a torsional spring."""
-    length, young, second, stiffness, ratio, load = 0.8, 2.0e9, 0.02 * 0.01**3 / 12, 5.0, 2.0, 1.0e-6
-    shapes = f"modes={modes} static_shapes=.true." if modes else ""
-    deck = f"""&material name='m' density=1600.0 young={young} /
-&section name='s' shape='rectangle' width=0.02 height=0.01 /
-&body name='beam' kind='beam' length={length} elements=4 material='m' section='s' reference='pinned' {shapes} /
-&body name='wheel' kind='rigid' mass=1.0 inertia=1.0 position=0.0,-0.1 /
-&joint name='gears' type='distance' body_a='beam' node_a=1 body_b='wheel' /
-&joint name='axle' type='revolute' body_a='wheel' point_b=0.0,-0.1 /
-&joint name='left' type='revolute' body_a='beam' node_a=1 /
-&joint name='right' type='slider' body_a='beam' node_a=-1 direction=0.0 /
-&spring name='k' type='torsional' body_a='wheel' stiffness={stiffness} free_angle=0.0 /
-&force name='p' type='force' body='beam' node=3 fy={-load} /
-&sensor name='turn' quantity='angle' body='wheel' /
-&static load_steps=1 /
-"""
-    run_toy("toy_gear", tmp_path, deck, "results", ratio)
-    free, bending = load * length**2 / (16 * young * second), length / (3 * young * second)
-    expected = free / (1 + stiffness / ratio**2 * bending) / ratio
-    assert read(tmp_path / "results", "static")["turn"][-1] == pytest.approx(expected, rel=1e-7, abs=0.0)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_bead_slides_along_the_parabola(tmp_path, method):
     x = 0.3

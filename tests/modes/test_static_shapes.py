@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from biela.histories import read
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
@@ -137,3 +138,24 @@ def test_nodal_coordinates_have_no_static_shapes(run_deck, modes):
     run = run_deck(HEAD + body + PIN + "&static /\n", expect=2)
     assert "static_shapes=.true. with nodal coordinates" in run.stderr
     assert "expected modes > 0" in run.stderr
+
+
+def test_a_gear_on_a_beam_gets_the_static_shape_of_its_moment(run_deck):
+    """A simply supported beam under a load at its middle; gears at one end join it to a torsional spring."""
+    length, young, second, stiffness, ratio, load = 0.8, 2.0e9, 0.02 * 0.01**3 / 12, 5.0, -2.0, 1.0e-6
+    deck = f"""&material name='m' density=1600.0 young={young} /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='beam' kind='beam' length={length} elements=4 material='m' section='s' modes=1{SHAPES} /
+&body name='wheel' kind='rigid' mass=1.0 inertia=1.0 position=0.0,-0.1 /
+&joint name='gears' type='gear' body_a='beam' node_a=1 body_b='wheel' ratio={ratio} /
+&joint name='axle' type='revolute' body_a='wheel' point_b=0.0,-0.1 /
+&joint name='left' type='revolute' body_a='beam' node_a=1 /
+&joint name='right' type='slider' body_a='beam' node_a=-1 direction=0.0 /
+&spring name='k' type='torsional' body_a='wheel' stiffness={stiffness} free_angle=0.0 /
+&force name='p' type='force' body='beam' node=3 fy={-load} /
+&sensor name='turn' quantity='angle' body='wheel' /
+&static load_steps=1 /
+"""
+    free, bending = load * length**2 / (16 * young * second), length / (3 * young * second)
+    expected = -free / (1 + stiffness / ratio**2 * bending) / ratio
+    assert read(run_deck(deck).folder, "static")["turn"][-1] == pytest.approx(expected, rel=1e-7, abs=0.0)

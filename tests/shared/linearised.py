@@ -65,6 +65,7 @@ DECKS = {
     + """&joint name='j1' type='slider' body_a='r' point_a=0.1,0.1 body_b='b' node_b=2 direction=0.3 /
 &joint name='j2' type='distance' body_a='r' point_a=-0.2,0.1 body_b='f' node_b=3 /
 &joint name='j3' type='revolute' body_a='b' node_a=1 point_b=0.1,0.2 /
+&joint name='j4' type='gear' body_a='r' body_b='b' node_b=3 body_c='f' node_c=2 ratio=-3.5 /
 """,
     "welds": MATERIALS
     + BEAM.format("")

@@ -157,6 +157,8 @@ class Scene:
         found = []
         for kind in ("joint", "drive", "spring", "force", "lump", "sensor"):
             for record in self.groups.get(kind, []):
+                if record.get("type") == "gear":
+                    continue  # it acts on angles alone
                 for side in ("", "_a", "_b"):
                     if f"node{side}" in record or f"point{side}" in record or (kind == "joint" and side):
                         found.append((record.get("body" + side, "ground"), self.place(record, side).rest))
@@ -185,6 +187,9 @@ class Scene:
             if kind in ("weld", "prismatic"):
                 kept = float(a.frame(self.deck_q) - b.frame(self.deck_q))
                 rows.append(Row(name, lambda q, a=a, b=b, kept=kept: a.angle(q) - b.angle(q) - kept))
+            if kind == "gear":
+                turns = [self.angle_of(record, side) for side in ("_a", "_b", "_c")]
+                rows.append(Row(name, self.gear_gap(turns, record["ratio"], self.deck_q)))
             if kind == "distance":
                 gap = [record.get("length")]
                 if gap[0] is None:
@@ -198,6 +203,22 @@ class Scene:
                     )
                 )
         return rows
+
+    def angle_of(self, record, side):
+        """Return the angle (q) of the section that a record names on a side, of the body's frame where it names no node."""
+        place = self.place(record, side)
+        return place.angle if record.get("node" + side, 0) else place.frame
+
+    @staticmethod
+    def gear_gap(turns, ratio, start):
+        """Return how far a gear's turn of a is from ratio times that of b, both from the carrier c and from the start."""
+        a, b, c = turns
+
+        def gap(q):
+            return a(q) - c(q) - ratio * (b(q) - c(q))
+
+        kept = float(gap(start))
+        return lambda q: gap(q) - kept
 
     @staticmethod
     def line_gap(a, b, direction):
@@ -213,8 +234,7 @@ class Scene:
             if record["type"] == "position":
                 function = self.line_gap(a, b, record.get("direction", 0.0))
             else:
-                left = a.angle if record.get("node_a", 0) else a.frame
-                right = b.angle if record.get("node_b", 0) else b.frame
+                left, right = self.angle_of(record, "_a"), self.angle_of(record, "_b")
 
                 def function(q, left=left, right=right):
                     return left(q) - right(q)
@@ -235,8 +255,7 @@ class Scene:
 
             free = record.get("free_length")
         else:
-            left = a.angle if record.get("node_a", 0) else a.frame
-            right = b.angle if record.get("node_b", 0) else b.frame
+            left, right = self.angle_of(record, "_a"), self.angle_of(record, "_b")
 
             def measure(q):
                 return left(q) - right(q)

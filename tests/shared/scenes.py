@@ -107,6 +107,8 @@ JOINTS = {
     "prismatic_flexible": FLEXIBLE + "&joint name='j' type='prismatic' body_a='f' node_a=2 body_b='b' node_b=-1 direction=2.0 /\n",
     "distance_ground": FLEXIBLE + "&joint name='j' type='distance' body_a='b' node_a=2 point_b=0.9,0.4 length=0.6 /\n",
     "distance_default": FLEXIBLE + "&joint name='j' type='distance' body_a='f' node_a=3 body_b='b' node_b=-1 /\n",
+    "gear_frames": FLEXIBLE + "&joint name='j' type='gear' body_a='r' body_b='f' ratio=-2.5 /\n",
+    "gear_carried": FLEXIBLE + "&joint name='j' type='gear' body_a='b' node_a=-1 body_b='r' body_c='f' node_c=3 ratio=3.0 /\n",
     "drive_frame": FLEXIBLE + "&history name='h' kind='polynomial' coefficients=0.6,2.0,-3.0,4.0 /\n"
     "&drive name='d' type='rotation' body_a='b' history='h' /\n",
     "drive_section": FLEXIBLE + "&history name='h' kind='sine' amplitude=0.3 frequency=1.5 phase=0.2 /\n"

@@ -14,6 +14,8 @@ module deck_joints
   private
   public :: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
 
+  character(*), parameter :: pins = 'revolute weld slider prismatic distance'   !! joints between points
+
 contains
 
   !> &lump
@@ -34,14 +36,21 @@ contains
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(joint_record), intent(inout) :: j
     call get_name(deck, j)
-    call get_choice(deck, 'type', j%type, [character(9) :: 'revolute', 'weld', 'slider', 'prismatic', 'distance'], &
+    call get_choice(deck, 'type', j%type, [character(9) :: 'revolute', 'weld', 'slider', 'prismatic', 'distance', 'gear'], &
       required)
-    call read_marker(deck, d, '_a', j%a, required)
-    call read_marker(deck, d, '_b', j%b, .not. required)
+    call read_marker(deck, d, '_a', j%a, required, point_kinds=pins, frame_kinds='gear')
+    call read_marker(deck, d, '_b', j%b, .not. required, point_kinds=pins, frame_kinds='gear')
+    call read_marker(deck, d, '_c', j%c, .not. required, body_kinds='gear', node_kinds='gear', point_kinds='', frame_kinds='gear')
     call get(deck, 'direction', j%direction, kinds='slider prismatic')
     call get(deck, 'length', j%length, above=0.0_wp, kinds='distance')
     j%has_length = deck%is_set('length')
+    call get(deck, 'ratio', j%ratio, required, kinds='gear')
+    if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
+      'moves nothing, expected turns of a for one of b, not 0')
     call forbid_rigid_pair(deck, d, j%a, j%b)
+    if (.not. deck%is_choice('gear')) return
+    call forbid_rigid_pair(deck, d, j%a, j%c, '_a', '_c')
+    call forbid_rigid_pair(deck, d, j%b, j%c, '_b', '_c')
   end subroutine read_joint
 
   !> &drive

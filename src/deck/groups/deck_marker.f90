@@ -17,19 +17,21 @@ contains
   subroutine read_marker(deck, d, suffix, marker, need, body_kinds, node_kinds, point_kinds, frame_kinds)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d                   !! its bodies are read
-    character(*), intent(in) :: suffix                   !! '', '_a' or '_b'
+    character(*), intent(in) :: suffix                   !! '', '_a', '_b' or '_c'
     type(marker_record), intent(inout) :: marker         !! default: the origin of the ground
     logical, intent(in) :: need                          !! whether the body is required
     character(*), intent(in), optional :: body_kinds     !! kinds that name a body
     character(*), intent(in), optional :: node_kinds     !! kinds that may name a node of it
-    character(*), intent(in), optional :: point_kinds    !! kinds that may name a point of it
+    character(*), intent(in), optional :: point_kinds    !! kinds that may name a point of it; '': none, ever
     character(*), intent(in), optional :: frame_kinds    !! kinds for which no node means the body's frame
     integer :: node
-    logical :: known, frame, wants_node
+    logical :: known, frame, wants_node, points
     node = 0
     call get_reference(deck, 'body'//suffix, in_body, marker%body, need, body_kinds)
     call get(deck, 'node'//suffix, node, kinds=node_kinds)
-    call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
+    points = .true.
+    if (present(point_kinds)) points = len(point_kinds) > 0
+    if (points) call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
     known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
     if (.not. (known .and. deck%choice_known)) return
     wants_node = .true.
@@ -105,13 +107,21 @@ contains
 
   !> Reports two markers that cannot move relative to each other: both on the ground or on one rigid body, or the same
   !> node or frame of one body.
-  subroutine forbid_rigid_pair(deck, d, a, b)
+  subroutine forbid_rigid_pair(deck, d, a, b, suffix_a, suffix_b)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     type(marker_record), intent(in) :: a, b  !! the two markers
-    character(:), allocatable :: marker
-    if (a%body /= b%body .or. .not. deck%is_set('body_a')) return
-    if (deck%is_given('body_b') .and. .not. deck%is_set('body_b')) return
+    character(2), intent(in), optional :: suffix_a, suffix_b   !! of their variables: '_a' and '_b' where they are left out
+    character(:), allocatable :: marker, body_a, body_b, which
+    body_a = 'body_a'
+    if (present(suffix_a)) body_a = 'body'//suffix_a
+    body_b = 'body_b'
+    if (present(suffix_b)) body_b = 'body'//suffix_b
+    which = 'both markers'
+    if (present(suffix_a)) which = 'markers '//suffix_a(2:)//' and '//suffix_b(2:)
+    if (a%body /= b%body) return
+    if ((deck%is_given(body_a) .or. body_a == 'body_a') .and. .not. deck%is_set(body_a)) return
+    if (deck%is_given(body_b) .and. .not. deck%is_set(body_b)) return
     if (a%body == 0) then
       marker = 'on '//body_text(d, 0)
     else
@@ -123,7 +133,7 @@ contains
         if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if
     end if
-    call deck%complain('body_b', 'both markers are '//marker//' and cannot move relative to each other, expected two '// &
-      'bodies')
+    call deck%complain(body_b, which//' are '//marker//' and cannot move relative to each other, '// &
+      'expected two bodies')
   end subroutine forbid_rigid_pair
 end module deck_marker

@@ -95,8 +95,10 @@ module deck_records
 
   !> &joint
   type, extends(named_record), public :: joint_record
-    character(10) :: type = ''               !! 'revolute', 'weld', 'slider', 'prismatic', 'distance'
-    type(marker_record) :: a, b
+    character(10) :: type = ''               !! 'revolute', 'weld', 'slider', 'prismatic', 'distance', 'gear'
+    type(marker_record) :: a, b              !! gear: node 0 is the body's frame
+    type(marker_record) :: c                 !! gear: the carrier
+    real(wp) :: ratio = 1.0_wp               !! gear: turns of a for one of b [-]
     real(wp) :: direction = 0.0_wp           !! slider, prismatic [rad]
     logical :: has_length = .false.          !! distance: false: as assembled
     real(wp) :: length = 0.0_wp              !! distance [m]

@@ -1,6 +1,6 @@
 !> What all joints and drives have in common: rows of Phi(q, t) = 0 between two markers. A row's gradient with respect
-!> to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. Rows are in
-!> metres: angles count times the scene's size.
+!> to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. A gear acts
+!> on the section angle of a third marker, too. Rows are in metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
   use history, only: breakpoint, drive_values, history_model
@@ -14,6 +14,7 @@ module constraint
     real(wp), allocatable :: sa(:)        !! (n) with respect to the section angle of marker a [m]
     real(wp), allocatable :: nb(:, :)     !! (2, n) the same at marker b [-]
     real(wp), allocatable :: sb(:)        !! (n) [m]
+    real(wp), allocatable :: sc(:)        !! (n) of rows with a carrier: with respect to its section angle [m]
     real(wp), allocatable :: phi(:)       !! (n) Phi [m]
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
     logical :: left_limit = .false.       !! jumps of histories at the time of evaluation are not yet felt
@@ -33,6 +34,7 @@ module constraint
   type, abstract, public :: constraint_model
     character(32) :: name = ''
     integer :: ia = 0, ib = 0             !! markers a and b
+    integer :: ic = 0                     !! gears: marker of the carrier, 0: none
     integer :: first = 0                  !! its first row
     integer :: rows = 0                   !! number of rows
     logical :: drive = .false.            !! depends on time

@@ -119,11 +119,12 @@ contains
     integer :: k, i, side, marker, j
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        do side = 1, 2
-          marker = merge(c%ia, c%ib, side == 1)
+        do side = 1, merge(3, 2, c%ic > 0)
+          marker = merge(c%ic, merge(c%ia, c%ib, side == 1), side == 3)
           call marker_jacobian(m, ev, marker, cols, jac)
           do i = c%first, c%first + c%rows - 1
             w = merge([ev%rows%na(:, i), ev%rows%sa(i)], [ev%rows%nb(:, i), ev%rows%sb(i)], side == 1)
+            if (side == 3) w = [0.0_wp, 0.0_wp, ev%rows%sc(i)]
             do j = 1, size(cols)
               call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
             end do

@@ -15,15 +15,20 @@ contains
     type(multiplier_system), intent(out) :: schur
     integer :: k, i
     associate (at => self%incidence)
-      call at%begin(2*self%s%rows)
+      call at%begin(3*self%s%rows)
       call at%add_constraints(self%s)
       call at%sort(size(self%s%bodies))
       allocate (at%row_marker(2, self%s%rows))
+      allocate (at%carried(0), at%carrier(0))
       do k = 1, size(self%s%constraints)
         associate (c => self%s%constraints(k)%item)
           do i = c%first, c%first + c%rows - 1
             at%row_marker(:, i) = [c%ia, c%ib]
           end do
+          if (c%ic > 0) then
+            at%carried = [at%carried, c%first]
+            at%carrier = [at%carrier, c%ic]
+          end if
         end associate
       end do
     end associate

@@ -7,7 +7,7 @@ module joint_system
   use evaluation_results, only: evaluation
   use marker_motion, only: marker_displacement
   use mechanism, only: mechanism_model
-  use row_sides, only: side_a
+  use row_sides, only: side_a, side_b
   implicit none (type, external)
   private
   public :: constraint_values, row_rates, add_row_motion, row_accelerations, velocity_terms, condense_constraints
@@ -42,6 +42,9 @@ contains
     call add_marker_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%v, &
                           ev%rows%phi_t, rate)
     call add_angle_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%sa, ev%rows%sb, ev%p%rate, rate)
+    associate (i => self%incidence%carried)
+      rate(i) = rate(i) + ev%rows%sc(i)*ev%p%rate(self%incidence%carrier)
+    end associate
   end subroutine row_rates
 
   !> Adds Phi_q dq: how the rows change with the coordinates.
@@ -61,6 +64,9 @@ contains
                       + (r%nb(1, i)*b(1) + r%nb(2, i)*b(2) + r%sb(i)*b(3))
         end associate
       end do
+      associate (i => self%incidence%carried)
+        change(i) = change(i) + r%sc(i)*d(3, self%incidence%carrier)
+      end associate
     end associate
   end subroutine add_row_motion
 
@@ -117,8 +123,8 @@ contains
     ev%elastic_held = elastic_held
     call ev%schur%clear()
     call unit_wrenches(size(self%incidence%row), self%incidence%row, self%incidence%marker, self%incidence%body, &
-                       self%incidence%kind, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, &
-                       ev%rows%nb, ev%rows%sa, ev%rows%sb, size(self%markers%body), ev%p%rho, ev%side%w, ev%side%frame_wrench)
+                       self%incidence%kind, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, ev%rows%nb, &
+                       ev%rows%sa, ev%rows%sb, ev%rows%sc, size(self%markers%body), ev%p%rho, ev%side%w, ev%side%frame_wrench)
     pairs = 0
     do b = 1, size(ev%frame%cos)
       first = self%incidence%first(b)
@@ -142,11 +148,11 @@ contains
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
-  pure subroutine unit_wrenches(n, row, marker, body, kind, bodies, c, s, rows, na, nb, sa, sb, np, rho, w, frame_wrench)
+  pure subroutine unit_wrenches(n, row, marker, body, kind, bodies, c, s, rows, na, nb, sa, sb, sc, np, rho, w, frame_wrench)
     integer, intent(in) :: n, rows, np, bodies
     integer, intent(in) :: row(n), marker(n), body(n), kind(n)
     real(wp), intent(in) :: c(bodies), s(bodies)      !! of the frame angles [-]
-    real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows)   !! gradients, as in constraint_rows [-], [m]
+    real(wp), intent(in) :: na(2, rows), nb(2, rows), sa(rows), sb(rows), sc(rows)   !! gradients, as in constraint_rows [-], [m]
     real(wp), intent(in) :: rho(2, np)                                     !! positions of markers, body axes [m]
     real(wp), intent(out) :: w(3, n), frame_wrench(3, n)                   !! on the markers, on the frames [-, m]
     real(wp) :: x, y, m
@@ -157,8 +163,10 @@ contains
       b = body(e)
       if (kind(e) == side_a) then
         x = na(1, i); y = na(2, i); m = sa(i)
-      else
+      else if (kind(e) == side_b) then
         x = nb(1, i); y = nb(2, i); m = sb(i)
+      else
+        x = 0.0_wp; y = 0.0_wp; m = sc(i)
       end if
       w(1, e) = c(b)*x + s(b)*y
       w(2, e) = c(b)*y - s(b)*x

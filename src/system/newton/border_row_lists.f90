@@ -44,7 +44,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: states(:)           !! discrete ones, of the elements that switch
     integer :: k
-    call r%begin(2*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints)))
+    call r%begin(3*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints)))
     call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows

@@ -12,7 +12,7 @@ module newton_condensation
   use evaluation_results, only: evaluation, conditions_of
   use marker, only: turn
   use mechanism, only: mechanism_model
-  use row_sides, only: side_a, side_b
+  use row_sides, only: side_a, side_b, side_c
   use small_matrices, only: invert3
   implicit none (type, external)
   private
@@ -252,6 +252,8 @@ contains
     case (side_b)
       n = ev%rows%nb(:, row)
       w(3) = ev%rows%sb(row)
+    case (side_c)
+      w(3) = ev%rows%sc(row)
     case (1, 4)
       n(1) = 1.0_wp
     case (2, 5)
