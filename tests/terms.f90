@@ -27,7 +27,7 @@ program terms
   if (faults%count == 0) call prepare_run(run, faults, fail)
   if (faults%count > 0 .or. fail%happened()) error stop 2, quiet=.true.
   call set_up_newton(t, run%sys%m)
-  call prepare(t, run%sys%m, c1, c2, bad)
+  call prepare(t, run%sys%m, c1, c2, 0.0_wp, bad)
   if (bad) error stop 3, quiet=.true.
   associate (nz => run%sys%m%s%nz)
     call give_terms(t, run%sys%m, 1.0e-3_wp*random(nz))

@@ -311,13 +311,14 @@ contains
   end function measure_of
 
   !> Takes the constants of a step and factors the elastic blocks.
-  subroutine mechanism_prepare(self, c1, c2, ok)
+  subroutine mechanism_prepare(self, c1, c2, near, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: c1                !! [1/s2]
     real(wp), intent(in) :: c2                !! [1/s]
+    real(wp), intent(in) :: near              !! of c1 [-]
     logical, intent(out) :: ok
     logical :: bad
-    call prepare(self%t, self%m, c1, c2, bad)
+    call prepare(self%t, self%m, c1, c2, near, bad)
     ok = .not. bad
   end subroutine mechanism_prepare
 

@@ -29,7 +29,7 @@ contains
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(out) :: ok
     logical :: slowly, exact
-    if (self%stale) call prepare_step(self, system, ok)
+    if (self%stale) call prepare_step(self, system, 0.0_wp, ok)
     exact = self%newton%exact_left > 0
     call newton(self, system, t1, exact, .false., ok, slowly)
     if ((slowly .or. .not. ok) .and. .not. exact) then
@@ -112,12 +112,13 @@ contains
   end subroutine along_rows
 
   !> Makes what depends on the present step's size alone; so it is made again after a restart.
-  subroutine prepare_step(self, system, ok)
+  subroutine prepare_step(self, system, near, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: near              !! factors of constants so near serve again, of c1 [-]
     logical, intent(out) :: ok
     self%stale = .false.
-    call system%prepare(self%now%c1, self%now%c2, ok)
+    call system%prepare(self%now%c1, self%now%c2, near, ok)
     associate (inertia => system%inertia*self%now%c1)
       self%gain = 1/(1 + system%viscosity*self%now%c2 + inertia)
       self%resolved = merge(inertia*self%gain, 1 - self%gain, inertia > 0.0_wp)

@@ -32,7 +32,7 @@ contains
     self%error%h = 0.0_wp
     self%newton%exact_left = 0
     self%newton%contraction = 1.0_wp
-    call set_step(self, system, h)
+    call set_step(self, system, h, 0.0_wp)
     associate (nq => self%nq)                 ! differences of forces are taken: nothing may depend on the step before
       call give_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
       call system%smooth(t, self%x(1:nq), self%v(1:nq), self%lambda, self%vd(1:nq), ok)
@@ -46,10 +46,11 @@ contains
   end subroutine start_method
 
   !> Coefficients and constant factors of a step size.
-  subroutine set_step(self, system, h)
+  subroutine set_step(self, system, h, near)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: near              !! as prepare_step has it [-]
     logical :: ok
     if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
     if (abs(h - self%now%h) > 0.0_wp) then
@@ -57,17 +58,18 @@ contains
       self%newton%factors(1) = self%newton%factors(1) + system%blocks
       self%now = step_coefficients(self%method, h)
     end if
-    call prepare_step(self, system, ok)
+    call prepare_step(self, system, near, ok)
     if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
 
   !> Goes on with another step size. Steps that fail leave nothing behind: the state does not depend on the step, what a is ahead
   !> of v' by is scaled with it (Bruels & Arnold 2008), the offset of rates with its square.
-  subroutine change_step(self, system, h)
+  subroutine change_step(self, system, h, near)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: near              !! as prepare_step has it [-]
     self%offset = (h/self%now%h)**2*self%offset
-    call set_step(self, system, h)
+    call set_step(self, system, h, near)
   end subroutine change_step
 end module alpha_start

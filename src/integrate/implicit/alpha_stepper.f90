@@ -13,6 +13,7 @@ module alpha_stepper
   implicit none (type, external)
   private
 
+  real(wp), parameter :: near_length = 0.02_wp   !! where an event is located, factors of constants so near serve again [-]
   real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
 
   !> The method.
@@ -70,13 +71,14 @@ contains
       self%started = .true.
       self%fresh = .true.
     else if (.not. same) then
-      call change_step(self%solver, system, h)
+      call change_step(self%solver, system, h, merge(near_length, 0.0_wp, self%roots%locating))
     end if
     if (self%passes) then
       self%dense_times = [self%t, h]
       call pack_ends(self%solver, self%dense(:, 1:2))
     end if
     call solve_trial(self%solver, system, self%tried, ok)
+    self%solver%stale = self%roots%locating   ! another step of this length has its own factors
   end subroutine solve_step
 
   !> The estimated error. Next to singular positions the equations' accelerations amplify the rounding of positions without bound:

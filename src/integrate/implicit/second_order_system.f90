@@ -56,12 +56,14 @@ module second_order_system
       class(second_order_ode), intent(inout) :: self
       logical, intent(in) :: stages
     end subroutine make_ready
-    !> Takes the constants c1, c2 of a step and factors what depends on them alone; ok is false where that fails.
-    subroutine take_step(self, c1, c2, ok)
+    !> Takes the constants c1, c2 of a step and factors what depends on them alone; ok is false where that fails. Factors that stand
+    !> for constants so near serve again, with slightly slower iterations; residuals follow the constants in any case.
+    subroutine take_step(self, c1, c2, near, ok)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: c1              !! da/dq [1/s2]
       real(wp), intent(in) :: c2              !! dv/dq [1/s]
+      real(wp), intent(in) :: near            !! of c1; 0: none serve again [-]
       logical, intent(out) :: ok
     end subroutine take_step
     !> Takes the internal variables of residuals to come: what their past makes of them at zero deformation.

@@ -18,19 +18,27 @@ module newton_equations
 
 contains
 
-  !> Takes the constants of a step: factors the elastic blocks.
-  subroutine prepare(self, m, c1, c2, bad)
+  !> Takes the constants of a step: factors the elastic blocks, unless those that stand are of constants so near.
+  subroutine prepare(self, m, c1, c2, near, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: c1               !! [1/s2]
     real(wp), intent(in) :: c2               !! [1/s]
+    real(wp), intent(in) :: near             !! of c1 [-]
     logical, intent(out) :: bad
-    integer :: b
+    integer :: b, k
     self%terms%g = 1/(1 + self%terms%viscosity*c2 + self%terms%inertia*c1)
-    call factor_blocks(self%t, m, self%terms, c1, c2, bad)
     do b = 1, size(self%eq)
-      if (self%eq(b)%n > 0) self%eq(b)%factor = self%t%b(b)%block%factor
+      if (self%eq(b)%n > 0) self%eq(b)%factor = 1.0_wp
     end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k))
+        if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha*(1 - t%g)
+      end associate
+    end do
+    bad = .false.
+    if (self%t%factored .and. abs(c1 - self%t%c1) < near*c1) return
+    call factor_blocks(self%t, m, self%terms, c1, c2, bad)
   end subroutine prepare
 
   !> For a method that solves for the dissipative coordinates itself: residuals see those that they are given, whatever the
