@@ -141,11 +141,15 @@ contains
     integer :: k, n
     part = all
     deallocate (part%constraints)
-    allocate (part%constraints(count(kept)))
+    allocate (part%constraints(count(kept(:all%permanent))))     ! rows that switch hold nothing
+    deallocate (part%switching_rows)
+    allocate (part%switching_rows(0))
+    part%elements = size(part%switching)
     part%joints = count(kept(:all%joints))
+    part%permanent = size(part%constraints)
     part%rows = 0
     n = 0
-    do k = 1, size(kept)
+    do k = 1, all%permanent
       if (.not. kept(k)) cycle
       n = n + 1
       allocate (part%constraints(n)%item, source=all%constraints(k)%item)
@@ -153,6 +157,7 @@ contains
       part%constraints(n)%item%first = part%rows + 1
       part%rows = part%rows + part%constraints(n)%item%rows
     end do
+    part%permanent_rows = part%rows
   end subroutine take
 
   !> Assembles the constraints of a scene that are kept; velocities do not count.

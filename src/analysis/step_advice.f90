@@ -56,7 +56,7 @@ contains
       associate (line => m%s%constraints(i)%item)
         if (.not. line%line_turns()) cycle
         fastest = abs(work%p%rate(line%ib))
-        do j = m%s%joints + 1, size(m%s%constraints)
+        do j = m%s%joints + 1, m%s%permanent
           associate (drive => m%s%constraints(j)%item)
             if (.not. drive%angular .or. m%markers%body(drive%ia) /= m%markers%body(line%ib)) cycle
             do k = 0, times

@@ -32,24 +32,29 @@ contains
     type(scene), intent(in) :: s           !! its joints, drives, springs and loads are made
     type(acting_marker), allocatable :: list(:, :)
     integer :: k, n
-    n = size(s%constraints)
+    n = s%permanent
     allocate (list(3, n + size(s%forces)))
     list%marker = list_markers(d)
     do k = 1, n
       call set_acts(list(:, k), s%constraints(k)%item%acts_on())
       if (k <= size(d%joints)) list(3, k)%acts(3) = d%joints(k)%type == 'gear'
     end do
+    do k = 1, size(s%switching_rows)
+      associate (c => s%constraints(s%switching_rows(k))%item)
+        call set_acts(list(:, c%parent), c%acts_on())
+      end associate
+    end do
     do k = 1, size(s%forces)
       call set_acts(list(:, n + k), s%forces(k)%item%acts_on())
     end do
   end function list_acting
 
-  !> Sets what acts on markers a and b.
+  !> Adds what acts on markers a and b.
   pure subroutine set_acts(pair, acts)
     type(acting_marker), intent(inout) :: pair(:)
     logical, intent(in) :: acts(6)
-    pair(1)%acts = acts(1:3)
-    pair(2)%acts = acts(4:6)
+    pair(1)%acts = pair(1)%acts .or. acts(1:3)
+    pair(2)%acts = pair(2)%acts .or. acts(4:6)
   end subroutine set_acts
 
   !> Numbers of the elastic coordinates of a body on which something acts: forces on displacements, moments on rotations. A body

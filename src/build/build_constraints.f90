@@ -6,6 +6,8 @@ module build_constraints
   use deck_records, only: deck, joint_record, drive_record
   use distance_joint, only: distance_model
   use errors, only: fault_list
+  use friction_law, only: coulomb_law, on_pin, on_line, on_pads
+  use friction_row, only: friction_model
   use gear_joint, only: gear_model
   use history, only: history_model, breakpoint
   use line_joint, only: line_model
@@ -15,26 +17,36 @@ module build_constraints
   use text, only: es_text
   implicit none (type, external)
   private
-  public :: make_constraints
+  public :: make_constraints, place_friction
 
   integer, parameter :: jumps_shown = 3    !! jumps of a history that are reported one by one
 
 contains
 
-  !> Joints, then drives, each of its kind; they have no markers and no numbered rows yet.
+  !> Joints, drives, then rows that switch, each of its kind; they have no markers and no numbered rows yet.
   subroutine make_constraints(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
     type(fault_list), intent(inout) :: faults
-    integer :: k
+    logical :: rubs(size(d%joints))
+    integer :: k, n
+    rubs = max(d%joints%friction, d%joints%friction_static, d%joints%preload) > 0.0_wp
     s%joints = size(d%joints)
-    allocate (s%constraints(size(d%joints) + size(d%drives)))
-    do k = 1, size(s%constraints)
+    s%permanent = s%joints + size(d%drives)
+    s%switching_rows = [(s%permanent + k, k=1, count(rubs))]
+    allocate (s%constraints(s%permanent + size(s%switching_rows)))
+    do k = 1, s%permanent
       if (k <= s%joints) then
         call make_joint(d%joints(k), s%constraints(k)%item)
       else
         call make_drive(d%drives(k - s%joints), s%constraints(k)%item)
       end if
+    end do
+    n = s%permanent
+    do k = 1, s%joints
+      if (.not. rubs(k)) cycle
+      n = n + 1
+      call make_friction(d%joints(k), k, s%constraints(n)%item)
     end do
   contains
     !> The factory of joints: the deck's word into the kind.
@@ -60,6 +72,20 @@ contains
       end select
       item%name = r%name
     end subroutine make_joint
+
+    !> The tangential row of a joint with friction.
+    subroutine make_friction(r, joint, item)
+      type(joint_record), intent(in) :: r
+      integer, intent(in) :: joint
+      class(constraint_model), allocatable, intent(out) :: item
+      type(coulomb_law) :: law
+      law = coulomb_law(on_line, r%friction, max(r%friction, r%friction_static), r%preload, r%pin_radius, r%pad_distance)
+      if (r%type == 'revolute') law%contact = on_pin
+      if (r%pad_distance > 0.0_wp) law%contact = on_pads
+      item = friction_model(rows=1, direction=r%direction, fixed=r%b%body == 0, angular=r%type == 'revolute', law=law, &
+                            parent=joint)
+      item%name = r%name
+    end subroutine make_friction
 
     !> Angle of a body in the deck, 0 for the ground [rad].
     pure function deck_angle(k) result(angle)
@@ -105,4 +131,21 @@ contains
       end do
     end subroutine check_smooth
   end subroutine make_constraints
+
+  !> Gives tangential rows the markers and the rows of their joints.
+  subroutine place_friction(s)
+    type(scene), intent(inout) :: s               !! joints are placed
+    integer :: k
+    do k = 1, size(s%switching_rows)
+      select type (c => s%constraints(s%switching_rows(k))%item)
+      class is (friction_model)
+        associate (joint => s%constraints(c%parent)%item)
+          c%ia = joint%ia
+          c%ib = joint%ib
+          c%joint_first = joint%first
+          c%joint_rows = joint%rows
+        end associate
+      end select
+    end do
+  end subroutine place_friction
 end module build_constraints

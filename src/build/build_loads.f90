@@ -35,6 +35,10 @@ contains
     do k = 1, size(s%switching)
       s%forces(s%switching(k))%item%switch_number = k
     end do
+    do k = 1, size(s%switching_rows)
+      s%constraints(s%switching_rows(k))%item%switch_number = size(s%switching) + k
+    end do
+    s%elements = size(s%switching) + size(s%switching_rows)
   end subroutine make_forces
 
   !> The factory of springs: the deck's word into the kind.

@@ -4,7 +4,7 @@ module build_scene
   use errors, only: fault_list
   use acting_markers, only: acting_marker, list_acting
   use build_bodies, only: build_body
-  use build_constraints, only: make_constraints
+  use build_constraints, only: make_constraints, place_friction
   use build_loads, only: make_forces
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use counting_sort, only: sort_by_number
@@ -62,16 +62,20 @@ contains
     markers = begin_markers(size(s%bodies))
     do k = 1, size(s%constraints)
       associate (c => s%constraints(k)%item)
-        c%ia = find_marker(s, markers, acting(1, k)%marker)
-        c%ib = find_marker(s, markers, acting(2, k)%marker)
-        if (acting(3, k)%acts(3)) c%ic = find_marker(s, markers, acting(3, k)%marker)
+        if (k <= s%permanent) then
+          c%ia = find_marker(s, markers, acting(1, k)%marker)
+          c%ib = find_marker(s, markers, acting(2, k)%marker)
+          if (acting(3, k)%acts(3)) c%ic = find_marker(s, markers, acting(3, k)%marker)
+        end if
         c%first = s%rows + 1
         c%size = s%size
         s%rows = s%rows + c%rows
+        if (k <= s%permanent) s%permanent_rows = s%rows
       end associate
     end do
+    call place_friction(s)
     do k = 1, size(s%forces)
-      associate (f => s%forces(k)%item, pair => acting(:, size(s%constraints) + k)%marker)
+      associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
         alone = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
         f%ia = find_marker(s, markers, pair(1), alone)
         f%ib = find_marker(s, markers, pair(2), alone)
@@ -126,7 +130,7 @@ contains
         call number_terms(s, s%forces(k)%item)
       end do
     end do
-    s%ny = 2*s%nq + s%nz + s%nzd + 2 + size(s%switching)
+    s%ny = 2*s%nq + s%nz + s%nzd + 2 + s%elements
   end subroutine number_internal
 
   !> Gives the internal variables of one segment or force element the next numbers.

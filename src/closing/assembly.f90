@@ -41,7 +41,7 @@ contains
     call close_positions(self, ev, q, v, report, fail)
     if (fail%happened()) return
     call warn_of_drives(self, stated, report)
-    do k = self%s%joints + 1, size(self%s%constraints)
+    do k = self%s%joints + 1, self%s%permanent
       call self%s%constraints(k)%item%init_from_assembly(ev%p)
     end do
     call close_positions(self, ev, q, v, report, fail)    ! a relative drive may begin beside the assembled value

@@ -33,6 +33,7 @@ contains
                               ev%frame%dinv, ev%side%rigid_wrench, &
                               ev%side%g, self%s%rows, ev%closing%scale, size(self%incidence%entry), self%incidence%entry, &
                               size(ev%closing%s), ev%closing%s)
+    if (allocated(ev%rows%off)) call ev%closing%take_off(ev%rows%off)
     ev%closing%weakest = well_held
     call ev%closing%factor_strong(usable)
   end subroutine prepare_frames

@@ -144,7 +144,7 @@ contains
     character(:), allocatable :: unit
     real(wp) :: start
     integer :: k
-    do k = self%s%joints + 1, size(self%s%constraints)
+    do k = self%s%joints + 1, self%s%permanent
       associate (c => self%s%constraints(k)%item)
         if (c%pending) cycle
         start = c%start_value()

@@ -49,7 +49,7 @@ contains
   !> Whether joints and drives leave no freedom.
   pure logical function determined(self) result(yes)
     type(mechanism_model), intent(in) :: self
-    yes = self%s%rows == self%s%nq .and. .not. self%redundant
+    yes = self%s%permanent_rows == self%s%nq .and. .not. self%redundant
   end function determined
 
   !> Newton corrections of the positions; new factors where old ones converge slowly.

@@ -39,6 +39,7 @@ contains
     call condense_geometry(self, ev)
     call ev%schur%weak_rows(redundant, weak)
     report%rank = count(.not. weak)
+    weak(self%s%permanent_rows + 1:) = .false.       ! they hold nothing yet
     report%freedoms = self%s%nq - report%rank
     if (.not. any(weak)) return
     self%redundant = stays_redundant(self, ev, q, v)

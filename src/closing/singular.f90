@@ -37,7 +37,8 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     call evaluate(m, ev, options, t, q, v, z, zd)
-    if (ev%schur%singular .and. .not. m%redundant) call smooth_accelerations(m, ev, options, t, q, v, z, zd)
+    if (ev%schur%singular .and. .not. (m%redundant .or. ev%switches%shared)) &
+      call smooth_accelerations(m, ev, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion. Cases:
@@ -73,7 +74,7 @@ contains
     do round = 1, rounds
       if (ok) ok = found_by_neighbours(m, ev, options, t, s, q, v, z, zr, branch)
     end do
-    if (.not. ok .and. m%s%rows == m%s%nq) then
+    if (.not. ok .and. m%s%permanent_rows == m%s%nq) then
       call evaluate(m, ev, with_weak_pivots(options), t, q, v, z, zd)
       return
     end if
@@ -89,7 +90,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
-    yes = m%s%rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. &
+    yes = m%s%permanent_rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. &
                                           any(abs(ev%rows%acceleration_bias) > 0.0_wp))
   end function at_rest
 
@@ -104,7 +105,7 @@ contains
     real(wp), intent(in) :: rate                !! at which the bodies turn [rad/s]
     real(wp), intent(in) :: most                !! largest growth of the velocities of a motion that passes [1/s]
     yes = steadily(m, ev, rate, most)
-    if (.not. yes .or. m%s%rows < m%s%nq) return
+    if (.not. yes .or. m%s%permanent_rows < m%s%nq) return
     yes = maxval(abs(ev%rows%acceleration_bias)) < most*maxval(abs(ev%rows%phi_t))   ! the drives go on steadily
     if (.not. yes) return
     call evaluate(m, ev, with_weak_pivots(options), t, q, v, z, zd)

@@ -26,7 +26,7 @@ contains
     associate (r => march%roots, n => system%roots)
       allocate (r%now%g(n), r%now%rate(n), r%end%g(n), r%end%rate(n), r%zero(n), source=0.0_wp)
       allocate (r%fallen(n), source=.false.)
-      if (n > 0) call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%zero)
+      if (n > 0) call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine begin_roots
 
@@ -92,6 +92,8 @@ contains
       call march%try_step(system, h, ok)
       march%roots%locating = .false.
       if (.not. ok) return
+      found = .not. h < right(n)%h             ! no length lies between
+      if (found) exit
       n = n + 1
       call look(march, system, h, right(n))
       call guess_rates(left, right(n), right(n - 1))
@@ -148,7 +150,7 @@ contains
     at%h = h
     if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
     call march%pack_trial()
-    call system%find_roots(march%tried, march%trial, at%g, at%rate, march%roots%zero)
+    call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, march%roots%zero)
   end subroutine look
 
   !> Rates that the system does not know: those of the parabola through three lengths.
@@ -317,7 +319,7 @@ contains
       r%recent = r%recent + 1
       call march%restart(system, ok)
       if (.not. ok .or. r%recent > most_recent) march%trouble = trouble_events
-      call system%find_roots(march%t, march%y, r%now%g, r%now%rate, r%zero)
+      call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine pass_event
 end module event_location

@@ -45,10 +45,11 @@ contains
 
   !> Roots at a state: their values, their rates and what is zero for the values. Huge values are not watched, huge rates not known.
   !> Here: none.
-  subroutine no_roots(self, t, y, g, rate, zero)
+  subroutine no_roots(self, t, y, left_limit, g, rate, zero)
     class(ode), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: y(:)  !! (n) [unit of each unknown]
+    logical, intent(in) :: left_limit         !! y is the end of a step
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     g = huge(1.0_wp)
     rate = huge(1.0_wp)

@@ -20,11 +20,15 @@ module scene_model
     character(32), allocatable :: materials(:)  !! names, for messages
     integer, allocatable :: qo(:)               !! (nb) offset of each body's x in q, from 0
     type(marker_model), allocatable :: markers(:) !! of joints, drives, springs and loads
-    type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, then drives
+    type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, drives, then rows that switch
     integer :: joints = 0                       !! how many of them are joints
+    integer :: permanent = 0                    !! how many of them are joints or drives
+    integer :: permanent_rows = 0               !! their rows, the first ones
+    integer, allocatable :: switching_rows(:)   !! the constraints behind them, each of one row that may hold or not
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
     integer, allocatable :: switching(:)        !! those of them that have discrete states
+    integer :: elements = 0                     !! that have such: these, then the rows that switch
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates

@@ -6,7 +6,7 @@ module results
   use archive, only: value_archive
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
-  use switching, only: event_list
+  use switching, only: event_list, element_name, state_word
   use text, only: joined
   use text_file, only: result_file
   implicit none (type, external)
@@ -72,7 +72,7 @@ contains
     type(mechanism_model), intent(in) :: m
     logical, intent(in) :: with_motion
     integer, allocatable :: list(:)
-    list = pack([history, energies, motion, events], [.true., .true., with_motion, size(m%s%switching) > 0])
+    list = pack([history, energies, motion, events], [.true., .true., with_motion, m%s%elements > 0])
   end function files_of
 
   !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.
@@ -124,10 +124,11 @@ contains
     do k = 1, list%count
       self%events = self%events + 1
       if (self%events > most_events) cycle
-      associate (x => list%items(k), f => m%s%forces(m%s%switching(list%items(k)%element))%item)
+      associate (x => list%items(k))
         call write_number(x%t, time)
         call write_number(merge(x%memory, 0.0_wp, x%from == 0), speed)
-        call self%files(events)%line(time//' '//trim(f%name)//' '//f%state_word(x%from)//' '//f%state_word(x%to)//speed)
+        call self%files(events)%line(time//' '//element_name(m, x%element)//' '// &
+          state_word(m, x%element, x%from)//' '//state_word(m, x%element, x%to)//speed)
       end associate
     end do
     list%count = 0

@@ -75,7 +75,7 @@ contains
     call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', m%s%nz)
     if (m%s%nzd < m%s%nz) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', m%s%nz - m%s%nzd)
     call text%line('')
-    call text%figure('  constraints (multipliers): ', 'constraints', m%s%rows)
+    call text%figure('  constraints (multipliers): ', 'constraints', m%s%permanent_rows)
     call text%figure(', independent at the start: ', 'independent_constraints', report%rank)
     call text%line('')
     call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms)
@@ -136,8 +136,8 @@ contains
 
     !> Names the joints of redundant sets.
     subroutine redundancy()
-      if (report%rank == m%s%rows) return
-      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%rows - report%rank)
+      if (report%rank == m%s%permanent_rows) return
+      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%permanent_rows - report%rank)
       call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
     end subroutine redundancy
   end subroutine model_lines
@@ -209,8 +209,8 @@ contains
     do k = 1, size(report%warnings)
       text = text//'warning: '//trim(report%warnings(k))//new_line('a')
     end do
-    if (report%rank < m%s%rows) text = text//'warning: redundant constraints at the start among'//undetermined(m, report, 3)// &
-                                       new_line('a')
+    if (report%rank < m%s%permanent_rows) text = text//'warning: redundant constraints at the start among'// &
+                                                 undetermined(m, report, 3)//new_line('a')
     do k = 1, size(m%s%bodies)
       if (m%s%bodies(k)%extra_references > 0) text = text//'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
         to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure'// &
@@ -225,7 +225,7 @@ contains
     logical :: acts(6)
     character(:), allocatable :: what
     integer :: k
-    do k = 1, size(m%s%constraints)
+    do k = 1, m%s%permanent
       associate (c => m%s%constraints(k)%item)
         acts = c%acts_on()
         what = trim(merge('joint', 'drive', k <= m%s%joints))//' "'//trim(c%name)//'"'

@@ -56,7 +56,7 @@ contains
     character(:), allocatable :: names
     integer :: k
     names = ''
-    do k = m%s%joints + 1, size(m%s%constraints)
+    do k = m%s%joints + 1, m%s%permanent
       associate (c => m%s%constraints(k)%item)
         if (abs(ev%lambda_change(c%first)) > nothing*maxval(abs(ev%lambda_change))) names = names//' "'//trim(c%name)//'"'
       end associate

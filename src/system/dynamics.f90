@@ -12,6 +12,7 @@ module dynamics
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_forces, only: applied_forces, load_frames
+  use slipping, only: slip_multipliers
   use marker_motion, only: set_frames, marker_kinematics, one_marker
   implicit none (type, external)
   private
@@ -70,7 +71,11 @@ contains
     if (self%s%rows == 0) return
     call joint_accelerations(self, ev)
     if (any(baumgarte > 0.0_wp)) call add_baumgarte(self, ev, baumgarte)
-    call ev%schur%solve(ev%lambda)
+    if (allocated(ev%rows%off)) then
+      call slip_multipliers(self, ev)
+    else
+      call ev%schur%solve(ev%lambda)
+    end if
   end subroutine multiplier_forces
 
   !> Adds what the drives do to the power.
@@ -79,7 +84,7 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: lambda(:)       !! (rows) [N]
     integer :: k, i
-    do k = self%s%joints + 1, size(self%s%constraints)
+    do k = self%s%joints + 1, self%s%permanent
       associate (c => self%s%constraints(k)%item)
         i = c%first
         ev%input_power = ev%input_power + lambda(i)*ev%rows%phi_t(i)

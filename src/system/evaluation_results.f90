@@ -3,7 +3,7 @@
 module evaluation_results
   use kinds, only: wp, ip
   use body, only: elastic_work
-  use constraint, only: constraint_rows
+  use constraint, only: constraint_rows, row_motion
   use evaluation_settings, only: evaluation_options
   use force_element, only: by_position, conditions, element_action
   use marker, only: marker_states
@@ -11,7 +11,7 @@ module evaluation_results
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: evaluation, set_up_evaluation, conditions_of, powers_of
+  public :: evaluation, set_up_evaluation, conditions_of, motion_of_row, powers_of
 
   !> The bodies' frames.
   type :: frame_results
@@ -46,7 +46,8 @@ module evaluation_results
   !> Discrete states, and what elements keep from their last events (`s%switching`).
   type, public :: switch_states
     integer, allocatable :: state(:)
-    real(wp), allocatable :: memory(:)          !! [m/s] or [rad/s] of stops
+    real(wp), allocatable :: memory(:)          !! [m/s] or [rad/s] of stops; [m] of rows that hold
+    logical :: shared = .false.                 !! rows that hold depend on one another: how they share a load is not determined
   end type switch_states
 
   !> Results of the last evaluation, and work space.
@@ -101,6 +102,10 @@ contains
     associate (r => ev%rows)
       n = m%s%rows
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
+      if (size(m%s%switching_rows) > 0) then
+        allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
+        allocate (r%acceleration(n), source=0.0_wp)
+      end if
     end associate
     allocate (ev%elastic(nb), ev%attached(nb), ev%action(size(m%s%forces)), ev%work(2, maxval([0, m%s%bodies%nf])))
     do k = 1, nb
@@ -114,8 +119,8 @@ contains
     allocate (ev%displacement(3, size(m%s%markers)), source=0.0_wp)
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
-    allocate (ev%switches%state(size(m%s%switching)), source=by_position)
-    allocate (ev%switches%memory(size(m%s%switching)), source=0.0_wp)
+    allocate (ev%switches%state(m%s%elements), source=by_position)
+    allocate (ev%switches%memory(m%s%elements), source=0.0_wp)
     call ev%p%allocate(size(m%s%markers))
     do k = 1, size(m%s%markers)
       if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
@@ -143,6 +148,24 @@ contains
     if (b > 0) y = [self%cos(b)*x(1) - self%sin(b)*x(2), self%sin(b)*x(1) + self%cos(b)*x(2)]
   end function to_global
 
+  !> State and motion of row k of those that switch, also where it holds nothing; its acceleration is that of the last evaluation.
+  pure type(row_motion) function motion_of_row(m, ev, k) result(x)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k
+    real(wp) :: term(6)                     ! [m/s]
+    integer :: a, b
+    associate (c => m%s%constraints(m%s%switching_rows(k))%item, r => ev%rows)
+      associate (i => c%first)
+        a = c%ia
+        b = c%ib
+        term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
+        x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
+                       r%acceleration(i), sum(abs(term)))
+      end associate
+    end associate
+  end function motion_of_row
+
   !> What force element k may depend on beside the motion of its markers, in the last evaluation.
   pure type(conditions) function conditions_of(m, ev, k) result(with)
     type(mechanism_model), intent(in) :: m
@@ -160,16 +183,23 @@ contains
     with%memory = ev%switches%memory(i)
   end function conditions_of
 
-  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches.
+  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches, also by friction.
   pure subroutine powers_of(m, ev, power)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(out) :: power(:)           !! (2 + switching elements) [W]
-    integer :: k
+    real(wp), intent(out) :: power(:)           !! (2 + elements) [W]
+    integer :: k, n
     power(1) = ev%dissipated_power
     power(2) = ev%input_power
     do k = 1, size(m%s%switching)
       power(2 + k) = ev%action(m%s%switching(k))%dissipated
+    end do
+    n = 2 + size(m%s%switching)
+    do k = 1, size(m%s%switching_rows)
+      associate (i => m%s%constraints(m%s%switching_rows(k))%item%first, x => motion_of_row(m, ev, k))
+        power(n + k) = merge(ev%lambda(i)*x%rate, 0.0_wp, ev%rows%off(i))
+      end associate
+      power(1) = power(1) + power(n + k)
     end do
   end subroutine powers_of
 end module evaluation_results

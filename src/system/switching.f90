@@ -3,13 +3,13 @@
 module switching
   use kinds, only: wp
   use archive, only: value_archive
-  use evaluation_results, only: evaluation, conditions_of
-  use force_element, only: most_roots, watched_roots
+  use evaluation_results, only: evaluation, conditions_of, motion_of_row
   use marker_motion, only: set_frames, marker_kinematics
   use mechanism, only: mechanism_model
+  use root_watch, only: most_roots, watched_roots
   implicit none (type, external)
   private
-  public :: start_states, watch_roots, pass_events, exchange_states
+  public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, state_word
 
   !> An event of one element.
   type, public :: switch_event
@@ -46,7 +46,7 @@ contains
     end associate
   end subroutine start_states
 
-  !> Roots of all elements in their present states, at a state of motion.
+  !> Roots of all force elements in their present states, at a state of motion.
   subroutine watch_roots(m, ev, q, v, g, rate, zero)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -67,7 +67,23 @@ contains
     end associate
   end subroutine watch_roots
 
-  !> Switches the elements whose roots have fallen, and then those with a root that is negative and falls on, until none is. ok is
+  !> Roots of all rows that switch, after an evaluation.
+  subroutine watch_rows(m, ev, g, rate, zero)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots of the rows) `watched_roots` [m/s], [N], and per second
+    type(watched_roots) :: x
+    integer :: k, n
+    do k = 1, size(m%s%switching_rows)
+      call m%s%constraints(m%s%switching_rows(k))%item%roots(motion_of_row(m, ev, k), ev%lambda, x)
+      n = most_roots*(k - 1)
+      g(n + 1:n + most_roots) = x%g
+      rate(n + 1:n + most_roots) = x%rate
+      zero(n + 1:n + most_roots) = x%zero
+    end do
+  end subroutine watch_rows
+
+  !> Switches the force elements whose roots have fallen, and then those with a root that is negative and falls on, until none is. ok is
   !> false where that does not end. Roots that rise from below zero are rounding: that of an element that has just switched.
   subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
     type(mechanism_model), intent(in) :: m
@@ -111,6 +127,29 @@ contains
     ev%switches%memory(i) = event%memory
     call list%add(event)
   end subroutine switch_one
+
+  !> The name of an element.
+  pure function element_name(m, i) result(name)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: i                  !! its number among those that switch
+    character(:), allocatable :: name
+    associate (n => size(m%s%switching))
+      if (i <= n) name = trim(m%s%forces(m%s%switching(i))%item%name)
+      if (i > n) name = trim(m%s%constraints(m%s%switching_rows(i - n))%item%name)
+    end associate
+  end function element_name
+
+  !> A state of an element in a word.
+  pure function state_word(m, i, state) result(word)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: i                  !! its number among those that switch
+    integer, intent(in) :: state
+    character(:), allocatable :: word
+    associate (n => size(m%s%switching))
+      if (i <= n) word = m%s%forces(m%s%switching(i))%item%state_word(state)
+      if (i > n) word = m%s%constraints(m%s%switching_rows(i - n))%item%state_word(state)
+    end associate
+  end function state_word
 
   !> Appends an event.
   pure subroutine add(self, event)
@@ -161,5 +200,6 @@ contains
       call a%exchange(ev%switches%state(i))
     end do
     call a%exchange(ev%switches%memory)
+    call a%exchange(ev%switches%shared)
   end subroutine exchange_states
 end module switching

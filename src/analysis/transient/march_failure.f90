@@ -8,6 +8,7 @@ module march_failure
   use projection, only: open_constraints
   use scene_run, only: run_state
   use step_control, only: error_norm
+  use switching, only: element_name
   use text, only: es_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
                           trouble_rounding, trouble_events
@@ -130,17 +131,16 @@ contains
   function last_elements(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
-    integer :: k, i, n
+    integer :: k, n
     text = ''
     n = 0
     associate (list => run%sys%events, s => run%sys%m%s)
-      do k = 1, size(s%switching)
+      do k = 1, s%elements
         if (.not. any(list%items(max(1, list%count - 99):list%count)%element == k)) cycle
         n = n + 1
         if (n == 5) text = text//' and others'
         if (n > 4) cycle
-        i = s%switching(k)
-        text = text//' "'//trim(s%forces(i)%item%name)//'"'
+        text = text//' "'//element_name(run%sys%m, k)//'"'
       end do
     end associate
   end function last_elements

@@ -10,6 +10,7 @@ module mechanism_ode
   use evaluation_results, only: conditions_of, evaluation, powers_of
   use condensed_system, only: change_rows
   use force_element, only: idle, most_roots
+  use friction_states, only: motion_state, settle_friction
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use contact_mass, only: mass_at, time_of_contact
@@ -26,7 +27,7 @@ module mechanism_ode
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
   use switch_tally, only: element_tally, exchange_tallies
-  use switching, only: event_list, start_states, watch_roots, pass_events, exchange_states
+  use switching, only: event_list, switch_event, start_states, watch_roots, watch_rows, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
@@ -130,28 +131,49 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     integer :: k
+    logical :: ok
     self%ev%t = t
     self%ev%options = self%options
     associate (nq => self%m%s%nq)
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
     end associate
-    self%roots = most_roots*size(self%m%s%switching)
+    self%roots = most_roots*self%m%s%elements
     allocate (self%tally(size(self%m%s%switching)))
-    if (self%roots > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], self%ev%switches%state /= 0)
+    if (size(self%tally) > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], &
+                                                  self%ev%switches%state(:size(self%tally)) /= 0)
+    if (size(self%m%s%switching_rows) == 0) return
+    call settle_friction(self%m, self%ev, motion_at(self, t, y), spread(.false., 1, most_roots*size(self%m%s%switching_rows)), ok)
   end subroutine start_switching
 
   !> Roots of the elements that switch.
-  subroutine find_roots(self, t, y, g, rate, zero)
+  subroutine find_roots(self, t, y, left_limit, g, rate, zero)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: left_limit       !! y is the end of a step
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
-    associate (nq => self%m%s%nq)
-      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g, rate, zero)
+    type(motion_state) :: at
+    associate (nq => self%m%s%nq, n => most_roots*size(self%m%s%switching))
+      if (size(self%m%s%switching_rows) > 0) then
+        at = motion_at(self, t, y)
+        call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, at%q, at%v, at%z, at%zd)
+        call watch_rows(self%m, self%ev, g(n + 1:), rate(n + 1:), zero(n + 1:))
+      end if
+      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g(:n), rate(:n), zero(:n))
     end associate
   end subroutine find_roots
 
-  !> Events change states alone.
+  !> The parts of a state.
+  pure type(motion_state) function motion_at(self, t, y) result(at)
+    class(mechanism_system), intent(in) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in) :: y(:)            !! (ny) [m, rad], [m/s, rad/s], [J]
+    associate (nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd)
+      at = motion_state(self%options, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+    end associate
+  end function motion_at
+
+  !> Events change states alone; joints that begin to stick have no rate left.
   subroutine resolve_events(self, t, y, fallen, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -161,7 +183,7 @@ contains
     integer :: k, n
     n = self%events%count
     associate (nq => self%m%s%nq)
-      call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), fallen, self%events, ok)
+      call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), fallen(:most_roots*size(self%tally)), self%events, ok)
     end associate
     do k = n + 1, self%events%count
       associate (event => self%events%items(k))
@@ -171,7 +193,26 @@ contains
     call choose_rows(self)
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
+    if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, ok)
   end subroutine resolve_events
+
+  !> Joints with friction after any event.
+  subroutine resolve_friction(self, t, y, fallen, ok)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: fallen(:)        !! (roots)
+    logical, intent(out) :: ok
+    integer :: before(self%m%s%elements), k
+    before = self%ev%switches%state
+    call settle_friction(self%m, self%ev, motion_at(self, t, y), fallen(most_roots*size(self%tally) + 1:), ok)
+    do k = size(self%tally) + 1, self%m%s%elements
+      associate (state => self%ev%switches%state(k))
+        if (state /= before(k)) call self%events%add(switch_event(t, k, before(k), state))
+      end associate
+    end do
+    if (ok .and. self%has_manifold) call self%project(t, y, ok)
+  end subroutine resolve_friction
 
   !> How long contacts take that have just begun decides on the steps that follow.
   subroutine begin_contacts(self, t, y, elements, begins)
@@ -200,7 +241,7 @@ contains
   !> The longest step that all contacts allow.
   subroutine limit_steps(self)
     class(mechanism_system), intent(inout) :: self
-    self%longest_step = minval(self%tally%longest)
+    self%longest_step = minval([huge(1.0_wp), self%tally%longest])
     self%shortest_limit = min(self%shortest_limit, self%longest_step)
   end subroutine limit_steps
 
@@ -258,7 +299,7 @@ contains
     self%nz = self%m%s%nz
     self%nzd = self%m%s%nzd
     self%rows = self%m%s%rows
-    self%quadratures = 2 + size(self%m%s%switching)
+    self%quadratures = 2 + self%m%s%elements
     self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
@@ -384,7 +425,7 @@ contains
       ev%options = at_side(self%options, .true.)
       call set_frames(m, ev, q)
       call marker_kinematics(m, ev, q, v)
-      if (size(m%s%constraints) > m%s%joints) call constraint_values(m, ev, ev%options, t)   ! the rates of drives
+      if (size(m%s%constraints) > m%s%joints) call constraint_values(m, ev, ev%options, t)   ! rates of drives and rows that switch
       call find_powers(self%t, m, ev, t, v, lambda, z, zd, power)
     end associate
   end subroutine powers

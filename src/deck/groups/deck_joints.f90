@@ -47,11 +47,29 @@ contains
     call get(deck, 'ratio', j%ratio, required, kinds='gear')
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
+    call read_friction(deck, j)
     call forbid_rigid_pair(deck, d, j%a, j%b)
     if (.not. deck%is_choice('gear')) return
     call forbid_rigid_pair(deck, d, j%a, j%c, '_a', '_c')
     call forbid_rigid_pair(deck, d, j%b, j%c, '_b', '_c')
   end subroutine read_joint
+
+  !> Dry friction of &joint.
+  subroutine read_friction(deck, j)
+    class(deck_source), intent(inout) :: deck
+    type(joint_record), intent(inout) :: j
+    character(*), parameter :: sliding = 'revolute slider prismatic'
+    call get(deck, 'friction', j%friction, least=0.0_wp, most=10.0_wp, kinds=sliding)
+    call get(deck, 'friction_static', j%friction_static, least=0.0_wp, most=10.0_wp, kinds=sliding)
+    call get(deck, 'preload', j%preload, least=0.0_wp, kinds=sliding)
+    call get(deck, 'pin_radius', j%pin_radius, above=0.0_wp, kinds='revolute')
+    call get(deck, 'pad_distance', j%pad_distance, least=0.0_wp, kinds='prismatic')
+    if (deck%is_set('friction_static') .and. j%friction_static < j%friction) call deck%complain('friction_static', &
+      'friction_static='//to_text(j%friction_static)//' is below friction='//to_text(j%friction)//', expected not less: '// &
+      'surfaces that stick hold at least as much as surfaces that slip')
+    if (deck%is_choice('revolute') .and. max(j%friction, j%friction_static) > 0.0_wp .and. .not. deck%is_given('pin_radius')) &
+      call deck%note_missing('pin_radius', 'pin_radius > 0 (m), the arm of the friction of a revolute joint')
+  end subroutine read_friction
 
   !> &drive
   subroutine read_drive(deck, d, r)

@@ -102,6 +102,11 @@ module deck_records
     real(wp) :: direction = 0.0_wp           !! slider, prismatic [rad]
     logical :: has_length = .false.          !! distance: false: as assembled
     real(wp) :: length = 0.0_wp              !! distance [m]
+    real(wp) :: friction = 0.0_wp            !! kinetic coefficient of revolute, slider, prismatic [-]
+    real(wp) :: friction_static = 0.0_wp     !! static one; 0: the kinetic one [-]
+    real(wp) :: pin_radius = 0.0_wp          !! revolute [m]
+    real(wp) :: preload = 0.0_wp             !! part of the friction's limit without reaction [N]; revolute [N m]
+    real(wp) :: pad_distance = 0.0_wp        !! prismatic [m]
   end type joint_record
 
   !> &drive

@@ -6,15 +6,14 @@ module force_element
   use history, only: breakpoint
   use internal_variables, only: internal_state
   use marker, only: marker_states
+  use root_watch, only: by_position, most_roots, root_rounding, watched_roots
   implicit none (type, external)
   private
+  public :: by_position, most_roots, root_rounding, watched_roots
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
-  integer, parameter, public :: by_position = -huge(1)   !! no discrete state is kept: an element takes it from its position
   integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
-  integer, parameter, public :: most_roots = 2           !! that an element watches at a time
-  real(wp), parameter, public :: root_rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of what it is a difference of [-]
 
   !> What an element may depend on beside the motion of its markers and its internal variables.
   type, public :: conditions
@@ -36,13 +35,6 @@ module force_element
     real(wp) :: dissipated = 0.0_wp       !! power [W]
     real(wp) :: input = 0.0_wp            !! power put in [W]
   end type element_action
-
-  !> What an element watches: each root is positive in the present state, its fall to zero is an event.
-  type, public :: watched_roots
-    real(wp) :: g(most_roots) = huge(1.0_wp)      !! values; huge: not watched [m], [rad] or [-]
-    real(wp) :: rate(most_roots) = 0.0_wp         !! their rates; huge: not known without accelerations [m/s], [rad/s] or [1/s]
-    real(wp) :: zero(most_roots) = root_rounding  !! a value so small is rounding [m], [rad] or [-]
-  end type watched_roots
 
   !> A spring, a load or anything else that acts by forces that follow from the state.
   type, abstract, extends(internal_state), public :: force_model

@@ -5,6 +5,7 @@ module constraint
   use kinds, only: wp
   use history, only: breakpoint, drive_values, history_model
   use marker, only: marker_states
+  use root_watch, only: watched_roots
   implicit none (type, external)
   private
 
@@ -19,9 +20,21 @@ module constraint
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
     logical :: left_limit = .false.       !! jumps of histories at the time of evaluation are not yet felt
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
+    logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
+    real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
+    real(wp) :: largest = 0.0_wp          !! of them without multipliers [m/s2]
   contains
     procedure :: empty
   end type constraint_rows
+
+  !> State and motion of a row that switches, whether it holds or not.
+  type, public :: row_motion
+    integer :: state = 0
+    real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a row that holds the value it is measured from [m]
+    real(wp) :: rate = 0.0_wp             !! [m/s]
+    real(wp) :: acceleration = 0.0_wp     !! [m/s2]
+    real(wp) :: speed = 0.0_wp            !! sizes of the terms of the rate [m/s]
+  end type row_motion
 
   !> Second derivatives of lambda.Phi with respect to (x, y, angle) of marker a, then of marker b.
   type, public :: marker_stiffness
@@ -44,6 +57,8 @@ module constraint
     real(wp) :: origin = 0.0_wp           !! drives: what the history, or its integral, is added to [m] or [rad]
     logical :: pending = .false.          !! takes its value from the assembled positions; until then its one row holds nothing
     logical :: angular = .false.          !! drives: the quantity is an angle
+    integer :: switch_number = 0          !! its number among the elements that switch, 0: it holds always
+    integer :: parent = 0                 !! rows that switch: the joint whose markers it has, 0: they are its own
   contains
     procedure(evaluate_rows), deferred :: evaluate
     procedure :: geometric => no_geometric
@@ -58,6 +73,9 @@ module constraint
     procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
+    procedure :: holds => always          !! whether the row of an element that switches holds in a state
+    procedure :: roots => no_roots        !! what that watches in its present state
+    procedure :: state_word => no_word    !! a state in a word, for files
   end type constraint_model
 
   !> Makes an array of different kinds possible.
@@ -177,6 +195,30 @@ contains
     logical, intent(out) :: released
     released = .false.
   end subroutine holds_none
+
+  !> Most rows hold always.
+  pure logical function always(self, state) result(yes)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: state
+    yes = .true.
+  end function always
+
+  !> Most rows watch nothing.
+  pure subroutine no_roots(self, now, lambda, watched)
+    class(constraint_model), intent(in) :: self
+    type(row_motion), intent(in) :: now
+    real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
+    type(watched_roots), intent(out) :: watched
+    watched = watched_roots()
+  end subroutine no_roots
+
+  !> Most rows have no states.
+  pure function no_word(self, state) result(word)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: state
+    character(:), allocatable :: word
+    word = 'none'
+  end function no_word
 
   !> One row: the angle of section a minus that of section b stays as it is.
   pure subroutine hold_angle(self, i, angle, p, r)

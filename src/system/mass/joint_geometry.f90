@@ -51,6 +51,7 @@ contains
       end do
       call add_frame_compliance(size(ev%frame%cos), at%first, at%sides, at%row, l, dinv, ev%side%rigid_wrench, ev%side%g, &
                                 self%s%rows, ev%schur%scale, size(at%entry), at%entry, size(ev%schur%g), ev%schur%g)
+      if (allocated(ev%rows%off)) call ev%schur%uncouple(ev%schur%g)
     end associate
   end subroutine condense_geometry
 

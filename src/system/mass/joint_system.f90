@@ -32,7 +32,24 @@ contains
         end if
       end associate
     end do
+    if (allocated(ev%rows%off)) call switch_rows(self, ev)
   end subroutine constraint_values
+
+  !> Which rows hold in their present states: those are measured from what they keep. Others keep their gradients, for the forces
+  !> that act along them.
+  subroutine switch_rows(self, ev)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    integer :: k
+    do k = 1, size(self%s%switching_rows)
+      associate (c => self%s%constraints(self%s%switching_rows(k))%item, x => ev%switches)
+        associate (i => c%first)
+          ev%rows%off(i) = .not. c%holds(x%state(c%switch_number))
+          ev%rows%phi(i) = merge(0.0_wp, ev%rows%phi(i) - x%memory(c%switch_number), ev%rows%off(i))
+        end associate
+      end associate
+    end do
+  end subroutine switch_rows
 
   !> Rates of all rows, Phi_q v + Phi_t [m/s].
   pure subroutine row_rates(self, ev, rate)
@@ -45,6 +62,8 @@ contains
     associate (i => self%incidence%carried)
       rate(i) = rate(i) + ev%rows%sc(i)*ev%p%rate(self%incidence%carrier)
     end associate
+    if (.not. allocated(ev%rows%off)) return
+    where (ev%rows%off) rate = 0.0_wp
   end subroutine row_rates
 
   !> Adds Phi_q dq: how the rows change with the coordinates.
@@ -78,6 +97,8 @@ contains
     real(wp), intent(out), contiguous :: x(:)         !! (rows) [m/s2]
     call velocity_terms(self, ev, x)
     call add_row_motion(self, ev, a, x)
+    if (.not. allocated(ev%rows%off)) return
+    where (ev%rows%off) x = 0.0_wp
   end subroutine row_accelerations
 
   !> The same where nothing accelerates.
@@ -145,6 +166,7 @@ contains
                               ev%frame%dinv, ev%side%frame_wrench, &
                               ev%side%g, self%s%rows, ev%schur%scale, size(self%incidence%entry), self%incidence%entry, &
                               size(ev%schur%s), ev%schur%s)
+    if (allocated(ev%rows%off)) call ev%schur%take_off(ev%rows%off)
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.

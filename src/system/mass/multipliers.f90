@@ -36,6 +36,8 @@ module multipliers
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n [m/s2, N]
     real(wp), allocatable :: r(:), best(:)     !! (n) work [m/s2, N]
     logical, allocatable :: dependent(:)       !! (n) reordered rows that depend on earlier ones by geometry
+    logical, allocatable :: off(:)             !! (n) rows, in their own order, that hold nothing; allocated where rows switch
+    real(wp), allocatable :: whole(:, :)       !! (0:kd, n) S as if they held, likewise [1/kg]
   contains
     procedure :: set_up
     procedure :: clear
@@ -50,6 +52,9 @@ module multipliers
     procedure :: remove_range
     procedure :: weak_rows
     procedure :: weakest_row
+    procedure :: take_off
+    procedure :: uncouple
+    procedure :: whole_product
   end type multiplier_system
 
 contains
@@ -88,6 +93,46 @@ contains
     real(wp), intent(out) :: x(n)             !! [any]
     x = 0.0_wp
   end subroutine fill_zero
+
+  !> Takes rows that hold nothing off S, which has just been summed: their multipliers are zero. S with them is kept.
+  subroutine take_off(self, off)
+    class(multiplier_system), intent(inout) :: self
+    logical, intent(in) :: off(:)             !! (n)
+    self%off = off
+    self%whole = self%s
+    call self%uncouple(self%s)
+  end subroutine take_off
+
+  !> Zero between rows that are off and all others; their own entries stay.
+  subroutine uncouple(self, x)
+    class(multiplier_system), intent(in) :: self
+    real(wp), intent(inout) :: x(0:, :)       !! (0:kd, n) S or G [1/kg] or [-]
+    integer :: i, j, k
+    do i = 1, self%n
+      if (.not. self%off(i)) cycle
+      k = self%position(i)
+      x(1:, k) = 0.0_wp
+      do j = max(1, k - self%kd), k - 1
+        x(k - j, j) = 0.0_wp
+      end do
+    end do
+  end subroutine uncouple
+
+  !> r <- r - S lambda, S with all rows.
+  subroutine whole_product(self, lambda, r)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: lambda(:)         !! (n) [N]
+    real(wp), intent(inout) :: r(:)           !! (n) [m/s2]
+    integer :: k
+    do k = 1, self%n
+      self%r(self%position(k)) = lambda(k)/self%scale(k)
+      self%best(self%position(k)) = 0.0_wp
+    end do
+    call subtract_product(self%n, self%kd, self%whole, self%r, self%best)
+    do k = 1, self%n
+      r(k) = r(k) + self%best(self%position(k))/self%scale(k)
+    end do
+  end subroutine whole_product
 
   !> Factors S; falls back to S + eps 1 where a pivot is weak.
   subroutine factor(self)
@@ -203,6 +248,9 @@ contains
     do k = 1, self%n
       self%x(self%position(k)) = lambda(k)*self%scale(k)
     end do
+    if (allocated(self%off)) then
+      where (self%off) self%x(self%position) = 0.0_wp
+    end if
     if (self%singular) then
       call correct(self)
     else
@@ -261,13 +309,14 @@ contains
     end associate
   end subroutine correct
 
-  !> Rows that depend on earlier ones, by elimination of G, which is spent: a pivot below tol of its diagonal.
+  !> Rows that depend on earlier ones, by elimination of G, which is spent: a pivot below tol of its diagonal; and those that are off.
   subroutine weak_rows(self, tol, dependent)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
     call mark_dependent(self, tol)
     dependent = self%dependent(self%position)
+    if (allocated(self%off)) dependent = dependent .or. self%off
   end subroutine weak_rows
 
   !> The row that rounding weakens most: its pivot in S is the smallest beside its diagonal entry. 0: no row.

@@ -1,0 +1,220 @@
+!> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 12). All joints at rest
+!> stick first. A share beyond its static limit is taken off: its joint slips, or is carried at its limit where the others hold it
+!> all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
+module friction_states
+  use kinds, only: wp
+  use dynamics, only: evaluate
+  use evaluation_settings, only: evaluation_options
+  use evaluation_results, only: evaluation, motion_of_row
+  use friction_row, only: friction_model, creeping, row_stuck, row_slips, row_carried, row_idle
+  use joint_geometry, only: condense_geometry
+  use mechanism, only: mechanism_model
+  use root_watch, only: by_position, most_roots, root_rounding
+  implicit none (type, external)
+  private
+  public :: settle_friction
+
+  real(wp), parameter :: still = 1.0e-10_wp      !! an acceleration so small is none, of the largest without multipliers [-]
+  real(wp), parameter :: redundant = 1.0e-6_wp   !! relative pivot of the geometry below which a row depends on others [-]
+
+  !> A state of motion.
+  type, public :: motion_state
+    type(evaluation_options) :: options
+    real(wp) :: t = 0.0_wp                       !! [s]
+    real(wp), allocatable :: q(:), v(:)          !! (nq) [m, rad] and per second
+    real(wp), allocatable :: z(:), zd(:)         !! (nz), (nzd) [m, rad] and per second
+  end type motion_state
+
+contains
+
+  !> States of all joints with friction after events, or of a position that no event has led to (`by_position`). ok is false where no
+  !> states meet the law. The last evaluation is that of the states found.
+  subroutine settle_friction(m, ev, at, fallen, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    logical, intent(in) :: fallen(:)             !! (roots of the rows) those that have fallen to zero
+    logical, intent(out) :: ok
+    logical :: rests(size(m%s%switching_rows))
+    call look(m, ev, at)
+    call find_resting(m, ev, fallen, rests)
+    ev%switches%shared = .false.
+    ok = .true.
+    if (any(rests)) call settle(m, ev, at, rests, ok)
+    if (.not. any(rests)) call look(m, ev, at)
+  end subroutine settle_friction
+
+  !> An evaluation with the present states.
+  subroutine look(m, ev, at)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    call evaluate(m, ev, at%options, at%t, at%q, at%v, at%z, at%zd)
+  end subroutine look
+
+  !> Rows that are at rest: those stick, from the present position unless they stuck before. Others slip with their rates.
+  subroutine find_resting(m, ev, fallen, rests)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(in) :: fallen(:)             !! (roots of the rows)
+    logical, intent(out) :: rests(:)             !! (rows that switch)
+    integer :: k
+    do k = 1, size(rests)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        associate (x => motion_of_row(m, ev, k), state => ev%switches%state(c%switch_number), &
+                   memory => ev%switches%memory(c%switch_number), down => fallen(most_roots*(k - 1) + 1:most_roots*k))
+          rests(k) = state == row_stuck .or. abs(x%rate) <= creeping*c%size
+          if (abs(state) == row_slips) rests(k) = rests(k) .or. down(1)
+          if (rests(k) .and. state /= row_stuck) memory = c%measure(ev%p)
+          if (rests(k)) then
+            state = row_stuck
+          else
+            state = nint(sign(1.0_wp, x%rate))*row_slips
+            memory = c%pad_code(ev%lambda)
+          end if
+        end associate
+      end select
+    end do
+  end subroutine find_resting
+
+  !> Sorts the rows at rest.
+  subroutine settle(m, ev, at, rests, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical, intent(out) :: ok
+    integer :: pass, k
+    logical :: changed
+    call look(m, ev, at)
+    if (ev%schur%singular .and. .not. m%redundant) call sort_dependent(m, ev, at, rests)
+    do pass = 1, 4*size(rests) + 4
+      call check_released(m, ev, rests, changed)
+      if (.not. changed) call release_worst(m, ev, rests, changed)
+      ok = .not. changed
+      if (ok) exit
+      call look(m, ev, at)
+    end do
+    do k = 1, size(rests)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        if (abs(ev%switches%state(c%switch_number)) == row_slips) &
+          ev%switches%memory(c%switch_number) = c%pad_code(ev%lambda)
+      end select
+    end do
+  end subroutine settle
+
+  !> Where rows at rest depend on others: those that depend on rows that always hold are carried by these, without a force, or slip as
+  !> these accelerate them; those that depend on other rows at rest share the load with them.
+  subroutine sort_dependent(m, ev, at, rests)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical :: carried(size(rests))
+    integer :: k
+    carried = .false.
+    ev%schur%off(m%s%permanent_rows + 1:) = .true.
+    do k = 1, size(rests)
+      if (rests(k)) carried(k) = depends(m, ev, k)
+      if (carried(k)) ev%switches%state(number(m, k)) = row_idle
+    end do
+    call look(m, ev, at)
+    ev%switches%shared = ev%schur%singular
+    do k = 1, size(rests)
+      associate (x => motion_of_row(m, ev, k))
+        if (carried(k) .and. abs(x%acceleration) > still*ev%rows%largest) &
+          ev%switches%state(number(m, k)) = nint(sign(1.0_wp, x%acceleration))*row_slips
+      end associate
+    end do
+    if (any(carried)) call look(m, ev, at)
+  end subroutine sort_dependent
+
+  !> Rows at rest that are off: one that would move against its force sticks, one that is carried no longer slips.
+  subroutine check_released(m, ev, rests, changed)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical, intent(out) :: changed
+    integer :: k
+    changed = .false.
+    do k = 1, size(rests)
+      if (.not. rests(k)) cycle
+      associate (x => motion_of_row(m, ev, k), state => ev%switches%state(number(m, k)))
+        if (abs(x%acceleration) <= still*ev%rows%largest) cycle
+        if (abs(state) == row_slips .and. state*x%acceleration < 0.0_wp) then
+          state = row_stuck
+          changed = .true.
+        else if (abs(state) == row_carried .or. state == row_idle) then
+          state = nint(sign(1.0_wp, x%acceleration))*row_slips
+          changed = .true.
+        end if
+      end associate
+    end do
+  end subroutine check_released
+
+  !> Takes off the row that is farthest beyond its static limit.
+  subroutine release_worst(m, ev, rests, changed)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical, intent(out) :: changed
+    real(wp) :: share, worst, limit
+    integer :: k, which, side
+    worst = 1.0_wp
+    which = 0
+    do k = 1, size(rests)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        if (ev%switches%state(c%switch_number) /= row_stuck) cycle
+        limit = c%sticking_limit(ev%lambda)
+        limit = limit + root_rounding*(limit + maxval(abs(ev%lambda)))
+        share = abs(ev%lambda(c%first))/max(limit, tiny(1.0_wp))
+        if (share <= worst) cycle
+        worst = share
+        which = k
+        side = nint(sign(1.0_wp, ev%lambda(c%first)))
+      end select
+    end do
+    changed = which > 0
+    if (.not. changed) return
+    associate (state => ev%switches%state(number(m, which)))
+      state = side*row_slips
+      if (.not. ev%switches%shared) return
+      ev%schur%off(row(m, which)) = .true.
+      if (depends(m, ev, which)) state = side*row_carried
+    end associate
+  end subroutine release_worst
+
+  !> Whether row k of those that switch depends on the rows that hold.
+  logical function depends(m, ev, k) result(yes)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    integer, intent(in) :: k
+    logical :: weak(m%s%rows)
+    integer :: before
+    call condense_geometry(m, ev)
+    call ev%schur%weak_rows(redundant, weak)
+    before = count(weak .and. .not. ev%schur%off)
+    ev%schur%off(row(m, k)) = .false.
+    call condense_geometry(m, ev)
+    call ev%schur%weak_rows(redundant, weak)
+    yes = count(weak .and. .not. ev%schur%off) > before
+    ev%schur%off(row(m, k)) = .true.
+  end function depends
+
+  !> Its number among the elements that switch.
+  pure integer function number(m, k)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    number = size(m%s%switching) + k
+  end function number
+
+  !> Its number among all rows.
+  pure integer function row(m, k)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: k
+    row = m%s%constraints(m%s%switching_rows(k))%item%first
+  end function row
+end module friction_states

@@ -1,0 +1,145 @@
+!> Multipliers of joints that slip: friction follows from the same multipliers that it changes (theory.md, section 12),
+!>
+!>   S_nn lambda = b - S_nt sigma c(lambda)                                 (A)
+!>
+!> with the rows n that hold and the rows t that slip. It is iterated with the factor at hand; where that contracts slowly, Newton's
+!> method takes over, whose matrix has the same band.
+module slipping
+  use kinds, only: wp
+  use evaluation_results, only: evaluation
+  use friction_row, only: friction_model
+  use lapack, only: dgbtrf, dgbtrs
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: slip_multipliers
+
+  integer, parameter :: most_passes = 60
+  real(wp), parameter :: slow = 0.3_wp             !! contraction from which Newton's method takes less work [-]
+  real(wp), parameter :: settled = 4*epsilon(1.0_wp)   !! change of the friction that is rounding, of its size [-]
+
+contains
+
+  !> Multipliers of all rows from the right-hand side that they hold: those of rows that are off are the friction. Where no force
+  !> meets (A), the evaluation is broken.
+  subroutine slip_multipliers(m, ev)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), dimension(size(ev%lambda)) :: b, x, f, before   ! [m/s2], [N]
+    real(wp) :: change, last
+    integer :: pass
+    b = ev%lambda
+    x = b
+    call ev%schur%solve(x)
+    call friction(m, ev, x, f)
+    last = huge(1.0_wp)
+    do pass = 1, most_passes
+      if (.not. any(abs(f) > 0.0_wp)) exit
+      x = b
+      call ev%schur%whole_product(f, x)
+      call ev%schur%solve(x)
+      before = f
+      call friction(m, ev, x, f)
+      change = maxval(abs(f - before))
+      if (change <= settled*maxval(abs(f))) exit
+      if (change > slow*last .and. change > 64*settled*maxval(abs(f))) then
+        call newton(m, ev, b, x, f)
+        exit
+      end if
+      if (change > slow*last) exit               ! no longer falls: rounding
+      last = change
+    end do
+    ev%lambda = merge(f, x, ev%rows%off)
+    x = b
+    call ev%schur%whole_product(ev%lambda, x)
+    ev%rows%acceleration = x
+    ev%rows%largest = maxval(abs(b))
+  end subroutine slip_multipliers
+
+  !> The friction of all rows that are off.
+  pure subroutine friction(m, ev, lambda, f)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: lambda(:)                !! [N]
+    real(wp), intent(out) :: f(:)                    !! (rows) [N]
+    integer :: k
+    f = 0.0_wp
+    do k = 1, size(m%s%switching_rows)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        f(c%first) = c%force(ev%switches%state(c%switch_number), lambda)
+      end select
+    end do
+  end subroutine friction
+
+  !> Newton's method for (A).
+  subroutine newton(m, ev, b, x, f)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: b(:)                     !! [m/s2]
+    real(wp), intent(inout) :: x(:), f(:)            !! [N]
+    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix [1/kg]
+    real(wp), dimension(size(x)) :: r, before
+    real(wp) :: change, last
+    integer :: pivots(ev%schur%n), info, pass
+    last = huge(1.0_wp)
+    do pass = 1, most_passes
+      r = b
+      call ev%schur%whole_product(merge(f, x, ev%rows%off), r)
+      where (ev%rows%off) r = 0.0_wp
+      call sum_matrix(m, ev, x, ab)
+      call dgbtrf(size(x), size(x), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
+      r(ev%schur%position) = r*ev%schur%scale
+      if (info == 0) call dgbtrs('N', size(x), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, r, size(x), info)
+      if (info /= 0) exit
+      x = x + r(ev%schur%position)*ev%schur%scale
+      before = f
+      call friction(m, ev, x, f)
+      change = maxval(abs(f - before))
+      if (change <= settled*maxval(abs(f))) return
+      if (change > slow*last .and. change <= 64*settled*maxval(abs(f))) return
+      if (.not. change < huge(1.0_wp)) exit
+      last = change
+    end do
+    ev%broken = .true.
+  end subroutine newton
+
+  !> S + S_t sigma dc/dlambda in the band storage of `dgbtrf`. A row t meets the rows of its joint, and all that these meet.
+  subroutine sum_matrix(m, ev, lambda, ab)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: lambda(:)                !! [N]
+    real(wp), intent(out) :: ab(:, :)                !! [1/kg]
+    real(wp), allocatable :: d(:)                    ! [-]
+    real(wp) :: t                                    ! [1/kg]
+    integer :: i, j, k, l, n, kd, row
+    n = ev%schur%n
+    kd = ev%schur%kd
+    ab = 0.0_wp
+    do j = 1, n
+      do i = 0, min(kd, n - j)
+        ab(2*kd + 1 + i, j) = ev%schur%s(i, j)
+        ab(2*kd + 1 - i, j + i) = ev%schur%s(i, j)
+      end do
+    end do
+    if (ev%schur%singular) ab(2*kd + 1, :) = ab(2*kd + 1, :) + ev%schur%shift*sum(ev%schur%s(0, :))/n
+    do k = 1, size(m%s%switching_rows)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        d = c%force_slope(ev%switches%state(c%switch_number), lambda)
+        associate (at => ev%schur%position(c%first), scale => ev%schur%scale)
+          do row = 1, n
+            i = ev%schur%position(row)
+            if (abs(i - at) > kd .or. ev%rows%off(row)) cycle
+            t = ev%schur%whole(abs(i - at), min(i, at))/scale(c%first)
+            if (.not. abs(t) > 0.0_wp) cycle
+            do l = 1, c%joint_rows
+              j = ev%schur%position(c%joint_first + l - 1)
+              ab(2*kd + 1 + i - j, j) = ab(2*kd + 1 + i - j, j) + t*d(l)*scale(c%joint_first + l - 1)
+            end do
+          end do
+        end associate
+      end select
+    end do
+  end subroutine sum_matrix
+end module slipping
