@@ -37,8 +37,8 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     call evaluate(m, ev, options, t, q, v, z, zd)
-    if (ev%schur%singular .and. .not. (m%redundant .or. ev%switches%shared)) &
-      call smooth_accelerations(m, ev, options, t, q, v, z, zd)
+    if (.not. ev%schur%singular .or. m%redundant .or. ev%switches%shared) return
+    call smooth_accelerations(m, ev, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion. Cases:

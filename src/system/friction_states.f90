@@ -1,6 +1,6 @@
-!> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 12). All joints at rest
-!> stick first. A share beyond its static limit is taken off: its joint slips, or is carried at its limit where the others hold it
-!> all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
+!> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 12). All joints at
+!> rest stick first. A share beyond its static limit is taken off: its joint slips, or is carried at its limit where the others hold
+!> it all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
 module friction_states
   use kinds, only: wp
   use dynamics, only: evaluate
@@ -27,8 +27,8 @@ module friction_states
 
 contains
 
-  !> States of all joints with friction after events, or of a position that no event has led to (`by_position`). ok is false where no
-  !> states meet the law. The last evaluation is that of the states found.
+  !> States of joints with friction after events, or of a position that no event has led to. ok is false where no states meet the
+  !> law. The last evaluation is that of the states found.
   subroutine settle_friction(m, ev, at, fallen, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -99,14 +99,15 @@ contains
     do k = 1, size(rests)
       select type (c => m%s%constraints(m%s%switching_rows(k))%item)
       class is (friction_model)
-        if (abs(ev%switches%state(c%switch_number)) == row_slips) &
-          ev%switches%memory(c%switch_number) = c%pad_code(ev%lambda)
+        associate (x => ev%switches, i => c%switch_number)
+          if (abs(x%state(i)) == row_slips) x%memory(i) = c%pad_code(ev%lambda)
+        end associate
       end select
     end do
   end subroutine settle
 
-  !> Where rows at rest depend on others: those that depend on rows that always hold are carried by these, without a force, or slip as
-  !> these accelerate them; those that depend on other rows at rest share the load with them.
+  !> Where rows at rest depend on others: those that depend on rows that always hold are carried by these, without a force, or slip
+  !> as these accelerate them; those that depend on other rows at rest share the load with them.
   subroutine sort_dependent(m, ev, at, rests)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -124,8 +125,8 @@ contains
     ev%switches%shared = ev%schur%singular
     do k = 1, size(rests)
       associate (x => motion_of_row(m, ev, k))
-        if (carried(k) .and. abs(x%acceleration) > still*ev%rows%largest) &
-          ev%switches%state(number(m, k)) = nint(sign(1.0_wp, x%acceleration))*row_slips
+        if (.not. carried(k) .or. abs(x%acceleration) <= still*ev%rows%largest) cycle
+        ev%switches%state(number(m, k)) = nint(sign(1.0_wp, x%acceleration))*row_slips
       end associate
     end do
     if (any(carried)) call look(m, ev, at)

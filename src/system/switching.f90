@@ -83,8 +83,8 @@ contains
     end do
   end subroutine watch_rows
 
-  !> Switches the force elements whose roots have fallen, and then those with a root that is negative and falls on, until none is. ok is
-  !> false where that does not end. Roots that rise from below zero are rounding: that of an element that has just switched.
+  !> Switches the force elements whose roots have fallen, and then those with a root that is negative and falls on, until none is.
+  !> ok is false where that does not end. Roots that rise from below zero are rounding: that of an element that has just switched.
   subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

@@ -67,8 +67,9 @@ contains
     if (deck%is_set('friction_static') .and. j%friction_static < j%friction) call deck%complain('friction_static', &
       'friction_static='//to_text(j%friction_static)//' is below friction='//to_text(j%friction)//', expected not less: '// &
       'surfaces that stick hold at least as much as surfaces that slip')
-    if (deck%is_choice('revolute') .and. max(j%friction, j%friction_static) > 0.0_wp .and. .not. deck%is_given('pin_radius')) &
-      call deck%note_missing('pin_radius', 'pin_radius > 0 (m), the arm of the friction of a revolute joint')
+    if (.not. deck%is_choice('revolute') .or. deck%is_given('pin_radius')) return
+    if (max(j%friction, j%friction_static) > 0.0_wp) call deck%note_missing('pin_radius', 'pin_radius > 0 (m), the arm of the '// &
+      'friction of a revolute joint')
   end subroutine read_friction
 
   !> &drive

@@ -309,7 +309,8 @@ contains
     end associate
   end subroutine correct
 
-  !> Rows that depend on earlier ones, by elimination of G, which is spent: a pivot below tol of its diagonal; and those that are off.
+  !> Rows that depend on earlier ones, by elimination of G, which is spent: a pivot below tol of its diagonal; and
+  !> those that are off.
   subroutine weak_rows(self, tol, dependent)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
