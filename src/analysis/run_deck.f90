@@ -25,6 +25,7 @@ module run_deck
   use summary, only: add_warnings, model_lines, model_warnings, tell_warnings
   use summary_text, only: json_number, summary_record
   use text, only: es_text, to_text
+  use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   use typical_slips, only: warn_of_slips
@@ -88,6 +89,7 @@ contains
     call advise(run%d, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
+    run%stable_steps = advice%lowest
     call text%line('')
     call text%append(advice%text)
     call deck_step(run, advice, text)
@@ -177,6 +179,10 @@ contains
     real(wp) :: share                       ! of the safe bound [-]
     integer :: k
     if (.not. run%d%transient%present) return
+    if (run%d%transient%accuracy > 0.0_wp) then
+      call text%line('  this deck: accuracy='//to_text(run%d%transient%accuracy)//': passes that check each other choose the steps')
+      return
+    end if
     k = method_number(run%d%transient%method)
     if (k == 0) then
       line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
@@ -261,8 +267,12 @@ contains
     call mind_lapack('frequency response', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient
-      call run_transient(run, march, fail)
-      call transient_lines(run, march, fail%status, text)
+      if (run%d%transient%accuracy > 0.0_wp) then
+        call run_to_accuracy(run, march, text, fail)
+      else
+        call run_transient(run, march, fail)
+        call transient_lines(run, march, fail%status, text)
+      end if
     end if
     call mind_lapack('transient', fail)
     call system_clock(t1)

@@ -5,6 +5,7 @@ module run_summary
   use checkpoint, only: remove_checkpoint
   use errors, only: failure
   use posix, only: host_name, remove_file, remove_scratch, replace_file
+  use results, only: remove_results, unfinished
   use scene_run, only: run_state, no_output
   use summary, only: version
   use summary_text, only: json_number, summary_record
@@ -30,9 +31,8 @@ contains
     call remove_file(run%folder//'/static.txt')
     call remove_file(run%folder//'/modes.txt')
     call remove_file(run%folder//'/frequency_response.txt')
-    call remove_file(run%folder//'/history.txt')
-    call remove_file(run%folder//'/energy.txt')
-    call remove_file(run%folder//'/motion.txt')
+    call remove_results(run%folder, '')
+    call remove_results(run%folder, unfinished)
     call remove_drawn(run%folder)
   end subroutine begin_results
 
@@ -55,12 +55,14 @@ contains
   end subroutine remove_drawn
 
   !> Writes the summary of a run that is under way.
-  subroutine announce(run, fail)
+  subroutine announce(run, fail, so_far)
     type(run_state), intent(in) :: run
     type(failure), intent(inout) :: fail
+    type(summary_record), intent(in), optional :: so_far   !! in place of the opening
     type(summary_record) :: text
     logical :: ok
     text = run%opening
+    if (present(so_far)) text = so_far
     call text%line('')
     call text%line('outcome: running; where biela is no longer at work in this folder, the run was killed: its last rows '// &
                   'may be missing, and biela --restart goes on from its checkpoint, if there is one')

@@ -15,6 +15,7 @@ module scene_run
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor
+  use tableaux, only: method_names
   use summary, only: add_warnings
   use summary_text, only: summary_record
   use validity, only: validity_watch
@@ -35,6 +36,7 @@ module scene_run
     character(:), allocatable :: folder       !! results folder
     type(summary_record) :: opening           !! first part of the summary: the model, its stable steps
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
+    real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]
     logical :: quiet = .false.
     logical :: restart = .false.
   contains

@@ -2,6 +2,7 @@
 !> (summary.json). One call writes a figure into a line of words and stores it under its name, so that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
+  use archive, only: value_archive
   use growing_text, only: text_buffer
   use readable_text, only: json_text
   use text, only: es_text, exact_text, to_text
@@ -15,6 +16,8 @@ module summary_text
     type(text_buffer) :: members                  !! of the JSON object, so far
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
+    logical :: silent = .false.                   !! warnings wait in `untold` instead of going to standard error
+    type(text_buffer) :: untold                   !! lines
   contains
     procedure :: line
     procedure :: open => open_bracket
@@ -23,6 +26,7 @@ module summary_text
     procedure :: warning
     procedure :: json
     procedure :: member
+    procedure :: exchange
     procedure, private :: put_integer, put_long, put_real, put_word
     generic :: figure => put_integer, put_long, put_real, put_word
   end type summary_record
@@ -128,8 +132,34 @@ contains
     call self%words%add(part%words%all())
     if (self%members%used > 0 .and. part%members%used > 0) call self%members%add(',')
     call self%members%add(part%members%all())
+    if (self%warnings%used > 0 .and. part%warnings%used > 0) call self%warnings%add(',')
+    call self%warnings%add(part%warnings%all())
     self%open_brackets = part%open_brackets
   end subroutine append
+
+  !> Saves or restores a part whose brackets are closed.
+  subroutine exchange(self, a)
+    class(summary_record), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call exchange_buffer(self%words)
+    call exchange_buffer(self%members)
+    call exchange_buffer(self%warnings)
+    call exchange_buffer(self%untold)
+  contains
+    !> One of its texts.
+    subroutine exchange_buffer(buffer)
+      type(text_buffer), intent(inout) :: buffer
+      character(:), allocatable :: text
+      integer :: n
+      text = buffer%all()
+      n = len(text)
+      call a%exchange(n)
+      if (.not. a%saving) text = repeat(' ', n)
+      call a%exchange(text)
+      if (.not. a%saving) buffer = text_buffer()
+      if (.not. a%saving) call buffer%add(text)
+    end subroutine exchange_buffer
+  end subroutine exchange
 
   !> Adds a sentence to the list of warnings of summary.json; into the words the caller writes it.
   subroutine warning(self, sentence)

@@ -88,6 +88,7 @@ module time_stepper
     procedure :: count_step
     procedure :: keep_lost_state
     procedure :: account => account_nothing
+    procedure :: implicit_work => no_implicit_work
   end type stepper
 
   abstract interface
@@ -255,6 +256,12 @@ contains
     trouble = trouble_accuracy
     if (error*tolerance < sqrt(epsilon(1.0_wp)) .and. larger < 8**3*error) trouble = trouble_rounding
   end function loss_of_accuracy
+
+  !> What solving for steps has cost beside the system's explicit evaluations, in these.
+  pure real(wp) function no_implicit_work(self) result(work)
+    class(stepper), intent(in) :: self
+    work = 0.0_wp                             ! [-]
+  end function no_implicit_work
 
   !> A line for the summary about the method's own work; most methods have none.
   subroutine account_nothing(self, text)

@@ -4,6 +4,7 @@ module results
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use posix, only: remove_file, replace_file
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
   use switching, only: event_list, element_name, state_word
@@ -11,14 +12,16 @@ module results
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: result_set
+  public :: result_set, remove_results
 
   integer, parameter :: history = 1, energies = 2, motion = 3, events = 4
   character(*), parameter :: names(4) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt', '/events.txt']
+  character(*), parameter, public :: unfinished = '.new'     !! of a pass that may still be given up
   integer(ip), parameter, public :: most_events = 100000   !! lines of events.txt
 
   !> Open result files and what their rows need.
   type :: result_set
+    character(4) :: suffix = ''               !! of the names while the run is not finished
     type(result_file), private :: files(4)
     integer, allocatable, private :: used(:)  !! files that are written: motion and events only where there may be any
     integer(ip) :: events = 0                 !! so far; the file has the first ones
@@ -33,6 +36,7 @@ module results
     procedure :: sync => sync_results
     procedure :: exchange
     procedure :: close => close_results
+    procedure :: publish
     procedure :: failed
   end type result_set
 
@@ -61,7 +65,7 @@ contains
       integer, intent(in) :: k                !! which file
       character(*), intent(in) :: what        !! what it holds
       character(*), intent(in) :: columns     !! names with units, separated by blanks
-      call self%files(k)%open(folder//trim(names(k)))
+      call self%files(k)%open(folder//trim(names(k))//trim(self%suffix))
       call self%files(k)%head(what, deck_name, m%s%title)
       call self%files(k)%line('# columns: '//columns)
     end subroutine begin
@@ -87,12 +91,12 @@ contains
     self%used = files_of(m, with_motion)
     do k = 1, size(self%used)                 ! all of them before any is cut
       associate (i => self%used(k))
-        if (.not. self%files(i)%covers(folder//trim(names(i)))) self%incomplete = .true.
+        if (.not. self%files(i)%covers(folder//trim(names(i))//trim(self%suffix))) self%incomplete = .true.
       end associate
     end do
     if (self%incomplete) return
     do k = 1, size(self%used)
-      call self%files(self%used(k))%resume(folder//trim(names(self%used(k))))
+      call self%files(self%used(k))%resume(folder//trim(names(self%used(k)))//trim(self%suffix))
     end do
   end subroutine resume_results
 
@@ -162,6 +166,30 @@ contains
       call self%files(k)%close()
     end do
   end subroutine close_results
+
+  !> Gives closed files their own names; ok is false where that cannot be.
+  subroutine publish(self, folder, ok)
+    class(result_set), intent(in) :: self
+    character(*), intent(in) :: folder
+    logical, intent(out) :: ok
+    integer :: k
+    ok = .true.
+    do k = 1, size(self%used)
+      associate (path => folder//trim(names(self%used(k))))
+        if (ok) ok = replace_file(path//trim(self%suffix), path)
+      end associate
+    end do
+  end subroutine publish
+
+  !> Removes what an earlier run has left in a folder, or only what a run left under a suffix.
+  subroutine remove_results(folder, suffix)
+    character(*), intent(in) :: folder
+    character(*), intent(in) :: suffix        !! empty: none
+    integer :: k
+    do k = 1, size(names)
+      call remove_file(folder//trim(names(k))//suffix)
+    end do
+  end subroutine remove_results
 
   !> Whether something could not be written.
   pure logical function failed(self)

@@ -35,7 +35,11 @@ contains
     from = 1
     do while (from <= len(warnings))
       to = from + index(warnings(from:), new_line('a')) - 2
-      call tell(path//': '//warnings(from:to))
+      if (text%silent) then
+        call text%untold%add(path//': '//warnings(from:to)//new_line('a'))
+      else
+        call tell(path//': '//warnings(from:to))
+      end if
       call text%warning(warnings(from + len('warning: '):to))
       from = to + 2
     end do

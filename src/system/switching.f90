@@ -25,7 +25,7 @@ module switching
     type(switch_event), allocatable :: items(:)
   contains
     procedure :: add
-    procedure :: drop
+    procedure :: remove
     procedure :: exchange
   end type event_list
 
@@ -161,14 +161,13 @@ contains
     self%items(self%count) = event
   end subroutine add
 
-  !> Takes the first n events away.
-  pure subroutine drop(self, n)
+  !> Takes an event away.
+  pure subroutine remove(self, k)
     class(event_list), intent(inout) :: self
-    integer, intent(in) :: n
-    if (n == 0) return
-    self%items(1:self%count - n) = self%items(n + 1:self%count)
-    self%count = self%count - n
-  end subroutine drop
+    integer, intent(in) :: k                  !! which
+    self%items(k:self%count - 1) = self%items(k + 1:self%count)
+    self%count = self%count - 1
+  end subroutine remove
 
   !> Saves or restores the list.
   subroutine exchange(self, a)

@@ -41,6 +41,7 @@ METHODS = {
     "dopri5 fixed": "method='dopri5' step=4e-6",
     "dopri5 adaptive": "method='dopri5' tolerance=1e-8",
     "errors checked": "method='dopri5' tolerance=1e-7 check_error=.true.",
+    "passes": "accuracy=3e-2",
 }
 
 

@@ -3,6 +3,8 @@
 !> is late keeps its energy. The words say so; only the second run of `error_check` speaks of columns.
 module accuracy_words
   use kinds, only: wp
+  use accuracy_search, only: pass_record
+  use column_names, only: motion_names
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
@@ -12,7 +14,7 @@ module accuracy_words
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines
+  public :: accuracy_lines, asked_errors, compared_names, setting_words
 
   real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
   real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
@@ -47,6 +49,8 @@ contains
       call balance_lines(run, march, text)
       if (march%check%active) then
         call error_lines(run, march, text)
+      else if (march%search%active) then
+        call text%line('  accuracy: unknown, there is no other pass to compare this one with')
       else
         call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
                       'check_error=.true. in &transient estimates the error of every column')
@@ -101,26 +105,39 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
-    real(wp), allocatable :: e(:), range(:), x(:)
+    real(wp), allocatable :: e(:), range(:), x(:), asked(:)
+    character(80), allocatable :: names(:)
     character(:), allocatable :: doubt, share
     integer :: k
-    associate (c => march%check, names => run%list%names)
+    names = compared_names(run)
+    associate (c => march%check)
       e = c%error_ratio*c%error
-      range = c%ranges(names, run%d%transient%t_end)
+      range = c%ranges(run%sys%m%s, names, run%d%transient%t_end)
+      asked = [(huge(1.0_wp), k=1, size(e))]
+      if (c%stored) asked = asked_errors(run, c)
       x = [(0.0_wp, k=1, size(e))]
       where (range > 0.0_wp) x = e/range
-      call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
-        'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
+      if (c%stored) then
+        associate (other => march%search%passes(march%search%stored))
+          call text%line('  estimated errors, by pass '//to_text(march%search%stored)//' ('//trim(other%method)// &
+                         setting_words(other)//'):')
+        end associate
+      else
+        call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
+          'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
+      end if
       call text%line('    column, largest error, of its range')
       call text%open('estimated_errors', '{')
       do k = 1, size(e)
         share = '  (constant but for rounding)'
         if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)
+        if (e(k) > asked(k)) share = share//', more than is asked'
         call text%figure('    '//trim(names(k))//' ', trim(names(k)), e(k), 2)
         call text%line(share)
       end do
       call text%close()
       call event_words(run, c, text)
+      if (c%stored) return
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
       if (len(doubt) > 0) call warn(run, doubt, text)
@@ -139,6 +156,46 @@ contains
         '; use a smaller step or tolerance', text)
     end associate
   end subroutine error_lines
+
+  !> Columns that are compared: of sensors, without any of all frames and nodes.
+  function compared_names(run) result(names)
+    type(run_state), intent(in) :: run
+    character(80), allocatable :: names(:)
+    names = run%list%names(1:run%list%columns)
+    if (run%list%columns == 0) names = motion_names(run%sys%m)
+  end function compared_names
+
+  !> The error that each column may have [of the column]: the accuracy of its sensor times its range, or the sensor's floor; any
+  !> where a column is constant but for rounding, or counts states or elements.
+  function asked_errors(run, c) result(asked)
+    type(run_state), intent(in) :: run
+    type(error_watch), intent(in) :: c
+    real(wp), allocatable :: asked(:)
+    character(80), allocatable :: names(:)
+    real(wp) :: accuracy                       ! [-]
+    integer :: k, first, last
+    names = compared_names(run)
+    asked = run%d%transient%accuracy*c%ranges(run%sys%m%s, names, run%d%transient%t_end)
+    do k = 1, size(run%list%sensors)
+      first = run%list%first(k)
+      last = run%list%columns
+      if (k < size(run%list%sensors)) last = run%list%first(k + 1) - 1
+      associate (sensor => run%d%sensors(k), x => asked(first:last))
+        accuracy = run%d%transient%accuracy
+        if (sensor%accuracy > 0.0_wp) accuracy = sensor%accuracy
+        where (x > 0.0_wp) x = max(x*accuracy/run%d%transient%accuracy, sensor%floor)
+      end associate
+    end do
+    where (.not. asked > 0.0_wp .or. index(names, '[-]') > 0) asked = huge(1.0_wp)
+  end function asked_errors
+
+  !> Setting of a pass.
+  function setting_words(pass) result(words)
+    type(pass_record), intent(in) :: pass
+    character(:), allocatable :: words
+    words = ', tolerance '//to_text(pass%setting)
+    if (pass%method == 'rk4') words = ', step '//to_text(pass%setting)//' s'
+  end function setting_words
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.
   subroutine event_words(run, c, text)

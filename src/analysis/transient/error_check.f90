@@ -3,6 +3,8 @@
 !> first run, but for a share that the method's order tells (Richardson). Twice the step would cost less and tell less: it
 !> is unstable above half of the stable bound, and where vibrations are not resolved the order says nothing. Both runs share
 !> times of rows, signals, checkpoints; the first run is the same, to the last bit, with the second one and without.
+!>
+!> A pass of a search (accuracy=...) is compared with the stored rows of another pass instead, in the same way.
 module error_check
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -10,8 +12,10 @@ module error_check
   use deck_records, only: transient_record
   use energy_balance, only: balance_watch
   use mechanism_ode, only: mechanism_system
+  use scene_model, only: scene
   use sensors, only: sensor_list, read_sensors
   use step_counts, only: actual_step
+  use stored_pass, only: pass_rows
   use switching, only: event_list, switch_event
   use time_stepper, only: stepper, reached, lost
   implicit none (type, external)
@@ -23,6 +27,7 @@ module error_check
   !> The second run and what it has shown.
   type, public :: error_watch
     logical :: active = .false.
+    logical :: stored = .false.               !! the other run is a pass before this one
     type(mechanism_system) :: sys
     class(stepper), allocatable :: method
     type(balance_watch) :: balance
@@ -34,13 +39,16 @@ module error_check
     integer(ip) :: done = -1                  !! rows done after that of t = 0
     real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
     type(event_list) :: waiting               !! events of the first run that the second one has not had yet
+    type(event_list) :: others                !! events of the second run that the first one has not had yet
     integer(ip) :: matched = 0                !! events of both runs
     real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
     real(wp) :: differ_at = -1.0_wp           !! time from which the events of both runs differ, < 0: they do not [s]
     logical, private :: between = .false.     !! the present row lies between an event of one run and that of the other
   contains
     procedure :: begin
+    procedure :: begin_stored
     procedure :: start
+    procedure :: recall
     procedure :: behind
     procedure :: advance
     procedure :: match_events
@@ -85,6 +93,26 @@ contains
     call self%balance%begin(self%sys%m, r%t_end)
   end subroutine begin
 
+  !> A pass is compared with another one.
+  pure subroutine begin_stored(self, columns)
+    class(error_watch), intent(inout) :: self
+    integer, intent(in) :: columns            !! that are compared
+    self%active = .true.
+    self%stored = .true.
+    allocate (self%values(columns), self%error(columns), source=0.0_wp)
+    allocate (self%low(columns), source=huge(1.0_wp))
+    allocate (self%high(columns), source=-huge(1.0_wp))
+  end subroutine begin_stored
+
+  !> What the other pass has at a row.
+  subroutine recall(self, rows, row, time)
+    class(error_watch), intent(inout) :: self
+    type(pass_rows), intent(inout) :: rows    !! of the other pass
+    integer(ip), intent(in) :: row
+    real(wp), intent(in) :: time              !! of the row [s]
+    if (self%active) call rows%recall(row, time, self%values, self%others)
+  end subroutine recall
+
   !> The row of t = 0, which both runs share.
   subroutine start(self, values, balance)
     class(error_watch), intent(inout) :: self
@@ -102,7 +130,7 @@ contains
     class(error_watch), intent(in) :: self
     integer(ip), intent(in) :: row
     logical :: yes
-    yes = self%active .and. self%lost_at < 0.0_wp .and. self%done < row
+    yes = self%active .and. .not. self%stored .and. self%lost_at < 0.0_wp .and. self%done < row
   end function behind
 
   !> A few steps of the second run towards its next row.
@@ -111,10 +139,14 @@ contains
     type(sensor_list), intent(inout) :: list
     real(wp), intent(in) :: from, to          !! last and next row [s]
     integer, intent(in) :: most               !! steps
-    integer :: outcome
+    integer :: outcome, k
     call self%method%advance(self%sys, from, to, most, self%y, outcome)
     if (outcome == lost) self%lost_at = self%method%tried
     if (outcome /= reached) return
+    do k = 1, self%sys%events%count
+      call self%others%add(self%sys%events%items(k))
+    end do
+    self%sys%events%count = 0
     associate (m => self%sys%m, ev => self%sys%ev)
       call read_sensors(list, m, ev, self%y, self%values)
       call self%balance%read(m, ev, self%y, .false.)
@@ -124,33 +156,40 @@ contains
     self%done = self%done + 1
   end subroutine advance
 
-  !> Compares the events of the first run up to a row with those of the second, one by one. What one of them has had and the other
-  !> not a row later has no counterpart: from there on the runs are two motions.
+  !> Compares the events of the first run up to a row with those of the second, element by element: two elements may switch in
+  !> either order within the errors of their times. What one run has had and the other not a row later has no counterpart: from
+  !> there on the runs are two motions.
   subroutine match_events(self, first, last)
     class(error_watch), intent(inout) :: self
     type(event_list), intent(in) :: first     !! events of the first run since the last row
     real(wp), intent(in) :: last              !! time of that row [s]
     type(switch_event) :: a, b
     integer :: k, n
-    if (.not. self%active .or. self%lost_at >= 0.0_wp) return
+    if (self%differ_at >= 0.0_wp) self%others%count = 0
+    if (.not. self%active .or. self%lost_at >= 0.0_wp .or. self%differ_at >= 0.0_wp) return
     do k = 1, first%count
       call self%waiting%add(first%items(k))
     end do
-    associate (mine => self%waiting, other => self%sys%events)
-      n = min(mine%count, other%count)
-      do k = 1, n
+    associate (mine => self%waiting, other => self%others)
+      k = 1
+      do while (k <= mine%count .and. self%differ_at < 0.0_wp)
         a = mine%items(k)
-        b = other%items(k)
-        if (self%differ_at >= 0.0_wp) exit
-        if (a%element == b%element .and. a%from == b%from .and. a%to == b%to) then
+        n = 0
+        if (other%count > 0) n = findloc(other%items(1:other%count)%element, a%element, 1)
+        if (n == 0) then
+          k = k + 1
+          cycle
+        end if
+        b = other%items(n)
+        if (a%from == b%from .and. a%to == b%to) then
           self%matched = self%matched + 1
           self%event_error = max(self%event_error, abs(a%t - b%t))
         else
           self%differ_at = min(a%t, b%t)
         end if
+        call mine%remove(k)
+        call other%remove(n)
       end do
-      call mine%drop(n)
-      call other%drop(n)
       self%between = mine%count + other%count > 0
       if (self%differ_at >= 0.0_wp) return
       if (mine%count > 0) call judge(mine%items(1)%t)
@@ -177,8 +216,9 @@ contains
 
   !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
   !> motion over the scene's size within the run [of the column].
-  pure function ranges(self, names, time) result(range)
+  pure function ranges(self, s, names, time) result(range)
     class(error_watch), intent(in) :: self
+    type(scene), intent(in) :: s
     character(*), intent(in) :: names(:)      !! (columns) with units in brackets
     real(wp), intent(in) :: time              !! of the run [s]
     real(wp) :: range(size(self%error))
@@ -187,7 +227,7 @@ contains
     integer :: k, j
     range = self%high - self%low
     do k = 1, size(range)
-      largest = unit_scale(unit_of(names(k)), sum(self%sys%m%s%bodies%mass), self%sys%m%s%size, time)
+      largest = unit_scale(unit_of(names(k)), sum(s%bodies%mass), s%size, time)
       do j = 1, size(range)
         if (unit_of(names(j)) == unit_of(names(k))) largest = max(largest, abs(self%low(j)), abs(self%high(j)))
       end do
@@ -230,17 +270,19 @@ contains
     class(error_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     if (.not. self%active) return
-    call a%exchange(self%done)
-    call a%exchange(self%lost_at)
-    call a%exchange(self%y, self%values)
     call a%exchange(self%error, self%low, self%high)
-    call self%balance%exchange(a)
-    call self%method%exchange(a)
-    call self%sys%exchange_switches(a)
     call self%waiting%exchange(a)
+    call self%others%exchange(a)
     call a%exchange(self%matched)
     call a%exchange(self%event_error)
     call a%exchange(self%differ_at)
+    if (self%stored) return
+    call a%exchange(self%done)
+    call a%exchange(self%lost_at)
+    call a%exchange(self%y, self%values)
+    call self%balance%exchange(a)
+    call self%method%exchange(a)
+    call self%sys%exchange_switches(a)
     call a%exchange(self%sys%ev%evaluations)
     call a%exchange(self%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange

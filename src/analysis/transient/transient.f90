@@ -2,8 +2,10 @@
 !> good time when the solution is lost or a signal comes.
 module transient
   use kinds, only: wp, ip
+  use accuracy_search, only: pass_search, witness
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
+  use column_names, only: motion_row
   use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
@@ -16,7 +18,7 @@ module transient
   use mechanism, only: mechanism_model
   use process, only: caught_signal
   use progress, only: progress_line
-  use results, only: result_set
+  use results, only: result_set, unfinished
   use run_summary, only: announce
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
@@ -42,7 +44,10 @@ module transient
     real(wp) :: last = 0.0_wp                  !! time of the last row [s]
     real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
     integer :: restarts = 0
+    type(pass_search) :: search                !! of method and steps, where the deck asks for an accuracy
+    logical :: stopped = .false.               !! the search has given this pass up
   contains
+    procedure :: cost
     procedure :: exchange
   end type transient_march
 
@@ -65,7 +70,7 @@ contains
       call line%begin(run%quiet)
       do while (march%done < march%outputs)
         call one_output(run, march, fail)
-        if (fail%happened()) exit
+        if (fail%happened() .or. march%stopped) exit
         call line%report(march%last, run%d%transient%t_end)
       end do
       call line%finish()
@@ -98,6 +103,8 @@ contains
       if (fail%happened()) return
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
+      if (march%search%active) march%files%suffix = unfinished
+      if (march%search%rows%whole) call march%check%begin_stored(size(march%search%rows%values, 1))
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
     end associate
@@ -164,7 +171,9 @@ contains
       call write_state(run, march, to, march%done + 1, fail)
       if (fail%happened()) return
       march%done = march%done + 1
-      if (march%done < march%outputs) call interrupt(run, march, fail)
+      if (march%done == march%outputs) return
+      if (march%search%active) march%stopped = march%search%spent(march%cost(run), r%most_seconds)
+      if (.not. march%stopped) call interrupt(run, march, fail)
     end associate
   end subroutine one_output
 
@@ -199,9 +208,13 @@ contains
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
-      if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
-      call march%check%match_events(run%sys%events, march%last)
-      call march%check%compare(files%values)
+      if (march%search%active) then
+        call compare_pass(run, march, t, k)
+      else
+        if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
+        call march%check%match_events(run%sys%events, march%last)
+        call march%check%compare(files%values)
+      end if
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row(:merge(8, 7, size(run%sys%m%s%switching) > 0)))
       call files%write_events(run%sys%m, run%sys%events)
@@ -213,6 +226,34 @@ contains
       if (files%failed()) call no_output(run, fail)
     end associate
   end subroutine write_state
+
+  !> Compares a row of a pass with that of the pass before, and keeps it for the next one: of sensors, without any of frames and
+  !> nodes.
+  subroutine compare_pass(run, march, t, k)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    real(wp), intent(in) :: t                  !! [s]
+    integer(ip), intent(in) :: k               !! number of the row
+    real(wp), allocatable :: x(:)
+    if (run%list%columns > 0) then
+      x = march%files%values
+    else
+      x = motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))
+    end if
+    associate (search => march%search)
+      call march%check%recall(search%rows, k, t)
+      call march%check%match_events(run%sys%events, march%last)
+      call march%check%compare(x)
+      if (search%passes(search%count)%role /= witness) call search%rows%keep(k, x, run%sys%events)
+    end associate
+  end subroutine compare_pass
+
+  !> What the run has cost so far, in explicit evaluations.
+  pure real(wp) function cost(self, run)
+    class(transient_march), intent(in) :: self
+    type(run_state), intent(in) :: run
+    cost = run%sys%ev%evaluations + self%method%implicit_work()   ! [-]
+  end function cost
 
   !> The energy that the largest force of the start could give the whole mass until the next row: from rest there is no other
   !> scale by which a first row, badly integrated but bounded, is told from a lost one.
@@ -273,6 +314,7 @@ contains
     if (ok) then
       march%saved = march%method%t
       call a%begin_saving()
+      call march%search%exchange(a)
       call march%exchange(run, a)
       call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
     end if

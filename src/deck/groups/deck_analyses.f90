@@ -55,11 +55,18 @@ contains
   subroutine read_transient(deck, t)
     class(deck_source), intent(inout) :: deck
     type(transient_record), intent(inout) :: t
+    real(wp), parameter :: default_accuracy = 1.0e-3_wp   ! [-]
+    logical :: searched                 ! method and steps that keep an accuracy are
     t%at = deck%at()
     t%present = .true.
     t%method = 'rk4'
     call get(deck, 't_end', t%t_end, required, above=0.0_wp)
     call get_choice(deck, 'method', t%method, [character(17) :: 'rk4', 'dopri5', 'radau', 'generalized_alpha'])
+    call get(deck, 'accuracy', t%accuracy, above=0.0_wp, below=1.0_wp)
+    t%free_method = .not. deck%is_given('method')
+    searched = deck%is_given('accuracy') .or. (t%free_method .and. .not. (deck%is_given('step') .or. deck%is_given('tolerance')))
+    if (searched .and. .not. deck%is_given('accuracy')) t%accuracy = default_accuracy
+    if (searched .and. t%free_method) call deck%choose('method', '', .false.)   ! then no variable is bound to one
     call get(deck, 'step', t%step, above=0.0_wp)
     call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 radau generalized_alpha')
     call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 radau generalized_alpha')
@@ -67,13 +74,30 @@ contains
     call get(deck, 'spectral_radius', t%spectral_radius, least=0.0_wp, most=0.99_wp, kinds='generalized_alpha')
     call get(deck, 'accept_unstable', t%accept_unstable)
     call get(deck, 'check_error', t%check_error)
+    call get(deck, 'most_seconds', t%most_seconds, above=0.0_wp)
     call get(deck, 'output_step', t%output_step, above=0.0_wp)
     call get(deck, 'checkpoint_interval', t%checkpoint_interval, least=0.0_wp)
     call get(deck, 'motion_step', t%motion_step, least=0.0_wp)
-    call read_step_kind()
+    if (searched) then
+      call read_search()
+    else
+      call read_step_kind()
+    end if
     call check_steps()
     call read_stabilization()
   contains
+    !> What would fix the steps is refused beside an accuracy, which chooses them.
+    subroutine read_search()
+      character(15), parameter :: fixed(7) = [character(15) :: 'step', 'tolerance', 'first_step', 'max_step', 'spectral_radius', &
+        'accept_unstable', 'check_error']
+      integer :: k
+      t%adaptive = .true.
+      do k = 1, size(fixed)
+        if (deck%is_set(trim(fixed(k)))) call deck%complain(trim(fixed(k)), trim(fixed(k))//' does not apply to accuracy, '// &
+          'which chooses the steps and checks them, expected one of the two')
+      end do
+    end subroutine read_search
+
     !> A fixed step or a tolerance, not both.
     subroutine read_step_kind()
       t%adaptive = deck%is_given('tolerance') .and. .not. deck%is_choice('rk4')
@@ -82,14 +106,16 @@ contains
           '(adaptive steps)')
       else if (.not. (t%adaptive .or. deck%is_given('step'))) then
         if (deck%is_choice('rk4')) then
-          call deck%note_missing('step', 'step > 0', kinds='rk4')
+          call deck%note_missing('step', 'step > 0 or accuracy > 0', kinds='rk4')
         else if (deck%choice_known) then
-          call deck%note_missing('step', 'step > 0 (fixed steps) or tolerance > 0 (adaptive steps)')
+          call deck%note_missing('step', 'step > 0 (fixed steps), tolerance > 0 (adaptive steps) or accuracy > 0')
         end if
       else if (.not. t%adaptive) then
         call needs_tolerance('first_step')
         call needs_tolerance('max_step')
       end if
+      if (deck%is_set('most_seconds')) call deck%complain('most_seconds', 'most_seconds ends the search of an accuracy, '// &
+        'expected it with accuracy only')
     end subroutine read_step_kind
 
     !> Reports a variable that only adaptive steps use.
@@ -145,9 +171,11 @@ contains
       implicit = deck%is_choice('generalized_alpha radau')
       if (implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', 'stabilization='// &
         quoted(trim(t%stabilization))//' does not apply to method='//quoted(trim(t%method))//', expected ''projection''')
+      if (searched .and. .not. implicit .and. t%stabilization /= 'projection') call deck%complain('stabilization', &
+        'stabilization='//quoted(trim(t%stabilization))//' does not apply to accuracy, expected ''projection''')
       call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
       call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
-      baumgarte = t%stabilization == 'baumgarte' .and. .not. implicit
+      baumgarte = t%stabilization == 'baumgarte' .and. .not. (implicit .or. searched)
       call rate('baumgarte_alpha', t%baumgarte_alpha, baumgarte)
       call rate('baumgarte_beta', t%baumgarte_beta, baumgarte)
     end subroutine read_stabilization

@@ -202,6 +202,8 @@ module deck_records
     integer :: element = 0                   !! internal: element number of marker%body
     integer :: index = 0                     !! coordinate: number of the elastic coordinate of marker%body, >= 1 (upper
                                              !! bound is checked where the body's coordinates are known)
+    real(wp) :: accuracy = 0.0_wp            !! of its columns, of their ranges; 0: that of the transient [-]
+    real(wp) :: floor = 0.0_wp               !! error that its columns may have in any case [unit of each column]
   end type sensor_record
 
   !> &static
@@ -249,6 +251,9 @@ module deck_records
     real(wp) :: spectral_radius = 0.9_wp     !! [-]
     logical :: accept_unstable = .false.
     logical :: check_error = .false.         !! a second run estimates the errors of all columns
+    real(wp) :: accuracy = 0.0_wp            !! asked of every column, of its range; 0: method and steps are given [-]
+    logical :: free_method = .false.         !! the accuracy decides on the method, too
+    real(wp) :: most_seconds = huge(1.0_wp)  !! by the clock, for the search of steps that keep the accuracy [s]
     real(wp) :: checkpoint_interval = 0.0_wp !! [s of simulated time]
     real(wp) :: motion_step = 0.0_wp         !! [s]
   end type transient_record

@@ -42,6 +42,8 @@ contains
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
+    call get(deck, 'accuracy', s%accuracy, above=0.0_wp, below=1.0_wp)
+    call get(deck, 'floor', s%floor, least=0.0_wp)
     if (deck%is_choice(angles//' distance power') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_reaction()

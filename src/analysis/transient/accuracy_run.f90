@@ -1,0 +1,182 @@
+!> A transient by passes until the deck's accuracy is kept (theory.md, section 12): each pass is a run like any other, compared
+!> row by row with the one before. Files of a pass get their names when it is finished; its part of the summary is kept as text,
+!> since what that describes is gone when the next pass has begun.
+module accuracy_run
+  use kinds, only: wp, ip
+  use accuracy_search, only: pass_record, finished, given_up, lost_pass, witness
+  use accuracy_words, only: asked_errors, compared_names, setting_words
+  use errors, only: failure, status_failed
+  use mechanism_ode, only: mechanism_system
+  use posix, only: standard_error, write_bytes
+  use readable_text, only: json_text
+  use results, only: remove_results, unfinished
+  use run_summary, only: announce
+  use scene_run, only: run_state, no_output, warn
+  use step_counts, only: step_count
+  use step_monitor, only: stability_monitor, method_number
+  use summary_text, only: json_number, summary_record
+  use text, only: es_text, to_text
+  use transient, only: run_transient, transient_march
+  use transient_summary, only: transient_lines
+  implicit none (type, external)
+  private
+  public :: run_to_accuracy
+
+contains
+
+  !> Runs passes until the search is over; the summary gets what the last finished one has found, and what was tried.
+  subroutine run_to_accuracy(run, march, text, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(summary_record), intent(inout) :: text
+    type(failure), intent(inout) :: fail
+    type(mechanism_system) :: start_system
+    type(transient_march) :: next
+    real(wp), allocatable :: start_state(:)   ! [m, rad], [m/s, rad/s], [J]
+    type(summary_record) :: so_far
+    logical :: ok
+    start_system = run%sys
+    start_state = run%y
+    associate (r => run%d%transient)
+      call march%search%begin(run%d, run%stable_steps, size(compared_names(run)), step_count(0.0_wp, r%t_end, r%output_step))
+    end associate
+    if (run%restart) call march%search%exchange(run%saved)
+    do
+      call march%search%set(run%d%transient)
+      run%stable_step = huge(1.0_wp)
+      if (method_number(run%d%transient%method) > 0) run%stable_step = run%stable_steps(method_number(run%d%transient%method))
+      call run_transient(run, march, fail)
+      if (fail%happened() .and. fail%status /= status_failed) exit
+      call end_pass(run, march, fail)
+      if (march%search%over) exit
+      fail = failure()
+      so_far = run%opening
+      call search_lines(run, march, so_far)
+      call announce(run, fail, so_far)
+      if (fail%happened()) return
+      next%search = march%search
+      next%restarts = march%restarts
+      march = next
+      run%sys = start_system
+      run%y = start_state
+      run%monitor = stability_monitor()
+      run%restart = .false.
+    end do
+    if (march%search%delivered > 0) then
+      if (march%search%over) fail = failure()
+      call text%append(march%search%found)
+      ok = write_bytes(standard_error, march%search%found%untold%all())
+    else
+      if (march%search%over) call march%files%publish(run%folder, ok)
+      call transient_lines(run, march, fail%status, text)
+    end if
+    if (march%search%over) call remove_results(run%folder, unfinished)
+    call search_lines(run, march, text)
+    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) call not_kept(run, march, text)
+  end subroutine run_to_accuracy
+
+  !> What a pass has cost and shown; its files get their names, and its part of the summary is kept, where it went to the end.
+  subroutine end_pass(run, march, fail)
+    type(run_state), intent(inout) :: run
+    type(transient_march), intent(inout) :: march
+    type(failure), intent(inout) :: fail
+    type(pass_record) :: end
+    real(wp), allocatable :: x(:)             ! errors over what is asked [-]
+    logical :: ok
+    associate (search => march%search, c => march%check)
+      end%outcome = finished
+      if (march%stopped) end%outcome = given_up
+      if (fail%happened()) end%outcome = lost_pass
+      end%cost = march%cost(run)
+      end%reached = march%last
+      if (c%active) then
+        c%error_ratio = search%comparison()
+        x = c%error_ratio*c%error/asked_errors(run, c)
+        end%column = maxloc(x, 1)
+        end%worst = x(end%column)
+        end%differ_at = c%differ_at
+      end if
+      if (end%outcome == finished .and. search%passes(search%count)%role /= witness) then
+        search%found = summary_record(silent=.true.)
+        call transient_lines(run, march, fail%status, search%found)
+        call march%files%publish(run%folder, ok)
+        if (.not. ok) call no_output(run, fail)
+      end if
+      call search%judge(end, run%d%transient%most_seconds)
+    end associate
+  end subroutine end_pass
+
+  !> What was tried, what was chosen and why, and what it cost.
+  subroutine search_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    character(*), parameter :: roles(3) = [character(9) :: ', pilot', '', ', witness']
+    character(80), allocatable :: names(:)
+    integer :: k
+    names = compared_names(run)
+    associate (search => march%search)
+      call text%line('')
+      call text%open('accuracy', '{')
+      call text%figure('accuracy of ', 'asked', run%d%transient%accuracy)
+      call text%line(' of the range of each column, kept by passes that check each other; cost in explicit evaluations')
+      call text%open('passes', '[')
+      do k = 1, search%count
+        associate (pass => search%passes(k))
+          call text%open('', '{')
+          call text%figure('  pass '//to_text(k)//trim(roles(pass%role))//': ', 'method', trim(pass%method))
+          call text%words%add(setting_words(pass))
+          call text%member(trim(merge('step     ', 'tolerance', pass%method == 'rk4')), json_number(pass%setting))
+          call text%member('role', json_text(trim(merge('pilot  ', merge('witness', 'results', pass%role == witness), &
+                                                        pass%role == 1))))
+          if (pass%outcome == 0) then
+            call text%figure(', expected to cost about ', 'expected_cost', nint(pass%expected, ip))
+          else
+            call text%figure(', cost ', 'cost', nint(pass%cost, ip))
+            call text%member('reached', json_number(pass%reached))
+          end if
+          if (pass%outcome == given_up) call text%words%add(', given up at t = '//trim(adjustl(es_text(pass%reached, 3)))//' s')
+          if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//trim(adjustl(es_text(pass%reached, 3)))//' s')
+          if (pass%worst >= 0.0_wp .and. pass%other > 0) then
+            call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', pass%worst, 1)
+            call text%words%add(' of what is asked, by pass '//to_text(pass%other))
+            call text%member('worst_column', json_text(trim(names(pass%column))))
+          end if
+          if (pass%differ_at >= 0.0_wp) call text%words%add('; events differ from t = '// &
+            trim(adjustl(es_text(pass%differ_at, 3)))//' s on')
+          call text%line('')
+          call text%close()
+        end associate
+      end do
+      call text%close()
+      if (len_trim(search%choice) > 0) call text%line('  choice: '//trim(search%choice))
+      call text%figure('  cost of all passes: ', 'cost', nint(sum(search%passes(1:search%count)%cost), ip), rest='')
+      if (search%over) call text%member('kept', trim(merge('true ', 'false', search%kept)))
+      if (search%delivered > 0) call text%figure('  the results are those of pass ', 'results_of_pass', search%delivered, rest='')
+      if (search%kept) call text%line('  accuracy: kept, by the estimated errors of all columns')
+      call text%close()
+    end associate
+  end subroutine search_lines
+
+  !> Which columns may err by more than was asked, and why.
+  subroutine not_kept(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    character(80), allocatable :: names(:)
+    character(:), allocatable :: words
+    names = compared_names(run)
+    associate (search => march%search, pass => march%search%passes(march%search%delivered))
+      words = 'the accuracy is not kept: '//trim(search%reason)
+      if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
+        trim(adjustl(es_text(pass%differ_at, 6)))//' s on'
+      if (pass%other == 0) then
+        words = words//'; errors of the results, pass '//to_text(search%delivered)//', are unknown: no other pass was finished'
+      else
+        words = words//'; the worst column of the results, '//trim(names(pass%column))//', errs by an estimated '// &
+          trim(adjustl(es_text(pass%worst, 1)))//' of what is asked'
+      end if
+    end associate
+    call warn(run, words, text)
+  end subroutine not_kept
+end module accuracy_run

@@ -1,0 +1,387 @@
+!> Which method and which tolerance keep the accuracy that a deck asks of its sensors (theory.md, section 12): what passes have cost
+!> and shown, and which one comes next. Counts decide, never clocks, so that the same deck always makes the same passes.
+module accuracy_search
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use deck_records, only: deck, transient_record
+  use stored_pass, only: pass_rows
+  use summary_text, only: summary_record
+  implicit none (type, external)
+  private
+
+  !> How a pass ended.
+  integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
+  !> What a pass is for: a guess of the cost; the results; a look for vibrations that other methods damp.
+  integer, parameter, public :: pilot = 1, member = 2, witness = 3
+
+  integer, parameter, public :: most_passes = 16
+  real(wp), parameter :: pilot_tolerance = 1.0e-2_wp   !! [-]
+  real(wp), parameter :: finer = 0.1_wp                !! tolerance of the next pass, of the last one's [-]
+  real(wp), parameter :: least_tolerance = 1.0e-13_wp  !! [-]
+  real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
+  real(wp), parameter :: growth = 1.7_wp               !! of the cost of radau, for a tenth of the tolerance [-]
+  real(wp), parameter :: witness_share = 0.25_wp       !! cost of a witness at most, of the pass that it looks at [-]
+  real(wp), parameter :: hopeless = 4.0_wp             !! a pass is given up that costs so much more than expected [-]
+  real(wp), parameter :: least_budget = 1.0e4_wp       !! evaluations that are not worth a second thought [-]
+  real(wp), parameter :: safe_share = 0.97_wp          !! of the stable bound, for rk4 [-]
+
+  !> A pass that has been made.
+  type, public :: pass_record
+    integer :: role = pilot
+    integer :: outcome = under_way
+    character(20) :: method = ''
+    real(wp) :: setting = 0.0_wp              !! tolerance [-], of rk4 the step [s]
+    real(wp) :: budget = huge(1.0_wp)         !! cost at which it is given up [-]
+    real(wp) :: expected = 0.0_wp             !! cost, by the passes before [-]
+    real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
+    real(wp) :: reached = 0.0_wp              !! [s]
+    integer :: other = 0                      !! pass with which it was compared, 0: none
+    real(wp) :: worst = -1.0_wp               !! estimated error of the worst column over what is asked, < 0: not known [-]
+    integer :: column = 0                     !! that column
+    real(wp) :: differ_at = -1.0_wp           !! when the event sequences of both differ, < 0: they do not [s]
+  end type pass_record
+
+  !> A search.
+  type, public :: pass_search
+    logical :: active = .false.
+    logical :: over = .false.
+    logical :: kept = .false.                 !! the accuracy is
+    integer :: count = 0                      !! passes, with the one under way
+    type(pass_record) :: passes(most_passes)
+    integer :: stored = 0                     !! pass whose rows are stored, 0: none
+    integer :: delivered = 0                  !! pass whose files have their names, 0: none
+    character(160) :: choice = ''             !! why the method
+    character(160) :: reason = ''             !! why the accuracy is not kept
+    type(pass_rows) :: rows
+    type(summary_record) :: found             !! what the summary says of the pass that is delivered
+    logical, private :: free = .false.        !! of methods
+    real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
+    real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
+    real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
+    integer, private :: stalls = 0, differs = 0   !! refinements without effect; those after which events still differ
+    integer(ip), private :: began = 0         !! count of the clock, for `most_seconds` alone
+  contains
+    procedure :: begin
+    procedure :: set
+    procedure :: spent
+    procedure :: comparison
+    procedure :: judge
+    procedure :: exchange
+  end type pass_search
+
+contains
+
+  !> A search for a deck's transient.
+  subroutine begin(self, d, bounds, columns, outputs)
+    class(pass_search), intent(inout) :: self
+    type(deck), intent(in) :: d
+    real(wp), intent(in) :: bounds(2)         !! safe steps of rk4 and dopri5; huge: nothing limits them [s]
+    integer, intent(in) :: columns            !! that are compared
+    integer(ip), intent(in) :: outputs        !! rows after that of t = 0
+    type(pass_record) :: first
+    self%active = .true.
+    call system_clock(self%began)
+    associate (r => d%transient)
+      self%free = r%free_method
+      self%accuracy = r%accuracy
+      if (size(d%sensors) > 0) self%accuracy = minval(merge(d%sensors%accuracy, r%accuracy, d%sensors%accuracy > 0.0_wp))
+      if (bounds(2) < huge(1.0_wp)) self%explicit_cost = step_evaluations*r%t_end/bounds(2)
+      self%first_step = min(safe_share*bounds(1), r%output_step)
+      allocate (self%rows%values(columns, 0:outputs), source=0.0_wp)
+      if (.not. self%free) then
+        first = pass_record(member, method=r%method, setting=first_setting(self, r%method))
+      else if (self%explicit_cost > 0.0_wp) then
+        first = pass_record(pilot, method='radau', setting=pilot_tolerance, budget=0.5_wp*self%explicit_cost)
+      else
+        first = pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'))
+        self%choice = 'nothing limits steps of dopri5 but accuracy'
+      end if
+    end associate
+    call add(self, first)
+  end subroutine begin
+
+  !> Where a method begins. dopri5 also measures accelerations, so that its columns err by some ten tolerances.
+  pure real(wp) function first_setting(self, method) result(setting)
+    class(pass_search), intent(in) :: self
+    character(*), intent(in) :: method
+    setting = self%accuracy                   ! [-]
+    if (method == 'dopri5') setting = finer*self%accuracy
+    if (method == 'rk4') setting = self%first_step
+    if (method == 'radau' .and. self%free) setting = min(self%accuracy, finer*pilot_tolerance)
+  end function first_setting
+
+  !> The next pass.
+  subroutine add(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    if (self%count == most_passes) then
+      call finish(self, .false., 'the error does not fall below the accuracy in '//'16 passes')
+      return
+    end if
+    self%count = self%count + 1
+    self%passes(self%count) = pass
+    self%passes(self%count)%expected = expected_cost(self)
+  end subroutine add
+
+  !> What the last pass will cost, from those before it.
+  pure real(wp) function expected_cost(self) result(cost)
+    class(pass_search), intent(in) :: self
+    integer :: k
+    associate (pass => self%passes(self%count))
+      cost = merge(self%explicit_cost, 0.0_wp, pass%method == 'dopri5')   ! [-]
+      do k = 1, self%count - 1
+        associate (before => self%passes(k))
+          if (before%method /= pass%method .or. before%outcome /= finished) cycle
+          cost = before%cost*growth**max(0.0_wp, log10(before%setting/pass%setting))
+        end associate
+      end do
+      cost = min(cost, pass%budget)
+    end associate
+  end function expected_cost
+
+  !> Gives the transient the method and the setting of the pass under way.
+  pure subroutine set(self, r)
+    class(pass_search), intent(in) :: self
+    type(transient_record), intent(inout) :: r
+    associate (pass => self%passes(self%count))
+      r%method = pass%method
+      r%adaptive = pass%method /= 'rk4'
+      r%tolerance = pass%setting
+      r%step = pass%setting
+    end associate
+  end subroutine set
+
+  !> Whether the pass under way has cost more than it may, or the search has taken its time and has results.
+  logical function spent(self, cost, most_seconds) result(yes)
+    class(pass_search), intent(in) :: self
+    real(wp), intent(in) :: cost              !! so far [-]
+    real(wp), intent(in) :: most_seconds      !! [s]
+    yes = late(self, most_seconds)
+    if (cost > self%passes(self%count)%budget) yes = .true.
+  end function spent
+
+  !> Whether the search has taken its time and has results.
+  logical function late(self, most_seconds) result(yes)
+    class(pass_search), intent(in) :: self
+    real(wp), intent(in) :: most_seconds      !! [s]
+    integer(ip) :: now, rate
+    yes = .false.
+    if (self%delivered == 0 .or. .not. most_seconds < huge(1.0_wp)) return
+    call system_clock(now, rate)
+    yes = real(now - self%began, wp) > most_seconds*real(rate, wp)
+  end function late
+
+  !> Error of the pass under way over its difference from the stored one. Errors fall at least with the power 0.6 of the tolerance
+  !> (1/3 where generalized_alpha is of second order), with the second power of a fixed step; two methods have errors of their own.
+  pure real(wp) function comparison(self) result(ratio)
+    class(pass_search), intent(in) :: self
+    real(wp) :: part                          ! error of the finer pass, of the coarser one's [-]
+    real(wp) :: power
+    ratio = 1.0_wp                            ! [-]
+    if (self%stored == 0) return
+    associate (a => self%passes(self%stored), b => self%passes(self%count))
+      if (a%method /= b%method) return
+      power = 0.6_wp
+      if (a%method == 'rk4') power = 2.0_wp
+      if (a%method == 'generalized_alpha') power = 1.0_wp/3.0_wp
+      part = (b%setting/a%setting)**power
+      ratio = part/(1 - part)
+    end associate
+  end function comparison
+
+  !> Takes the end of the pass under way and decides on the next one, or ends the search.
+  subroutine judge(self, end, most_seconds)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: end      !! outcome, cost, worst, column, differ_at, reached
+    real(wp), intent(in) :: most_seconds      !! [s]
+    type(pass_record) :: pass
+    pass = self%passes(self%count)
+    pass%outcome = end%outcome
+    pass%cost = end%cost
+    pass%reached = end%reached
+    pass%other = self%stored
+    pass%worst = end%worst
+    pass%column = end%column
+    pass%differ_at = end%differ_at
+    self%passes(self%count) = pass
+    if (pass%outcome == finished .and. pass%role /= witness) then
+      call self%rows%turn()
+      self%stored = self%count
+      self%delivered = self%count
+    else
+      if (pass%role /= witness) self%rows%whole = .false.     ! rows were put over those of the pass before
+      if (pass%role /= witness) self%stored = 0
+      call self%rows%forget()
+    end if
+    if (late(self, most_seconds)) then
+      call finish(self, .false., 'most_seconds ended the search')
+    else if (pass%role == pilot) then
+      call choose(self, pass)
+    else if (pass%role == witness) then
+      call hear(self, pass)
+    else if (pass%outcome == finished) then
+      call refine(self, pass)
+    else
+      call replace(self, pass)
+    end if
+  end subroutine judge
+
+  !> The method, after the pilot.
+  subroutine choose(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass     !! of the pilot
+    real(wp) :: cost                          ! of radau at the accuracy [-]
+    cost = pass%cost*growth**max(1.0_wp, log10(pilot_tolerance/self%accuracy))
+    if (pass%outcome == finished .and. cost < self%explicit_cost) then
+      self%choice = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'
+      call add(self, pass_record(member, method='radau', setting=first_setting(self, 'radau')))
+    else
+      self%choice = 'the stable step of dopri5 asks for less than radau'
+      if (pass%outcome == finished) then
+        call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'), &
+                                   budget=hopeless*max(self%explicit_cost, cost, least_budget)))
+      else
+        call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
+      end if
+    end if
+  end subroutine choose
+
+  !> What follows a pass of the results: nothing, a witness, a finer pass, or the other method.
+  subroutine refine(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    if (pass%worst >= 0.0_wp .and. pass%worst <= 1.0_wp .and. pass%differ_at < 0.0_wp) then
+      if (pass%method == 'dopri5') then
+        call finish(self, .true., '')
+      else
+        call add(self, pass_record(witness, method='dopri5', setting=finer**3*self%accuracy, budget=witness_share*pass%cost))
+      end if
+    else if (stuck(self, pass)) then
+      return
+    else if (self%free .and. pass%method == 'radau' .and. falls_slowly(self, pass)) then
+      self%choice = 'errors of radau fall as slowly as where it damps vibrations that a column shows'
+      call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
+    else if (self%free .and. pass%method == 'radau' .and. growth*pass%cost > self%explicit_cost) then
+      self%choice = 'the next pass of radau would cost more than the stable step of dopri5 asks for'
+      call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
+    else
+      call add_finer(self, pass)
+    end if
+  end subroutine refine
+
+  !> The same method, more finely.
+  subroutine add_finer(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    real(wp) :: setting
+    setting = pass%setting*merge(0.5_wp, finer, pass%method == 'rk4')
+    if (pass%method /= 'rk4' .and. setting < least_tolerance) then
+      call finish(self, .false., 'tolerances end at 1e-13')
+    else
+      call add(self, pass_record(member, method=pass%method, setting=setting))
+    end if
+  end subroutine add_finer
+
+  !> Whether a pass errs by more than half of what the coarser one of the same method did.
+  pure logical function falls_slowly(self, pass) result(yes)
+    class(pass_search), intent(in) :: self
+    type(pass_record), intent(in) :: pass
+    yes = .false.
+    if (pass%other == 0) return
+    associate (before => self%passes(pass%other))
+      yes = before%method == pass%method .and. before%worst >= 0.0_wp .and. pass%worst > 0.5_wp*before%worst
+    end associate
+  end function falls_slowly
+
+  !> Whether finer passes do not help: rounding, chaos. The search is then over.
+  logical function stuck(self, pass) result(yes)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    if (pass%differ_at >= 0.0_wp) then
+      self%differs = self%differs + 1
+    else if (falls_slowly(self, pass)) then
+      self%stalls = self%stalls + 1
+    end if
+    yes = max(self%stalls, self%differs) == 3
+    if (.not. yes) return
+    call finish(self, .false., trim(merge('finer passes have other sequences of events: the motion cannot be predicted', &
+                                          'finer passes come no closer: rounding or chaos                             ', &
+                                          self%differs == 3)))
+  end function stuck
+
+  !> What a witness tells of the pass before it.
+  subroutine hear(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass     !! of the witness
+    if (pass%worst <= 1.0_wp .and. pass%differ_at < 0.0_wp) then
+      call finish(self, .true., '')
+    else if (self%free) then
+      self%choice = 'radau damps vibrations that a column shows'
+      call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
+    else
+      call add_finer(self, self%passes(self%stored))
+    end if
+  end subroutine hear
+
+  !> What follows a pass that was lost or cost too much: the other method, where it has not been tried.
+  subroutine replace(self, pass)
+    class(pass_search), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    character(20) :: other
+    other = merge('radau               ', 'dopri5              ', pass%method == 'dopri5')
+    if (self%free .and. .not. any(self%passes(1:self%count)%method == other .and. &
+                                  self%passes(1:self%count)%role == member)) then
+      self%choice = trim(pass%method)//trim(merge(' was lost                    ', ' cost far more than expected ', &
+                                                  pass%outcome == lost_pass))
+      if (other == 'radau') self%explicit_cost = huge(1.0_wp)
+      call add(self, pass_record(member, method=other, setting=first_setting(self, trim(other))))
+    else
+      call finish(self, .false., trim(merge('a finer pass was lost               ', &
+                                            'a finer pass cost far more than this', pass%outcome == lost_pass)))
+    end if
+  end subroutine replace
+
+  !> The search is over.
+  subroutine finish(self, kept, reason)
+    class(pass_search), intent(inout) :: self
+    logical, intent(in) :: kept
+    character(*), intent(in) :: reason        !! why it is not; else nothing
+    self%over = .true.
+    self%kept = kept
+    if (.not. kept) self%reason = reason
+  end subroutine finish
+
+  !> Saves or restores a search between two portions of a pass.
+  subroutine exchange(self, a)
+    class(pass_search), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    integer :: k
+    if (.not. self%active) return
+    call a%exchange(self%count)
+    do k = 1, min(self%count, most_passes)
+      associate (pass => self%passes(k))
+        call a%exchange(pass%role)
+        call a%exchange(pass%outcome)
+        call a%exchange(pass%method)
+        call a%exchange(pass%setting)
+        call a%exchange(pass%budget)
+        call a%exchange(pass%expected)
+        call a%exchange(pass%cost)
+        call a%exchange(pass%reached)
+        call a%exchange(pass%other)
+        call a%exchange(pass%worst)
+        call a%exchange(pass%column)
+        call a%exchange(pass%differ_at)
+      end associate
+    end do
+    call a%exchange(self%stored)
+    call a%exchange(self%delivered)
+    call a%exchange(self%choice)
+    call a%exchange(self%reason)
+    call self%found%exchange(a)
+    call a%exchange(self%explicit_cost)
+    call a%exchange(self%stalls)
+    call a%exchange(self%differs)
+    call self%rows%exchange(a)
+  end subroutine exchange
+end module accuracy_search

@@ -1,0 +1,80 @@
+!> Rows and events of a pass, with which the next one is compared (theory.md, section 12). There is one table: the next pass
+!> puts its rows in place of those that it has been compared with.
+module stored_pass
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use switching, only: event_list
+  implicit none (type, external)
+  private
+
+  !> A pass.
+  type, public :: pass_rows
+    logical :: whole = .false.                !! a pass went to the end: all rows are known
+    real(wp), allocatable :: values(:, :)     !! (columns, 0:outputs) [of the column]
+    type(event_list) :: events                !! of that pass
+    type(event_list) :: present               !! of the pass under way
+    integer :: given = 0                      !! events of that pass up to the last row that was asked for
+  contains
+    procedure :: recall
+    procedure :: keep
+    procedure :: turn
+    procedure :: forget
+    procedure :: exchange
+  end type pass_rows
+
+contains
+
+  !> A row, and the events since the last one that was asked for.
+  subroutine recall(self, row, time, values, events)
+    class(pass_rows), intent(inout) :: self
+    integer(ip), intent(in) :: row
+    real(wp), intent(in) :: time              !! of the row [s]
+    real(wp), intent(out) :: values(:)        !! (columns) [of the column]
+    type(event_list), intent(inout) :: events !! receives them
+    values = self%values(:, row)
+    do while (self%given < self%events%count)
+      if (self%events%items(self%given + 1)%t > time) exit
+      self%given = self%given + 1
+      call events%add(self%events%items(self%given))
+    end do
+  end subroutine recall
+
+  !> A row of the pass under way, and its events since the last row.
+  subroutine keep(self, row, values, events)
+    class(pass_rows), intent(inout) :: self
+    integer(ip), intent(in) :: row
+    real(wp), intent(in) :: values(:)         !! (columns) [of the column]
+    type(event_list), intent(in) :: events
+    integer :: k
+    self%values(:, row) = values
+    do k = 1, events%count
+      call self%present%add(events%items(k))
+    end do
+  end subroutine keep
+
+  !> The pass under way has come to its end.
+  subroutine turn(self)
+    class(pass_rows), intent(inout) :: self
+    self%whole = .true.
+    self%events = self%present
+    call self%forget()
+  end subroutine turn
+
+  !> The pass under way is over.
+  subroutine forget(self)
+    class(pass_rows), intent(inout) :: self
+    self%present%count = 0
+    self%given = 0
+  end subroutine forget
+
+  !> Saves or restores all of it.
+  subroutine exchange(self, a)
+    class(pass_rows), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%whole)
+    call a%exchange(self%values)
+    call self%events%exchange(a)
+    call self%present%exchange(a)
+    call a%exchange(self%given)
+  end subroutine exchange
+end module stored_pass
