@@ -26,6 +26,7 @@ module mechanism_ode
   use projection, only: project
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
+  use switched_rows, only: slip_gaps
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, switch_event, start_states, watch_roots, watch_rows, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
@@ -381,6 +382,7 @@ contains
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
     call take_body_residuals(self%t, self%m)
     gap = self%ev%rows%phi
+    call slip_gaps(self%m, self%ev, lambda, gap)
   end subroutine mechanism_residual
 
   !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
@@ -547,6 +549,7 @@ contains
     call give_terms(self%t, self%m, z)
     call residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, lambda)
     call stage_residual(self%t, self%m, self%ev, r, gap)
+    call slip_gaps(self%m, self%ev, lambda, gap)
   end subroutine mechanism_stage
 
   !> Both matrices at the state of the last residual.
@@ -561,6 +564,8 @@ contains
     logical :: bad
     shift = merge(light_shift, least_shift, self%m%redundant)
     if (hold) shift = stage_shift
+    self%t%t%rows%unit = real(c2(1), wp)
+    self%stages%rows%unit = c2(2)
     call factor_stages(self%stages, self%t, self%m, c2, bad)
     ok = .not. bad
     if (bad) return

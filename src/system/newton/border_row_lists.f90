@@ -31,6 +31,7 @@ module border_row_lists
     integer :: nc = 0                        !! constraint rows, the first ones
     type(coupling), allocatable :: laws(:)
     logical, allocatable :: rate_row(:)      !! (n)
+    integer, allocatable :: switched(:)      !! constraint rows that can be off
     integer :: kd = 0                        !! half band width
     integer, allocatable :: position(:)      !! (n)
   end type row_lists
@@ -48,6 +49,7 @@ contains
     call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows
+    r%switched = [(m%s%constraints(m%s%switching_rows(k))%item%first, k=1, size(m%s%switching_rows))]
     call list_laws(r, m, states)
     call r%sort(size(m%s%bodies))
     allocate (r%rate_row(r%n), source=.false.)

@@ -5,7 +5,9 @@
 !>   constraint rows    S y = d + Phi
 !>   displacement rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j
 !>   rate rows          y_j = (d - S y)_j
+!>   rows that are off  y = sum_k slope_k y_k + gap
 !>
+!> A row that is off holds nothing: its multiplier follows those of its joint's other rows (friction), or is zero.
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
 module border_rows
   use kinds, only: wp, number
@@ -30,6 +32,14 @@ module border_rows
     real(number), allocatable :: x(:, :)     !! (n, 3) right-hand sides, by position [-]
   end type row_equations
 
+  !> A row that can be off.
+  type, public :: open_row
+    integer :: row = 0
+    logical :: off = .false.
+    integer :: reaction(2) = 0               !! rows whose multipliers its own one follows; 0: none
+    real(wp) :: slope(2) = 0.0_wp            !! its derivative by theirs [-]
+  end type open_row
+
   !> Rows, and the system between them. The force of a law is force_i = sum_j k_ij u_j + g_ij y_j.
   type, extends(row_lists) :: row_system
     real(number), allocatable :: marker_row(:, :), marker_column(:, :)   !! (3, sides) row, column on the marker, body axes [-, m]
@@ -42,6 +52,8 @@ module border_rows
     real(number), allocatable :: d(:)        !! (n) rows of the correction without rows [m]
     real(number), allocatable :: y(:)        !! (n) solution, by row [N]
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
+    type(open_row), allocatable :: open(:)   !! rows that can be off
+    real(number) :: unit = 1.0_wp            !! takes the gaps of rows that are off, as the method hands them on, to newtons [-, 1/s]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -58,7 +70,9 @@ contains
                 r%solved_column(3, sides), r%k(6, 6, laws), r%s(-kd:kd, n), r%d(n), r%y(n), r%closing(n, 3))
       allocate (r%g(6, 6, laws), source=0.0_wp)
       allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%x(n, 3), r%system%pivots(n))
+      allocate (r%open(size(r%switched)))
     end associate
+    r%open%row = r%switched
   end subroutine set_up_rows
 
   !> The equations between rows from their compliance, and their LU factor. The shift keeps dependent rows apart.
@@ -98,6 +112,9 @@ contains
         end do
       end associate
     end do
+    do i = 1, size(r%open)
+      if (r%open(i)%off) call leave_open(r, r%open(i))
+    end do
     r%system%lu = 0.0_wp
     do i = 1, n
       largest = maxval(abs(r%system%e(:, i)))
@@ -111,6 +128,19 @@ contains
     call factor_lu(n, r%kd, r%system%lu, r%system%pivots, r%system%upper, r%bad)
     r%weakest = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
+
+  !> The equation of a row that is off. The rows that its multiplier follows are of the same joint: they stand within the band.
+  subroutine leave_open(r, x)
+    type(row_system), intent(inout) :: r
+    type(open_row), intent(in) :: x
+    integer :: k, p
+    p = r%position(x%row)
+    r%system%e(:, p) = 0.0_wp
+    r%system%e(0, p) = 1.0_wp
+    do k = 1, 2
+      if (x%reaction(k) > 0) r%system%e(r%position(x%reaction(k)) - p, p) = -x%slope(k)
+    end do
+  end subroutine leave_open
 
   !> Factors again where the tangent's rows are nearly dependent, these rows held back: the directions in which they act would
   !> only carry amplified rounding.
@@ -131,10 +161,11 @@ contains
     end do
   end subroutine add_row
 
-  !> y of all rows from their displacements d under the residual alone and the constraints' values.
+  !> y of all rows from their displacements d under the residual alone and the constraints' values; of rows that are off, from
+  !> what their multipliers miss.
   subroutine solve_rows(r, phi)
     type(row_system), intent(inout) :: r
-    real(number), intent(in) :: phi(:)       !! (nc) [m]
+    real(number), intent(in) :: phi(:)       !! (nc) [m], [N]
     integer :: i, j, k, p
     if (r%n == 0) return
     do i = 1, r%nc
@@ -153,6 +184,10 @@ contains
           end do
         end do
       end associate
+    end do
+    do k = 1, size(r%open)
+      i = r%open(k)%row
+      if (r%open(k)%off) r%system%x(r%position(i), 1) = r%unit*phi(i)
     end do
     call substitute(r, 1)
     do i = 1, r%n

@@ -14,6 +14,7 @@ module newton_condensation
   use mechanism, only: mechanism_model
   use row_sides, only: side_a, side_b, side_c
   use small_matrices, only: invert3
+  use switched_rows, only: slip_slope
   implicit none (type, external)
   private
   public :: add_tangent, condense
@@ -60,6 +61,7 @@ contains
     self%full_block = full_block
     self%solved = .true.
     call fill_laws(self, m, ev, lambda)
+    call fill_open_rows(self, m, ev, lambda)
     do b = 1, size(self%b)
       associate (x => self%b(b))
         if (x%n > 0) then
@@ -128,6 +130,21 @@ contains
       end associate
     end do
   end subroutine fill_laws
+
+  !> Rows that are off, with the slopes of their multipliers.
+  subroutine fill_open_rows(self, m, ev, lambda)
+    type(condensed_matrix), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: lambda(:)        !! (rows) [N]
+    integer :: k
+    do k = 1, size(self%rows%open)
+      associate (x => self%rows%open(k))
+        x%off = ev%rows%off(x%row)
+        if (x%off) call slip_slope(m, ev, k, lambda, x%reaction, x%slope)
+      end associate
+    end do
+  end subroutine fill_open_rows
 
   !> Condenses the elastic coordinates onto the frame; the inverse of the condensed frame.
   subroutine condense_frame(t, m, b, c1, bad)

@@ -11,6 +11,7 @@ module newton_start
   use newton_correction, only: correction
   use newton_equations, only: residual, take_residual, renew
   use newton_system, only: newton_matrix
+  use switched_rows, only: leave_open
   implicit none (type, external)
   private
   public :: smooth_accelerations, row_gaps
@@ -49,6 +50,7 @@ contains
     call hold_weak_rows(self%t%rows)
     ev%schur%r = 0.0_wp
     call add_row_motion(m, ev, a, ev%schur%r)      ! rows of x as those of a
+    call leave_open(ev, ev%schur%r)
     ev%schur%r = -ev%schur%r
     call correction(self%t, m, ev, ev%schur%r, x)
     bad = .not. all(abs(x) < huge(1.0_wp))
@@ -62,6 +64,7 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
     real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
+    integer :: k
     call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, ev%options, t)
@@ -71,9 +74,13 @@ contains
     call marker_kinematics(m, ev, q, a)            ! in the loops of all markers: one by one they cost a tenth of a step
     call row_rates(m, ev, gap(:, 2))
     gap(:, 2) = gap(:, 2) + ev%schur%r - ev%rows%phi_t
-    if (ubound(gap, 2) < 3) return
-    call marker_kinematics(m, ev, q, u)
-    call row_rates(m, ev, gap(:, 3))
-    gap(:, 3) = gap(:, 3) - ev%rows%phi_t
+    if (ubound(gap, 2) == 3) then
+      call marker_kinematics(m, ev, q, u)
+      call row_rates(m, ev, gap(:, 3))
+      gap(:, 3) = gap(:, 3) - ev%rows%phi_t
+    end if
+    do k = 2, ubound(gap, 2)
+      call leave_open(ev, gap(:, k))
+    end do
   end subroutine row_gaps
 end module newton_start
