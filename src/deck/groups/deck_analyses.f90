@@ -30,6 +30,7 @@ contains
     m%at = deck%at()
     m%present = .true.
     call get(deck, 'modes', m%modes, least=1)
+    call get_word(deck, 'friction', m%friction, [character(4) :: 'held', 'free'])
   end subroutine read_modal
 
   !> &frequency_response
@@ -47,6 +48,7 @@ contains
     call get(deck, 'to', r%to, required, above=0.0_wp)
     call get(deck, 'points', r%points, required, least=2)
     call get_input(deck, 'input', r%force, r%drive)
+    call get_word(deck, 'friction', r%friction, [character(4) :: 'held', 'free'])
     if (deck%is_set('from') .and. deck%is_set('to') .and. r%to <= r%from) call deck%complain('to', &
       'to='//to_text(r%to)//' is not above from='//to_text(r%from)//', expected to > from')
   end subroutine read_response

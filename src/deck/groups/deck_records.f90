@@ -194,7 +194,7 @@ module deck_records
     type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
     logical :: relative = .false.            !! against another marker
     type(marker_record) :: other             !! that marker
-    integer :: joint = 0                     !! reaction: index of the joint, or
+    integer :: joint = 0                     !! friction, reaction: index of the joint, or
     integer :: drive = 0                     !! reaction, power: index of the drive
     integer :: force = 0                     !! power: index of the force
     integer :: spring = 0                    !! spring, power: index
@@ -219,6 +219,7 @@ module deck_records
     type(origin) :: at
     logical :: present = .false.
     integer :: modes = 10
+    character(4) :: friction = 'held'        !! joints at rest: 'held' by their friction, 'free'
   end type modal_record
 
   !> &frequency_response
@@ -231,6 +232,7 @@ module deck_records
     character(8) :: spacing = 'log'          !! 'log', 'linear'
     integer :: force = 0                     !! index of the input force, or
     integer :: drive = 0                     !! index of the input drive
+    character(4) :: friction = 'held'        !! joints at rest: 'held' by their friction, 'free'
   end type response_record
 
   !> &transient

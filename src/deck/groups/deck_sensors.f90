@@ -28,14 +28,14 @@ contains
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance', 'power', 'energy', 'stress'], required)
+      'distance', 'power', 'energy', 'stress', 'friction'], required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call read_marker(deck, d, '_b', s%other, .not. required, body_kinds=points//' '//angles, node_kinds=points//' '//angles, &
       point_kinds=points, frame_kinds=angles)
     s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
-    call get_reference(deck, 'joint', in_joint, s%joint, kinds='reaction')
+    call get_reference(deck, 'joint', in_joint, s%joint, deck%is_choice('friction'), kinds='reaction friction')
     call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction power')
     call get_reference(deck, 'force', in_force, s%force, kinds='power')
     call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power')
@@ -47,6 +47,7 @@ contains
     if (deck%is_choice(angles//' distance power') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_reaction()
+    call check_friction()
     call check_power()
     call check_elastic()
   contains
@@ -59,6 +60,15 @@ contains
         call deck%note_missing('joint', 'joint or drive', kinds='reaction')
       end if
     end subroutine check_reaction
+
+    !> Friction is that of a joint that has some.
+    subroutine check_friction()
+      if (.not. (deck%is_choice('friction') .and. deck%is_set('joint')) .or. s%joint == 0) return
+      associate (j => d%joints(s%joint))
+        if (max(j%friction, j%friction_static, j%preload) > 0.0_wp) return
+        call deck%complain('joint', 'joint "'//trim(j%name)//'" has no friction, expected a joint with friction or preload above 0')
+      end associate
+    end subroutine check_friction
 
     !> A power is that of one drive, force or spring.
     subroutine check_power()

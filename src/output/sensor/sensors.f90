@@ -10,6 +10,7 @@ module sensors
   use deflection_sensor, only: deflection_sensor_model
   use dynamics, only: one_marker
   use energy_sensor, only: energy_sensor_model
+  use friction_sensor, only: friction_sensor_model
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
@@ -100,6 +101,7 @@ contains
     class(sensor_model), allocatable, intent(out) :: item
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
     character(:), allocatable :: unit
+    integer :: row                                 ! of friction, among the constraints
     select case (r%quantity)
     case ('position')
       suffixes = [character(suffix_length) :: '.x[m]', '.y[m]']
@@ -131,6 +133,12 @@ contains
     case ('reaction')
       item = reaction_sensor_model(constraint=merge(r%joint, m%s%joints + r%drive, r%joint > 0))
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
+    case ('friction')
+      row = m%s%switching_rows(findloc([(m%s%constraints(m%s%switching_rows(row))%item%parent, row=1, &
+                                         size(m%s%switching_rows))], r%joint, 1))
+      item = friction_sensor_model(row=row)
+      suffixes = [character(suffix_length) :: '.f[N]', '.rate[m/s]', '.state[-]', '.share[-]']
+      if (m%s%constraints(row)%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
     case ('internal')
       item = section_sensor_model(element=r%element)
       suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']

@@ -137,6 +137,7 @@ contains
       end associate
     end do
     call drive_powers(m, ev, lambda)
+    if (allocated(ev%rows%off)) ev%lambda = lambda       ! friction dissipates by them
     call powers_of(m, ev, power)
   end subroutine find_powers
 
