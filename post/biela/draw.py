@@ -144,7 +144,8 @@ class ScenePicture:
         face = DARK if kind == "weld" else "white"
         size = 10 if kind in ("slider", "prismatic") else 6
         self.axis.plot(*a, SIGNS[kind], color=face, mec=DARK, ms=size, mew=1.3, zorder=6)
-        self._label((a + b) / 2.0 if kind == "distance" else a, f"{joint['name']} ({kind})", DARK)
+        words = f"{kind}, friction {joint['friction']:g}" if "friction" in joint else kind
+        self._label((a + b) / 2.0 if kind == "distance" else a, f"{joint['name']} ({words})", DARK)
 
     def _spring(self, spring: dict) -> None:
         """Draw a linear spring as a zigzag, a torsional one as a spiral."""

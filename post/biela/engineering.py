@@ -24,7 +24,7 @@ WAYS = {
     ("spring", "f"): ("largest force of spring, {}", ("f",)),
     ("stop", "f"): ("largest force of stop, {}", ("f",)),
 }  # by kind of sensor and column: in words, and the parts of the vector; of moments the larger one
-ENERGIES = ("kinetic", "dissipated", "stops", "work")  # of energy.txt
+LOSSES = ("stops", "friction")  # of energy.txt: parts of what is dissipated
 
 
 def _peak(time: np.ndarray, size: np.ndarray, unit: str) -> str:
@@ -80,13 +80,23 @@ def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mec
 
 
 def of_energy(table: History) -> Iterator[tuple[str, str]]:
-    """Yield largest kinetic energy, losses and work."""
-    for name in ENERGIES:
-        if name in table and np.any(table[name]):
-            largest = name == "kinetic"
-            words = {"kinetic": "largest kinetic energy", "dissipated": "energy lost in damping", "stops": "energy lost in stops"}
-            value = _peak(table.time, table[name], "J") if largest else f"{table[name][-1]:.4g} J"
-            yield words.get(name, "work of drives and loads"), value
+    """Yield largest kinetic energy, losses, each with its share of all where there are several, and work."""
+    if np.any(table["kinetic"]):
+        yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
+    lost = losses(table)
+    for name, energy in lost.items():
+        share = f", {100.0 * energy / table['dissipated'][-1]:.3g} % of all" if len(lost) > 1 else ""
+        yield f"energy lost in {name}", f"{energy:.4g} J{share}"
+    if np.any(table["work"]):
+        yield "work of drives and loads", f"{table['work'][-1]:.4g} J"
+
+
+def losses(table: History) -> dict[str, float]:
+    """Return what was lost until the end in damping, in stops and in the friction of joints [J], each where it is not zero."""
+    parts = {name: float(table[name][-1]) for name in LOSSES if name in table}
+    damping = float(table["dissipated"][-1]) - sum(parts.values())
+    rounding = 1e-9 * float(np.abs(table["dissipated"]).max())
+    return {name: energy for name, energy in {"damping": damping, **parts}.items() if abs(energy) > rounding}
 
 
 def of_modes(figures: dict) -> Iterator[tuple[str, str]]:

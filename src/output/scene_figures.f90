@@ -31,7 +31,13 @@ contains
     call text%close()
     call text%open('joints', '[')
     do k = 1, size(d%joints)
-      call pair(d%joints(k)%name, d%joints(k)%type, d%joints(k)%a, d%joints(k)%b, d%joints(k)%direction)
+      associate (r => d%joints(k))
+        if (max(r%friction, r%friction_static, r%preload) > 0.0_wp) then
+          call pair(r%name, r%type, r%a, r%b, r%direction, ', "friction": '//json_number(r%friction))
+        else
+          call pair(r%name, r%type, r%a, r%b, r%direction)
+        end if
+      end associate
     end do
     call text%close()
     call text%open('drives', '[')

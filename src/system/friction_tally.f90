@@ -1,0 +1,80 @@
+!> What the summary says of the friction of a joint: how often it sticks and slips, how far it slides, how long it is at rest, how near
+!> it comes to its limit there.
+module friction_tally
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  implicit none (type, external)
+  private
+  public :: exchange_friction
+
+  !> Of one joint.
+  type, public :: joint_tally
+    integer(ip) :: sticks = 0                 !! events: it came to rest
+    integer(ip) :: slips = 0                  !! it broke away
+    integer(ip) :: turns = 0                  !! it went on the other way
+    real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
+    real(wp) :: slid = 0.0_wp                 !! to and fro [m] or [rad]
+    real(wp) :: rest = 0.0_wp                 !! time at rest [s]
+    real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
+  contains
+    procedure :: note_event
+    procedure :: note_rest
+    procedure :: note_slip
+  end type joint_tally
+
+contains
+
+  !> Counts an event between states of motion: -1, 0, 1.
+  pure subroutine note_event(self, t, from, to)
+    class(joint_tally), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    integer, intent(in) :: from, to
+    if (from == to) return                    ! another pad presses
+    if (self%sticks + self%slips + self%turns == 0) self%first = t
+    self%last = t
+    if (to == 0) then
+      self%sticks = self%sticks + 1
+    else if (from == 0) then
+      self%slips = self%slips + 1
+    else
+      self%turns = self%turns + 1
+    end if
+  end subroutine note_event
+
+  !> An accepted step at rest.
+  pure subroutine note_rest(self, h, share)
+    class(joint_tally), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: share             !! of the limit [-]
+    self%rest = self%rest + h
+    self%share = max(self%share, share)
+  end subroutine note_rest
+
+  !> An accepted step in which it slides: the integral of the cubic with these rates and their derivatives at both ends.
+  pure subroutine note_slip(self, h, rate, change)
+    class(joint_tally), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: rate(0:1)         !! [m/s] or [rad/s]
+    real(wp), intent(in) :: change(0:1)       !! per second [m/s2] or [rad/s2]
+    self%slid = self%slid + abs(0.5_wp*h*(rate(0) + rate(1)) + h**2*(change(0) - change(1))/12)
+  end subroutine note_slip
+
+  !> Saves or restores all of them.
+  subroutine exchange_friction(list, a)
+    type(joint_tally), intent(inout) :: list(:)
+    type(value_archive), intent(inout) :: a
+    integer :: i
+    do i = 1, size(list)
+      associate (x => list(i))
+        call a%exchange(x%sticks)
+        call a%exchange(x%slips)
+        call a%exchange(x%turns)
+        call a%exchange(x%first)
+        call a%exchange(x%last)
+        call a%exchange(x%slid)
+        call a%exchange(x%rest)
+        call a%exchange(x%share)
+      end associate
+    end do
+  end subroutine exchange_friction
+end module friction_tally
