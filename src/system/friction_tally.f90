@@ -3,6 +3,7 @@
 module friction_tally
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use friction_row, only: row_slips
   implicit none (type, external)
   private
   public :: exchange_friction
@@ -24,11 +25,14 @@ module friction_tally
 
 contains
 
-  !> Counts an event between states of motion: -1, 0, 1.
-  pure subroutine note_event(self, t, from, to)
+  !> Counts an event.
+  pure subroutine note_event(self, t, before, after)
     class(joint_tally), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    integer, intent(in) :: from, to
+    integer, intent(in) :: before, after      !! states of the row
+    integer :: from, to
+    from = direction(before)
+    to = direction(after)
     if (from == to) return                    ! another pad presses
     if (self%sticks + self%slips + self%turns == 0) self%first = t
     self%last = t
@@ -40,6 +44,12 @@ contains
       self%turns = self%turns + 1
     end if
   end subroutine note_event
+
+  !> In which a joint slides in a state: 0 at rest.
+  elemental integer function direction(state)
+    integer, intent(in) :: state
+    direction = merge(sign(1, state), 0, abs(state) == row_slips)
+  end function direction
 
   !> An accepted step at rest.
   pure subroutine note_rest(self, h, share)

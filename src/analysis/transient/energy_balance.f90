@@ -18,7 +18,7 @@ module energy_balance
   !> The balance so far. Energies are kinetic, potential, dissipated and work, in this order.
   type, public :: balance_watch
     real(wp) :: row(7) = 0.0_wp               !! a row of energy.txt: four energies, residual [J], violations [m], [m/s]
-    real(wp), allocatable :: lost(:)          !! the rest of it: what stops, then what friction of joints dissipated, where any [J]
+    real(wp), allocatable :: by_cause(:)      !! the rest of it: what stops, then what friction of joints dissipated, where any [J]
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
     real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
     real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
@@ -71,7 +71,7 @@ contains
       call violations(m, ev, x(6), x(7))
       x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
       associate (each => y(2*nq + nz + nzd + 3:), stops => size(m%s%switching))
-        self%lost = pack([sum(each(:stops)), sum(each(stops + 1:))], [stops, size(each) - stops] > 0)
+        self%by_cause = pack([sum(each(:stops)), sum(each(stops + 1:))], [stops, size(each) - stops] > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
       if (first) then

@@ -11,6 +11,8 @@ module mechanism_ode
   use condensed_system, only: change_rows
   use force_element, only: idle, most_roots
   use friction_states, only: motion_state, settle_friction
+  use friction_row, only: friction_model
+  use friction_tally, only: joint_tally, exchange_friction
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use contact_mass, only: mass_at, time_of_contact
@@ -44,6 +46,7 @@ module mechanism_ode
     type(evaluation_options) :: options       !! what acts in the present analysis
     type(event_list) :: events                !! of elements that switch
     type(element_tally), allocatable :: tally(:)   !! of each of them
+    type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
@@ -140,6 +143,7 @@ contains
     end associate
     self%roots = most_roots*self%m%s%elements
     allocate (self%tally(size(self%m%s%switching)))
+    allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (size(self%tally) > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], &
                                                   self%ev%switches%state(:size(self%tally)) /= 0)
     if (size(self%m%s%switching_rows) == 0) return
@@ -209,7 +213,9 @@ contains
     call settle_friction(self%m, self%ev, motion_at(self, t, y), fallen(most_roots*size(self%tally) + 1:), ok)
     do k = size(self%tally) + 1, self%m%s%elements
       associate (state => self%ev%switches%state(k))
-        if (state /= before(k)) call self%events%add(switch_event(t, k, before(k), state))
+        if (state == before(k)) cycle
+        call self%events%add(switch_event(t, k, before(k), state))
+        call self%friction(k - size(self%tally))%note_event(t, before(k), state)
       end associate
     end do
     if (ok .and. self%has_manifold) call self%project(t, y, ok)
@@ -260,6 +266,19 @@ contains
                                      [g0(k), g1(k)], [rate0(k), rate1(k)])
       end associate
     end do
+    do i = 1, size(self%friction)
+      k = most_roots*(size(self%tally) + i - 1) + 1   ! where it slips, the speed
+      select type (row => self%m%s%constraints(self%m%s%switching_rows(i))%item)
+      class is (friction_model)
+        associate (state => self%ev%switches%state(row%switch_number), unit => merge(row%size, 1.0_wp, row%angular))
+          if (row%slides(state) == 0) then
+            call self%friction(i)%note_rest(h, row%share(state, self%ev%lambda))
+          else
+            call self%friction(i)%note_slip(h, [g0(k), g1(k)]/unit, [rate0(k), rate1(k)]/unit)
+          end if
+        end associate
+      end select
+    end do
     call limit_steps(self)
   end subroutine note_step
 
@@ -274,6 +293,7 @@ contains
     call self%events%exchange(a)
     call exchange_tallies(self%tally, a)
     call choose_rows(self)
+    call exchange_friction(self%friction, a)
   end subroutine exchange_switches
 
   !> Elements that are idle have no rows in the border of implicit steps: open stops would widen its band.
@@ -282,8 +302,8 @@ contains
     type(row_lists) :: lists
     if (.not. allocated(self%t)) return
     associate (states => self%ev%switches%state)
-      if (all(self%bordered .eqv. states /= idle)) return
-      self%bordered = states /= idle
+      if (all(self%bordered .eqv. states(:size(self%bordered)) /= idle)) return
+      self%bordered = states(:size(self%bordered)) /= idle
       call list_rows(lists, self%m, states)
     end associate
     call order_rows(lists)

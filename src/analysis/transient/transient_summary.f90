@@ -6,6 +6,7 @@ module transient_summary
   use material_band, only: motion_outside_band
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
+  use friction_words, only: friction_lines
   use stop_words, only: stop_lines
   use summary, only: add_warnings
   use summary_text, only: summary_record
@@ -53,6 +54,7 @@ contains
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call stop_lines(run, march, text)
+    call friction_lines(run, text)
     call accuracy_lines(run, march, status == status_failed, text)
     call validity_lines(run, status, text)
     call text%close()

@@ -35,6 +35,8 @@ module friction_row
     procedure :: measure => way
     procedure :: sticking_limit
     procedure :: pad_signs
+    procedure :: slides
+    procedure :: share
     procedure :: pad_code
   end type friction_model
 
@@ -169,6 +171,22 @@ contains
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     c = self%law%limit(self%size, lambda(self%joint_first:self%joint_first + self%joint_rows - 1), .true.)
   end function sticking_limit
+
+  !> The direction in which it slides, 0 at rest.
+  pure integer function slides(self, state)
+    class(friction_model), intent(in) :: self
+    integer, intent(in) :: state
+    slides = merge(sign(1, state), 0, abs(state) == row_slips)
+  end function slides
+
+  !> Part of its limit that acts: 1 where it slips.
+  pure real(wp) function share(self, state, lambda)   ! [-]
+    class(friction_model), intent(in) :: self
+    integer, intent(in) :: state
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    share = merge(1.0_wp, 0.0_wp, abs(lambda(self%first)) > 0.0_wp)
+    if (abs(state) /= row_slips) share = abs(lambda(self%first))/max(self%sticking_limit(lambda), tiny(1.0_wp))
+  end function share
 
   !> A state in a word.
   pure function friction_word(self, state) result(word)

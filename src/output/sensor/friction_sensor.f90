@@ -29,7 +29,7 @@ contains
         x(1) = -unit*at%ev%lambda(i)
         x(2) = (dot_product(r%na(:, i), p%v(:, row%ia)) + dot_product(r%nb(:, i), p%v(:, row%ib)) &
                 + r%sa(i)*p%rate(row%ia) + r%sb(i)*p%rate(row%ib))/unit
-        x(3) = row%sense(at%ev%switches%state(row%switch_number))
+        x(3) = row%slides(at%ev%switches%state(row%switch_number))
         x(4) = row%share(at%ev%switches%state(row%switch_number), at%ev%lambda)
       end associate
     end select

@@ -101,7 +101,7 @@ contains
     class(sensor_model), allocatable, intent(out) :: item
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
     character(:), allocatable :: unit
-    integer :: row                                 ! of friction, among the constraints
+    integer, allocatable :: row(:)                 ! of friction, among the constraints
     select case (r%quantity)
     case ('position')
       suffixes = [character(suffix_length) :: '.x[m]', '.y[m]']
@@ -131,14 +131,13 @@ contains
       end associate
       suffixes = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
     case ('reaction')
-      item = reaction_sensor_model(constraint=merge(r%joint, m%s%joints + r%drive, r%joint > 0))
+      item = reaction_sensor_model(constraints=[merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m, r%joint)])
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('friction')
-      row = m%s%switching_rows(findloc([(m%s%constraints(m%s%switching_rows(row))%item%parent, row=1, &
-                                         size(m%s%switching_rows))], r%joint, 1))
-      item = friction_sensor_model(row=row)
+      row = friction_of(m, r%joint)
+      item = friction_sensor_model(row=row(1))
       suffixes = [character(suffix_length) :: '.f[N]', '.rate[m/s]', '.state[-]', '.share[-]']
-      if (m%s%constraints(row)%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
+      if (m%s%constraints(row(1))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
     case ('internal')
       item = section_sensor_model(element=r%element)
       suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
@@ -182,6 +181,17 @@ contains
     end do
     call move_alloc(shown, item)
   end subroutine make_quantities
+
+  !> The constraint that is a joint's friction; none where it has none.
+  pure function friction_of(m, joint) result(row)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: joint                   !! its number, 0: no joint
+    integer, allocatable :: row(:)
+    integer :: k
+    row = pack(m%s%switching_rows, [(m%s%constraints(m%s%switching_rows(k))%item%parent == joint, k=1, &
+                                     size(m%s%switching_rows))])
+    if (joint == 0) row = row(:0)
+  end function friction_of
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)
