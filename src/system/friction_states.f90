@@ -35,12 +35,12 @@ contains
     type(motion_state), intent(in) :: at
     logical, intent(in) :: fallen(:)             !! (roots of the rows) those that have fallen to zero
     logical, intent(out) :: ok
-    logical :: rests(size(m%s%switching_rows))
+    logical, dimension(size(m%s%switching_rows)) :: rests, breaks
     call look(m, ev, at)
-    call find_resting(m, ev, fallen, rests)
+    call find_resting(m, ev, fallen, rests, breaks)
     ev%switches%shared = .false.
     ok = .true.
-    if (any(rests)) call settle(m, ev, at, rests, ok)
+    if (any(rests)) call settle(m, ev, at, rests, breaks, ok)
     if (.not. any(rests)) call look(m, ev, at)
   end subroutine settle_friction
 
@@ -53,12 +53,14 @@ contains
   end subroutine look
 
   !> Rows that are at rest: those stick, from the present position unless they stuck before. Others slip with their rates.
-  subroutine find_resting(m, ev, fallen, rests)
+  subroutine find_resting(m, ev, fallen, rests, breaks)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: fallen(:)             !! (roots of the rows)
     logical, intent(out) :: rests(:)             !! (rows that switch)
+    logical, intent(out) :: breaks(:)            !! (rows that switch) it stuck, and has come to its limit
     integer :: k
+    breaks = .false.
     do k = 1, size(rests)
       select type (c => m%s%constraints(m%s%switching_rows(k))%item)
       class is (friction_model)
@@ -67,6 +69,7 @@ contains
           rests(k) = state == row_stuck .or. abs(x%rate) <= creeping*c%size
           if (abs(state) == row_slips) rests(k) = rests(k) .or. down(1)
           if (rests(k) .and. state /= row_stuck) memory = c%measure(ev%p)
+          breaks(k) = state == row_stuck .and. down(1)
           if (rests(k)) then
             state = row_stuck
           else
@@ -79,11 +82,12 @@ contains
   end subroutine find_resting
 
   !> Sorts the rows at rest.
-  subroutine settle(m, ev, at, rests, ok)
+  subroutine settle(m, ev, at, rests, breaks, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
     logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical, intent(inout) :: breaks(:)          !! (rows that switch) at the limit, to rounding: spent
     logical, intent(out) :: ok
     integer :: pass, k
     logical :: changed
@@ -91,7 +95,7 @@ contains
     if (ev%schur%singular .and. .not. m%redundant) call sort_dependent(m, ev, at, rests)
     do pass = 1, 4*size(rests) + 4
       call check_released(m, ev, rests, changed)
-      if (.not. changed) call release_worst(m, ev, rests, changed)
+      if (.not. changed) call release_worst(m, ev, rests, breaks, changed)
       ok = .not. changed
       if (ok) exit
       call look(m, ev, at)
@@ -156,10 +160,11 @@ contains
   end subroutine check_released
 
   !> Takes off the row that is farthest beyond its static limit.
-  subroutine release_worst(m, ev, rests, changed)
+  subroutine release_worst(m, ev, rests, breaks, changed)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: rests(:)              !! (rows that switch)
+    logical, intent(inout) :: breaks(:)          !! (rows that switch) at the limit, to rounding
     logical, intent(out) :: changed
     real(wp) :: share, worst, limit
     integer :: k, which, side
@@ -172,6 +177,7 @@ contains
         limit = c%sticking_limit(ev%lambda)
         limit = limit + root_rounding*(limit + maxval(abs(ev%lambda)))
         share = abs(ev%lambda(c%first))/max(limit, tiny(1.0_wp))
+        if (breaks(k)) share = max(share, 1 + epsilon(1.0_wp))
         if (share <= worst) cycle
         worst = share
         which = k
@@ -180,6 +186,7 @@ contains
     end do
     changed = which > 0
     if (.not. changed) return
+    breaks(which) = .false.
     associate (state => ev%switches%state(number(m, which)))
       state = side*row_slips
       if (.not. ev%switches%shared) return
