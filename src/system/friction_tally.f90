@@ -1,5 +1,5 @@
-!> What the summary says of the friction of a joint: how often it sticks and slips, how far it slides, how long it is at rest, how near
-!> it comes to its limit there.
+!> What the summary says of the friction of a joint: how often it sticks and slips, how far it slides, how long it is at rest, how
+!> near it comes to its limit there.
 module friction_tally
   use kinds, only: wp, ip
   use archive, only: value_archive

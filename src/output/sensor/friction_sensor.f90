@@ -1,4 +1,4 @@
-!> Friction of a joint: force or moment on body a along its freedom, rate at which it slides, its state, what share of the limit acts.
+!> Friction of a joint: force or moment on body a along its freedom, rate at which it slides, state, share of the limit that acts.
 module friction_sensor
   use kinds, only: wp
   use friction_row, only: friction_model

@@ -53,7 +53,7 @@ module border_rows
     real(number), allocatable :: y(:)        !! (n) solution, by row [N]
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     type(open_row), allocatable :: open(:)   !! rows that can be off
-    real(number) :: unit = 1.0_wp            !! takes the gaps of rows that are off, as the method hands them on, to newtons [-, 1/s]
+    real(number) :: unit = 1.0_wp            !! takes gaps of rows that are off, as the method hands them on, to newtons [-, 1/s]
     real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
