@@ -17,9 +17,11 @@ _MODULES = {
     "Runner": "deck_runs",
     "SolverError": "session",
     "fit": "session",
+    "optimise": "session",
     "read": "histories",
     "read_summary": "histories",
     "run": "session",
+    "sensitivity": "session",
     "sweep": "session",
     "tradeoff": "session",
 }

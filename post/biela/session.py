@@ -1,4 +1,4 @@
-"""biela from Python: `run` calls the solver, `sweep`, `fit` and `tradeoff` are the programs of those names as functions.
+"""biela from Python: `run` calls the solver; `sweep`, `optimise`, `sensitivity`, `fit`, `tradeoff` do what the programs do.
 
 Every fault is a `BielaError` of few lines, those of the solver where it has refused or stopped.
 """
@@ -9,6 +9,7 @@ import contextlib
 import functools
 import html
 import io
+import json
 import math
 import os
 import subprocess
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     import pandas
 
     from .material_law import Material
+
+
+REPEATED = ("where", "at")  # options that stand once for each of their values
 
 
 class Figures(dict):
@@ -206,8 +210,11 @@ def _tool(name: str, *words: object, **options: object) -> tuple[int, str]:
     line = [str(word) for word in words]
     for option, value in options.items():
         values = [] if value is True else value if isinstance(value, (list, tuple)) else [value]
-        if value is not None and value is not False:
-            line += [f"--{option.replace('_', '-')}", *map(str, values)]
+        flag = f"--{option.replace('_', '-')}"
+        if option in REPEATED:
+            line += [word for one in values for word in (flag, str(one))]
+        elif value is not None and value is not False:
+            line += [flag, *map(str, values)]
     told, wrong = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(told), contextlib.redirect_stderr(wrong):
         try:
@@ -229,6 +236,36 @@ def sweep(study: str | Path, folder: str | Path | None = None, **options: object
 
     place = Path(folder or Path("results") / "sweep" / Path(study).stem)
     _tool("sweep", study, output=place, biela=find_solver(), no_pictures=True, **options)
+    return pandas.read_csv(place / "table.csv")
+
+
+def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Figures:
+    """Search the best design of a study; options are those of post/optimise.py (`best="min mass"`, `where=["peak < 1e-3"]`).
+
+    Returns:
+        `parameters` and `results` of the best design, whether it is `feasible`, `prices` of the limits, `sensitivities`,
+        `runs`, `notes`, and the `report` in lines; history and pictures are in the folder.
+
+    Raises:
+        BielaError: the study or its deck is wrong.
+    """
+    place = Path(folder or Path("results") / "optimise" / Path(study).stem)
+    _tool("optimise", study, output=place, biela=find_solver(), **options)
+    return _figures(json.loads((place / "optimum.json").read_text(encoding="utf-8")))
+
+
+def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> pandas.DataFrame:
+    """Return derivatives of a study's results with their errors; options are those of post/sensitivity.py (`at=["L=0.3"]`).
+
+    Raises:
+        BielaError: the study or its deck is wrong, or the design fails.
+    """
+    import pandas
+
+    place = Path(folder or Path("results") / "sensitivity" / Path(study).stem)
+    status, told = _tool("sensitivity", study, output=place, biela=find_solver(), **options)
+    if status:
+        raise BielaError(told.strip())
     return pandas.read_csv(place / "table.csv")
 
 

@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from .deck_text import DeckError, DeckText, parse, read
@@ -33,6 +33,8 @@ class Batch:
         scalars: what is measured
         keep: folder in which decks and results stay, None: they are deleted
         lean: sensors that no scalar uses are left out of the decks
+        extremes: those of columns are told
+        check: each run measures its own error, which costs three times as much
     """
 
     biela: str
@@ -41,6 +43,8 @@ class Batch:
     scalars: tuple[Scalar, ...]
     keep: str | None
     lean: bool
+    extremes: bool = False
+    check: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,16 @@ class Row:
         values: of the scalars, empty where the run failed
         units: of them
         reason: why it failed, '' where it did not
+        extremes: of the scalars that are one of several, where they were asked for
+        errors: of the values, where they were measured
     """
 
     number: int
     values: list[float]
     units: list[str]
     reason: str
+    extremes: list = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
 
 
 def assign(deck: DeckText, target: Target, value: str) -> DeckText:
@@ -100,12 +108,14 @@ def template(batch: Batch, settings: tuple[str, ...], targets: tuple[Target, ...
     deck = read(Path(batch.deck), *settings, biela=Path(batch.biela))
     for k, target in enumerate(targets):
         deck = assign(deck, target, f"@{k}@")
+    for group in deck.all("transient") if batch.check else []:
+        deck = deck.set(group, check_error=".true.")
     return (lean_deck(deck, batch.scalars) if batch.lean else deck).text
 
 
 def assignments(study: Study, point: dict) -> Assignments:
     """Return what a run sets: parameters as the solver takes them, variables with their values."""
-    settings = tuple(f"{one.name}={point[one.name]!r}" for one in study.parameters if not one.targets)
+    settings = tuple(f"{name}={value!r}" for one in study.parameters for name, value in one.settings(point[one.name]).items())
     return settings, tuple((target, point[one.name]) for one in study.parameters for target in one.targets)
 
 
@@ -149,7 +159,7 @@ def _rows(batch: Batch, place: Path) -> list[Row]:
         done = subprocess.run([batch.biela, "--quiet", *names], cwd=place, capture_output=True, text=True, check=False)
         said |= _reasons(done.stderr)
         stopped = f"the solver was stopped by signal {abs(done.returncode) % 128}" if not 0 <= done.returncode <= 128 else ""
-    return [_row(number, place / "results" / path.stem, batch.scalars, said.get(number, stopped)) for number, path in decks.items()]
+    return [_row(number, place / "results" / path.stem, batch, said.get(number, stopped)) for number, path in decks.items()]
 
 
 def _reasons(text: str) -> dict[int, str]:
@@ -162,11 +172,12 @@ def _reasons(text: str) -> dict[int, str]:
     return found
 
 
-def _row(number: int, folder: Path, scalars: tuple[Scalar, ...], said: str) -> Row:
+def _row(number: int, folder: Path, batch: Batch, said: str) -> Row:
     """Return the numbers of a run that came to its end, else the reason why it did not."""
     if not said:
         try:
-            return Row(number, *measure(folder, scalars), "")
+            found = measure(folder, batch.scalars, batch.extremes, batch.check)
+            return Row(number, found.values, found.units, "", found.extremes if batch.extremes else [], found.errors)
         except ValueError as fault:
             said = str(fault)
     return Row(number, [], [], said)

@@ -22,7 +22,14 @@ LETTERS = ord("0") * WEIGHTS.sum(axis=0)
 POWERS = np.array([float(f"1e{k}") for k in range(-324, 309)])
 HEAD = re.compile(rb"(?:#.*\n)*")
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
-MEASURES += ("decay_rate", "settling_time", "spectral_peak", "summary")
+MEASURES += ("decay_rate", "settling_time", "spectral_peak", "mass", "summary")
+LARGEST = ("peak", "max", "min")  # the measures that are the largest of several extremes
+EXTREMES = 6  # of a column that are told, the largest first
+ROUNDING = 1.0e-12  # of a number that no step in time has made
+BETWEEN_ROWS = ("peak", "min", "max", "range", "value")
+HALF_THE_ROWS = 1.0 / 32.0  # error of a polynomial of degree five or six with all rows, in parts of that with every second row
+NEIGHBOURS = 3  # rows on either side of an extreme, which its polynomial passes through
+OF_COLUMN = {"peak": 1.0, "min": 1.0, "max": 1.0, "mean": 1.0, "final": 1.0, "value": 1.0, "rms": 1.0, "range": 2.0}
 
 
 @dataclass(frozen=True)
@@ -33,13 +40,15 @@ class Scalar:
         name: column of the table
         measure: peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks'
             envelope [1/s]), settling_time (after which it stays within `band` of its range about its last value [s]), spectral_peak
-            (frequency of the largest amplitude [Hz]), or summary (a figure of summary.json named by `key`)
+            (frequency of the largest amplitude [Hz]), mass (of the body that `column` names, of all bodies without it [kg]), or
+            summary (a figure of summary.json named by `key`). Extremes are those of a polynomial through seven rows, not of rows.
         column: of the file
         file: history, energy, static, modes or frequency_response
         at: time, load or frequency of `value`
         band: of `settling_time`, in parts of the range
         start: rows before this time do not count [s]
         key: of `summary`, parts separated by dots
+        stated_unit: of `summary`, whose figures have none
     """
 
     name: str
@@ -50,6 +59,7 @@ class Scalar:
     band: float = 0.02
     start: float = -np.inf
     key: str = ""
+    stated_unit: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -60,11 +70,23 @@ class Scalar:
             raise ValueError(f"file = {self.file!r}: one of {', '.join(FILES)} expected")
         if self.measure == "summary" and not (self.key and isinstance(self.key, str)):
             raise ValueError("measure = 'summary' needs key = 'a.figure.of.summary.json'")
-        if self.measure != "summary" and not (self.column and isinstance(self.column, str)):
+        if self.measure == "mass" and not isinstance(self.column, str):
+            raise ValueError(f"column = {self.column!r}: the name of a body expected")
+        if not self.of_summary and not (self.column and isinstance(self.column, str)):
             raise ValueError(f"measure = {self.measure!r} needs a column")
         for word, value in (("at", self.at), ("band", self.band), ("from", self.start)):
             if not isinstance(value, (int, float)):
                 raise ValueError(f"{word} = {value!r}: a number expected")
+
+    @property
+    def of_summary(self) -> bool:
+        """Whether it is a figure of summary.json, not of a table."""
+        return self.measure in ("summary", "mass")
+
+    @property
+    def path(self) -> str:
+        """The place of its figures in summary.json."""
+        return self.key or "scene.bodies." + (f"{self.column}." if self.column else "*.") + "mass"
 
     def unit(self, of_column: str, of_axis: str) -> str:
         """Return the unit of the number, from those of its column and of the file's first column."""
@@ -83,19 +105,83 @@ class Scalar:
         if not values.size:
             return np.nan
         simple = {
-            "peak": lambda: np.abs(values).max(),
+            "peak": lambda: self.extremes(axis, values)[0][1],
             "rms": lambda: np.sqrt(np.trapezoid(values**2, axis) / np.ptp(axis)) if np.ptp(axis) else abs(values[0]),
-            "range": lambda: np.ptp(values),
-            "min": values.min,
-            "max": values.max,
+            "range": lambda: maxima(axis, values)[0][1] + maxima(axis, -values)[0][1],
+            "min": lambda: self.extremes(axis, values)[0][1],
+            "max": lambda: self.extremes(axis, values)[0][1],
             "mean": lambda: np.trapezoid(values, axis) / np.ptp(axis) if np.ptp(axis) else values[0],
             "final": lambda: values[-1],
-            "value": lambda: np.interp(self.at, axis, values) if axis[0] <= self.at <= axis[-1] else np.nan,
+            "value": lambda: interpolated(axis, values, self.at) if axis[0] <= self.at <= axis[-1] else np.nan,
             "decay_rate": lambda: decay_rate(axis, values),
             "settling_time": lambda: settling_time(axis, values, self.band),
             "spectral_peak": lambda: spectral_peak(axis, values),
         }
         return float(simple[self.measure]())
+
+    def extremes(self, axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
+        """Return place and value of the extremes of a column from which its number is taken, the deciding one first.
+
+        Each of them follows the parameters of a model smoothly, their largest does not.
+
+        Args:
+            axis: the file's first column, ascending
+            values: the column
+        """
+        axis, values = axis[axis >= self.start], values[axis >= self.start]
+        if self.measure == "peak":
+            return sorted(maxima(axis, values) + maxima(axis, -values), key=lambda one: -one[1])[:EXTREMES]
+        return [(at, -value) for at, value in maxima(axis, -values)] if self.measure == "min" else maxima(axis, values)
+
+
+def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
+    """Return place and value of the largest local maxima of a column, ends included, the largest first.
+
+    Args:
+        axis: ascending
+        values: at each place
+    """
+    inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
+    ends = [k for k, next_to in ((0, 1), (-1, -2)) if values.size < 2 or values[k] >= values[next_to]]
+    rows = np.concatenate([inner, np.arange(values.size)[ends]]).astype(int)
+    rows = rows[np.argsort(-values[rows], kind="stable")][:EXTREMES]
+    return sorted({_summit(axis, values, k) for k in rows}, key=lambda one: -one[1])
+
+
+def _summit(axis: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]:
+    """Return place and value of the maximum near the row k, by polynomials through its neighbours.
+
+    The parabola through three rows exceeds the row by an eighth of its drop at most. Where the polynomial through seven rows
+    does not agree with it, the column has a kink or a jump, and the parabola counts.
+    """
+    found = axis[k], values[k]
+    rise = 0.0
+    if not 0 < k < values.size - 1:
+        return float(found[0]), float(found[1])
+    for reach in (1, NEIGHBOURS):
+        near = slice(max(k - reach, 0), k + reach + 1)
+        scale = axis[k + 1] - axis[k - 1]
+        law = np.polynomial.Polynomial.fit((axis[near] - axis[k]) / scale, values[near] - values[k], len(axis[near]) - 1)
+        inside = law.deriv().roots()
+        inside = inside.real[np.abs(inside.imag) < 1.0e-9]
+        inside = inside[(inside >= (axis[k - 1] - axis[k]) / scale) & (inside <= (axis[k + 1] - axis[k]) / scale)]
+        if not inside.size:
+            continue
+        best = inside[np.argmax(law(inside))]
+        higher = float(law(best))
+        if higher > 0.0 and (reach == 1 or higher <= 2.0 * rise):
+            found, rise = (axis[k] + scale * best, values[k] + higher), higher
+    return float(found[0]), float(found[1])
+
+
+def interpolated(axis: np.ndarray, values: np.ndarray, at: float) -> float:
+    """Return a column between its rows: the polynomial through the six nearest, within their range."""
+    k = int(np.clip(np.searchsorted(axis, at) - 3, 0, max(values.size - 6, 0)))
+    x, y = axis[k : k + 6], values[k : k + 6]
+    if x.size < 2:
+        return float(y[0])
+    law = np.polynomial.Polynomial.fit(x, y, x.size - 1)
+    return float(np.clip(law(at), y.min(), y.max()))
 
 
 def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
@@ -113,8 +199,12 @@ def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
 
 def settling_time(time: np.ndarray, values: np.ndarray, band: float) -> float:
     """Return the time after which values stay within `band` of their range about the last one [s]."""
-    outside = np.flatnonzero(np.abs(values - values[-1]) > band * np.ptp(values))
-    return float(time[outside[-1]]) if outside.size else float(time[0])
+    off = np.abs(values - values[-1]) - band * np.ptp(values)
+    outside = np.flatnonzero(off > 0.0)
+    if not outside.size:
+        return float(time[0])
+    k = outside[-1]  # the last value is within the band, so that there is a row after it
+    return float(time[k] + off[k] / (off[k] - off[k + 1]) * (time[k + 1] - time[k]))
 
 
 def spectral_peak(time: np.ndarray, values: np.ndarray) -> float:
@@ -133,26 +223,69 @@ def spectral_peak(time: np.ndarray, values: np.ndarray) -> float:
     return float((k + shift) / (signal.size * (even[1] - even[0])))
 
 
-def measure(folder: Path, scalars: tuple[Scalar, ...]) -> tuple[list[float], list[str]]:
-    """Return the numbers of a run and their units; ValueError where a file or column is missing."""
+@dataclass(frozen=True)
+class Measured:
+    """The numbers of a run.
+
+    Attributes:
+        values: of the scalars
+        units: of them
+        extremes: place and value of the extremes from which each is taken, where it is one of several
+        errors: of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
+    """
+
+    values: list[float]
+    units: list[str]
+    extremes: list[list[tuple[float, float]]]
+    errors: list[float]
+
+
+def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, errors: bool = False) -> Measured:
+    """Return the numbers of a run; ValueError where a file or column is missing."""
     wanted: dict[str, set[str]] = {}
     for scalar in scalars:
-        if scalar.measure != "summary":
+        if not scalar.of_summary:
             wanted.setdefault(scalar.file, set()).add(scalar.column)
-    tables = {}
-    for file, columns in wanted.items():
-        path = folder / FILES[file]
-        tables[file] = _read_columns(path, columns)
-    values, units = [], []
+    tables = {file: _read_columns(folder / FILES[file], columns) for file, columns in wanted.items()}
+    found = Measured([], [], [], [])
     for scalar in scalars:
-        if scalar.measure == "summary":
-            values.append(_summary_figure(folder, scalar.key))
-            units.append("")
+        if scalar.of_summary:
+            found.values.append(_summary_figure(folder, scalar.path))
+            found.units.append("kg" if scalar.measure == "mass" else str(scalar.stated_unit))
+            found.extremes.append([])
             continue
         columns, known, axis, axis_unit = tables[scalar.file]
-        values.append(scalar.of(axis, columns[scalar.column]))
-        units.append(scalar.unit(known[scalar.column], axis_unit))
-    return values, units
+        values = columns[scalar.column]
+        found.values.append(scalar.of(axis, values))
+        found.units.append(scalar.unit(known[scalar.column], axis_unit))
+        several = extremes and scalar.measure in LARGEST and np.isfinite(found.values[-1])
+        found.extremes.append(scalar.extremes(axis, values) if several else [])
+    if errors:
+        found.errors.extend(_errors(folder, scalars, found.values, tables))
+    return found
+
+
+def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tables: dict) -> list[float]:
+    """Return the errors of numbers.
+
+    Of a column of the history: its estimated error, and what is lost between rows, as half of the rows tell. Of another number
+    of a run in time: the part of its range that the worst column errs by. Of other analyses: what rounding leaves.
+    """
+    transient = json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace")).get("transient", {})
+    columns = {name.partition("[")[0]: error or 0.0 for name, error in transient.get("estimated_errors", {}).items()}
+    worst = transient.get("worst_error_of_range") or 0.0
+    found = []
+    for scalar, value in zip(scalars, values):
+        error = 0.0
+        if scalar.file == "history" and scalar.measure in OF_COLUMN:
+            table, _, axis, _ = tables[scalar.file]
+            half = scalar.of(axis[::2], table[scalar.column][::2])
+            between = abs(half - value) * HALF_THE_ROWS if scalar.measure in BETWEEN_ROWS and np.isfinite(half) else 0.0
+            error = OF_COLUMN[scalar.measure] * columns.get(scalar.column, 0.0) + between
+        elif scalar.file in ("history", "energy") and (not scalar.of_summary or scalar.path.startswith("transient.")):
+            error = worst * abs(value)
+        found.append(max(error, ROUNDING * abs(value)))
+    return found
 
 
 def _read_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], dict[str, str], np.ndarray, str]:
@@ -192,11 +325,18 @@ def _numbers(words: np.ndarray) -> np.ndarray:
 
 
 def _summary_figure(folder: Path, key: str) -> float:
-    """Return a figure of summary.json by its path of keys."""
+    """Return a figure of summary.json by its path of keys, an item of a list by its place or its name; '*' is the sum of all."""
     try:
-        found = json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace"))
+        found = [json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace"))]
         for part in key.split("."):
-            found = found[int(part)] if isinstance(found, list) else found[part]
-        return float(found)
+            found = [item for one in found for item in (one if part == "*" else [_item(one, part)])]
+        return float(sum(float(one) for one in found))
     except (OSError, KeyError, IndexError, TypeError, ValueError):
         raise ValueError(f"summary.json has no figure {key!r}") from None
+
+
+def _item(found: dict | list, part: str) -> object:
+    """Return an item of an object by its key, of a list by its number or by the name of an object in it."""
+    if isinstance(found, dict) or part.isdigit():
+        return found[int(part) if isinstance(found, list) else part]
+    return {str(one["name"]).lower(): one for one in found}[part.lower()]

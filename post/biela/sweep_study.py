@@ -7,21 +7,26 @@
     unit = "m"                           # as the table and the pictures show it; optional
     values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"
     set = ["section/rod/height"]         # in a deck without that parameter: group/name/variable, group/variable, .../variable(2)
+    catalogue = "tubes.csv"              # or rows of a table, beside this file: a name, then values of the deck's parameters
+    start, spread                        # where a search begins; by how much the parameter may be off [unit of the parameter]
     [[result]]
     name = "peak"                        # how the table calls it
     measure = "peak"                     # the kinds of sweep_scalars.py
     column = "mid.v"
+    best = "min mass"                    # for post/optimise.py, and for sweep.py without --best, --where
+    where = ["peak < 1e-3"]
 
 What follows from a parameter says the deck itself: `&parameter name='area' value={width*height} /`.
 """
 
 from __future__ import annotations
 
+import csv
 import itertools
 import math
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +74,10 @@ class Parameter:
         values: what it takes
         log: a Latin hypercube samples it by its logarithm
         unit: as the table and the pictures show it
+        ends: between which it is free, none where it takes its values alone
+        start: where a search begins
+        spread: by how much it may be off
+        catalogue: the deck's parameters of each value, which is the name of a row
     """
 
     name: str
@@ -76,6 +85,21 @@ class Parameter:
     values: tuple
     log: bool
     unit: str = ""
+    ends: tuple[float, float] | None = None
+    start: float | None = None
+    spread: float | None = None
+    catalogue: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def settings(self, value: object) -> dict[str, object]:
+        """Return the deck's parameters that a value means, by name; none where variables get it."""
+        if self.catalogue:
+            return self.catalogue[value]
+        return {} if self.targets else {self.name: value}
+
+    @property
+    def deck_names(self) -> list[str]:
+        """The deck's parameters that it sets."""
+        return list(self.settings(self.values[0]))
 
     @property
     def label(self) -> str:
@@ -93,6 +117,12 @@ class Study:
         parameters: in the order of the file
         scalars: what is measured of each run
         points: values of all parameters, one dictionary a run
+        best: 'min NAME' or 'max NAME', '' where nothing is said
+        where: conditions 'NAME < VALUE'
+        starts: of a search
+        runs: that a search may make
+        extremes: the runs tell those of columns
+        check: the runs measure their own errors
     """
 
     name: str
@@ -100,10 +130,16 @@ class Study:
     parameters: tuple[Parameter, ...]
     scalars: tuple[Scalar, ...]
     points: tuple[dict, ...]
+    best: str = ""
+    where: tuple[str, ...] = ()
+    starts: int = 3
+    runs: int = 1000
+    extremes: bool = False
+    check: bool = False
 
 
-def read(path: Path) -> Study:
-    """Read a study; StudyError names the file and what is wrong."""
+def read(path: Path, design: bool = True) -> Study:
+    """Read a study, without the points of its design where they are not wanted; StudyError names the file and what is wrong."""
     try:
         with path.open("rb") as file:
             said = tomllib.load(file)
@@ -112,17 +148,17 @@ def read(path: Path) -> Study:
     except (OSError, ValueError, RecursionError) as fault:  # ValueError: of the text's encoding, of TOML, of a number's length
         raise StudyError(f"{path}: cannot be read as TOML ({fault})") from None
     try:
-        return _study(path, said)
+        return _study(path, said, design)
     except StudyError as fault:
         raise StudyError(f"{path}: {fault}") from None
 
 
-def _study(path: Path, said: dict) -> Study:
+def _study(path: Path, said: dict, design: bool) -> Study:
     """Return the study that a TOML file states."""
-    _known(said, ("deck", "design", "samples", "seed", "parameter", "result"), "the study")
+    _known(said, ("deck", "design", "samples", "seed", "parameter", "result", "best", "where", "starts", "runs"), "the study")
     if not isinstance(said.get("deck"), str):
         raise StudyError("deck = 'FILE.nml' is missing")
-    parameters = tuple(_parameter(entry) for entry in _tables(said, "parameter"))
+    parameters = tuple(_parameter(entry, path.parent) for entry in _tables(said, "parameter"))
     scalars = tuple(_scalar(entry) for entry in _tables(said, "result"))
     if not parameters:
         raise StudyError("no [[parameter]] is given")
@@ -132,8 +168,16 @@ def _study(path: Path, said: dict) -> Study:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise StudyError(f"the name {twice[0]!r} is given twice")
-    points = _points(said, parameters)
-    return Study(path.stem, (path.parent / said["deck"]).resolve(), parameters, scalars, points)
+    best, where = said.get("best", ""), said.get("where", [])
+    if not isinstance(best, str) or not isinstance(where, list) or not all(isinstance(one, str) for one in where):
+        raise StudyError("best = 'min NAME' and where = ['NAME < VALUE'] expected")
+    counts = {word: said[word] for word in ("starts", "runs") if word in said}
+    for word, value in counts.items():
+        if type(value) is not int or value < 1:
+            raise StudyError(f"{word} = {value!r}: a whole number of at least 1 expected")
+    points = _points(said, parameters) if design else ()
+    deck = (path.parent / said["deck"]).resolve()
+    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts)
 
 
 def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
@@ -159,19 +203,26 @@ def _target(text: object) -> Target:
     return Target(found["group"].lower(), (found["name"] or "").lower(), found["variable"].lower(), int(found["index"] or 0))
 
 
-def _parameter(entry: dict) -> Parameter:
-    """Return one [[parameter]]."""
+def _parameter(entry: dict, folder: Path) -> Parameter:
+    """Return one [[parameter]]; folder: of the study."""
     if "expression" in entry:
         raise StudyError("expression: expected in the deck, &parameter name='...' value={...}, whose value follows those that vary")
-    _known(entry, ("name", "set", "values", "from", "to", "points", "spacing", "unit"), "[[parameter]]")
+    words = ("name", "set", "values", "from", "to", "points", "spacing", "unit", "catalogue", "start", "spread")
+    _known(entry, words, "[[parameter]]")
     name = entry.get("name", "")
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
     said = entry.get("set", [])
     targets = tuple(_target(text) for text in (said if isinstance(said, list) else [said]))
-    if ("values" in entry) == ("from" in entry):
-        raise StudyError(f"parameter {name}: either values or from (with to and points) expected")
+    if sum(word in entry for word in ("values", "from", "catalogue")) != 1:
+        raise StudyError(f"parameter {name}: one of values, from (with to and points) or catalogue expected")
     log = entry.get("spacing", "linear") == "log"
+    unit = str(entry.get("unit", ""))
+    if "catalogue" in entry:
+        rows = _catalogue(name, folder, entry["catalogue"])
+        if targets:
+            raise StudyError(f"parameter {name}: a catalogue names the deck's parameters; `set` has no place beside it")
+        return Parameter(name, (), tuple(rows), False, unit, catalogue=rows)
     values: tuple = ()
     if "values" in entry:
         values = tuple(entry["values"]) if isinstance(entry["values"], list) else ()
@@ -181,7 +232,49 @@ def _parameter(entry: dict) -> Parameter:
         values = _range(name, entry, log)
     if not targets and not all(type(value) in (int, float) for value in values):
         raise StudyError(f"parameter {name}: numbers expected; words go to variables that `set` names")
-    return Parameter(name, targets, values, log, str(entry.get("unit", "")))
+    ends = (min(values), max(values)) if "from" in entry else None
+    if ends and ends[0] == ends[1]:
+        ends = None
+    start, spread = (_number(name, entry, word) for word in ("start", "spread"))
+    if start is not None and not (ends and ends[0] <= start <= ends[1]):
+        raise StudyError(f"parameter {name}: start = {start:g}: a value between from and to expected")
+    if spread is not None and spread <= 0.0:
+        raise StudyError(f"parameter {name}: spread = {spread:g}: a number above 0 expected")
+    return Parameter(name, targets, values, log, unit, ends, start, spread)
+
+
+def _number(name: str, entry: dict, word: str) -> float | None:
+    """Return a finite number of a table, None where it is not given."""
+    value = entry.get(word)
+    if value is None:
+        return None
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise StudyError(f"parameter {name}: {word} = {value!r}: a number expected")
+    return float(value)
+
+
+def _catalogue(name: str, folder: Path, file: object) -> dict[str, dict[str, float]]:
+    """Return the rows of a catalogue: a table whose first column names the rows, the others the deck's parameters."""
+    where = f"parameter {name}: catalogue = {file!r}"
+    if not isinstance(file, str):
+        raise StudyError(f"{where}: the name of a table (.csv) expected")
+    try:
+        with (folder / file).open(encoding="utf-8-sig", newline="") as text:
+            lines = [[word.strip() for word in line] for line in csv.reader(text) if any(word.strip() for word in line)]
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as fault:
+        raise StudyError(f"{where}: cannot be read ({getattr(fault, 'strerror', None) or fault})") from None
+    if len(lines) < 2 or len(lines[0]) < 2 or not all(word.isidentifier() for word in lines[0][1:]):
+        raise StudyError(f"{where}: a first line 'name,PARAMETER,...' expected, then a row of each item")
+    rows: dict[str, dict[str, float]] = {}
+    for line in lines[1:]:
+        try:
+            numbers = [float(word) for word in line[1:]]
+        except ValueError:
+            numbers = []
+        if len(line) != len(lines[0]) or line[0] in rows or not all(map(math.isfinite, numbers)) or not numbers:
+            raise StudyError(f"{where}: {','.join(line)[:60]!r}: a new name and {len(lines[0]) - 1} numbers expected")
+        rows[line[0]] = dict(zip(lines[0][1:], numbers))
+    return rows
 
 
 def _range(name: str, entry: dict, log: bool) -> tuple:
@@ -202,8 +295,10 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
 
 def _scalar(entry: dict) -> Scalar:
     """Return one [[result]]."""
-    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key"), "[[result]]")
-    options = {("start" if key == "from" else key): value for key, value in entry.items()}
+    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key", "unit"), "[[result]]")
+    if "unit" in entry and (entry.get("measure") != "summary" or not isinstance(entry["unit"], str)):
+        raise StudyError(f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
+    options = {{"from": "start", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
     try:
         return Scalar(**options)
     except (TypeError, ValueError) as fault:

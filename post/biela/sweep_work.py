@@ -76,8 +76,8 @@ def _entry(line: str, results: int) -> dict | None:
 def keys(study: Study, text: str, biela: Path) -> list[str]:
     """Return a key for each run: a hash of solver, deck, values and measures. The same key means the same run."""
     solver = hashlib.sha256(biela.read_bytes()).hexdigest()
-    targets = [[parameter.name, [asdict(target) for target in parameter.targets]] for parameter in study.parameters]
-    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets])
+    targets = [[one.name, [asdict(target) for target in one.targets], one.catalogue] for one in study.parameters]
+    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
     head = hashlib.sha256(common.encode())
     found = []
     for point in study.points:
@@ -94,7 +94,9 @@ def batches(study: Study, wanted: list[int], args: argparse.Namespace, folder: P
     for first in range(0, len(wanted), size):
         runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
         keep = str(folder / "runs") if args.keep else None
-        yield Batch(str(args.biela.resolve()), str(study.deck), runs, study.scalars, keep, not args.keep)
+        yield Batch(
+            str(args.biela.resolve()), str(study.deck), runs, study.scalars, keep, not args.keep, study.extremes, study.check
+        )
 
 
 def _on_worker(folder: str, batch: bytes) -> list[Row]:
@@ -132,20 +134,31 @@ def submit(pool: Executor, batch: Batch, args: argparse.Namespace) -> Future:
     return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
 
 
-def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path) -> None:
-    """Make the runs that the journal does not have; after Ctrl-C the finished ones stay in it."""
+def run_all(
+    study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path, pool: Executor | None = None
+) -> list[str]:
+    """Make the runs that the journal does not have and return the keys of all; after Ctrl-C the finished ones stay in it.
+
+    Args:
+        study: what is run
+        text: of its deck
+        journal: of the runs
+        args: of the command line
+        folder: where runs stay that are kept
+        pool: what runs batches, which stays open; without it one is opened, and the progress is shown
+    """
     found = keys(study, text, args.biela)
     wanted = [k for k, key in enumerate(found) if key not in journal.done]
     begun, done = time.monotonic(), 0
     if not wanted:
-        return
+        return found
     waiting = batches(study, wanted, args, folder)
-    pool = executor(args)
+    used = pool or executor(args)
     running: set[Future] = set()
     try:
         while True:
             while len(running) < 3 * max(args.jobs, 1) and (batch := next(waiting, None)):
-                running.add(submit(pool, batch, args))
+                running.add(submit(used, batch, args))
             if not running:
                 break
             finished, running = wait(running, return_when=FIRST_COMPLETED)
@@ -153,11 +166,14 @@ def run_all(study: Study, text: str, journal: Journal, args: argparse.Namespace,
                 rows = future.result()
                 journal.add({found[row.number]: row for row in rows})
                 done += len(rows)
-            _progress(done, len(wanted), time.monotonic() - begun)
-        pool.shutdown()
+            if not pool:
+                _progress(done, len(wanted), time.monotonic() - begun)
+        if not pool:
+            used.shutdown()
     except KeyboardInterrupt:
-        pool.shutdown(wait=False, cancel_futures=True)
+        used.shutdown(wait=False, cancel_futures=True)
         raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
+    return found
 
 
 def _progress(done: int, total: int, seconds: float) -> None:
@@ -192,8 +208,10 @@ def write_table(path: Path, header: list[str], rows: list[list]) -> None:
         raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
 
 
-def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
-    """Return the best run that meets all conditions, how many meet them, and column and limit of each condition.
+def understand(study: Study, wish: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
+    """Return sign (1: the smallest is best) and column of a wish, and column, comparison and value of each condition.
+
+    Columns are counted through parameters and results.
 
     Raises:
         HistoryError: the words are wrong.
@@ -206,17 +224,27 @@ def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> 
     for condition in conditions:
         found = CONDITION.fullmatch(condition)
         try:
-            tests.append((names.index(found[1]), COMPARISONS[found[2]], float(found[3])))
+            tests.append((names.index(found[1]), found[2], float(found[3])))
         except (TypeError, ValueError):
             raise HistoryError(f"--where {condition!r}: 'NAME < VALUE' expected, NAME one of {', '.join(names)}") from None
+    return (1 if words[0] == "min" else -1), names.index(words[1]), tests
+
+
+def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
+    """Return the best run that meets all conditions, how many meet them, and column and limit of each condition.
+
+    Raises:
+        HistoryError: the words are wrong.
+    """
+    sign, column, tests = understand(study, wish, conditions)
     good = [row for row in rows if not row[-1]]
     for condition, (k, test, value) in zip(conditions, tests):
         if any(isinstance(row[k], str) for row in good):
+            names = [one.name for one in (*study.parameters, *study.scalars)]
             raise HistoryError(f"--where {condition!r}: the values of {names[k]} are words")
-        good = [row for row in good if test(row[k], value)]
-    column = names.index(words[1])
+        good = [row for row in good if COMPARISONS[test](row[k], value)]
     good = [row for row in good if row[column] == row[column]]
-    chosen = (min if words[0] == "min" else max)(good, key=lambda row: row[column]) if good else None
+    chosen = min(good, key=lambda row: sign * row[column]) if good else None
     return chosen, len(good), [(k, value) for k, _, value in tests]
 
 
@@ -231,38 +259,57 @@ def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> st
     return f"best of {count} runs ({wish}{''.join(', ' + condition for condition in conditions)}): {values}"
 
 
-def sweep(args: argparse.Namespace) -> int:
-    """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
+def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
+    """Return the study of a command line and the text of its deck, in which all its parameters were found.
+
+    Args:
+        args: of the command line
+        design: whether the points of the study's design are wanted
+
+    Raises:
+        HistoryError: the study, the deck or the command line is wrong.
+    """
     if args.jobs < 1:
         raise HistoryError(f"--jobs {args.jobs}: 1 or more expected")
     if not args.biela.is_file():
         raise HistoryError(f"{args.biela}: no such program: build it with make, or name it with --biela")
     try:
-        study = read(args.study)
+        study = read(args.study, design)
         base = deck_text.read(study.deck, biela=args.biela)
         known = [group.name for group in base.all("parameter")]
         for parameter in study.parameters:
-            if not parameter.targets and parameter.name.lower() not in known:
-                raise StudyError(
-                    f"parameter {parameter.name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})"
-                )
+            for name in parameter.deck_names:
+                if name.lower() not in known:
+                    raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
             for target in parameter.targets:
                 base = assign(base, target, literal(parameter.values[0]))
-        text = deck_text.sources(study.deck)
+        return study, deck_text.sources(study.deck)
     except (StudyError, deck_text.DeckError) as fault:
         raise HistoryError(str(fault)) from None
+
+
+def open_journal(study: Study, folder: Path, tool: str = "sweep") -> Journal:
+    """Return the journal of a study in its folder, which is made; OSError where it cannot be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    journal = Journal(folder / "journal.jsonl", len(study.scalars))
+    if journal.damaged:
+        lines = f"line {journal.damaged[0]}" + (f" and {len(journal.damaged) - 1} more" if len(journal.damaged) > 1 else "")
+        print(f"{tool}: warning: {journal.path}: {lines} cannot be read; the runs are made again", file=sys.stderr)
+    return journal
+
+
+def sweep(args: argparse.Namespace) -> int:
+    """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
+    study, text = prepare(args)
+    wish, conditions = args.best or study.best, [*study.where, *args.where]
     folder = args.output or Path("results") / "sweep" / study.name
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        journal = Journal(folder / "journal.jsonl", len(study.scalars))
-        if journal.damaged:
-            lines = f"line {journal.damaged[0]}" + (f" and {len(journal.damaged) - 1} more" if len(journal.damaged) > 1 else "")
-            print(f"sweep: warning: {journal.path}: {lines} cannot be read; the runs are made again", file=sys.stderr)
-        run_all(study, text, journal, args, folder)
+        journal = open_journal(study, folder)
+        found = run_all(study, text, journal, args, folder)
     except OSError as fault:
         raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
     remove_noted(folder)
-    header, rows = table(study, journal, keys(study, text, args.biela))
+    header, rows = table(study, journal, found)
     write_table(folder / "table.csv", header, rows)
     failed = [row for row in rows if row[-1]]
     print(f"{len(rows)} runs, {len(failed)} failed; table in {folder / 'table.csv'}")
@@ -271,9 +318,9 @@ def sweep(args: argparse.Namespace) -> int:
     if not args.no_pictures and len(failed) < len(rows):
         from . import sweep_picture
 
-        chosen, _, limits = choose(study, rows, args.best, args.where) if args.best else (None, 0, [])
+        chosen, _, limits = choose(study, rows, wish, conditions) if wish else (None, 0, [])
         for path in sweep_picture.draw(study, header, rows, folder, chosen, limits):
             print(f"picture: {path}")
-    if args.best:
-        print(best(study, rows, args.best, args.where))
+    if wish:
+        print(best(study, rows, wish, conditions))
     return int(len(failed) == len(rows))

@@ -28,8 +28,8 @@ def points(folder: Path, text: str) -> list[tuple]:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("", "parameter h: either values or from (with to and points) expected"),
-        ("values = [1.0]\nfrom = 1.0", "parameter h: either values or from (with to and points) expected"),
+        ("", "parameter h: one of values, from (with to and points) or catalogue expected"),
+        ("values = [1.0]\nfrom = 1.0", "parameter h: one of values, from (with to and points) or catalogue expected"),
         ("values = 1.0", "parameter h: values = [...] expected, numbers or words"),
         ("values = []", "parameter h: values = [...] expected, numbers or words"),
         ("values = [[1.0]]", "parameter h: values = [...] expected, numbers or words"),
@@ -129,6 +129,9 @@ TABLE = "# columns: t[s] a[m] b[rad/s]\n"
 ROWS = [(0.0, 1.0, -2.0), (1.0, -3.0, 4.0), (2.0, 1.0, 10.0)]
 
 
+SCENE = {"bodies": [{"name": "rod", "mass": 3.0}, {"name": "1", "mass": 2.0}]}
+
+
 def lines(rows: list[tuple]) -> str:
     """Return rows as the solver writes them."""
     return "".join("".join(f"{x:24.16E}"[:21] + f"{int(f'{x:e}'[-3:]):+04d}" for x in row) + "\n" for row in rows)
@@ -138,7 +141,8 @@ def lines(rows: list[tuple]) -> str:
 def folder(tmp_path):
     """Return a results folder with a history and a summary."""
     (tmp_path / "history.txt").write_text(TABLE + lines(ROWS), encoding="utf-8")
-    (tmp_path / "summary.json").write_text(json.dumps({"transient": {"steps": 12}, "modes": {"poles": [{"frequency": 3.5}]}}))
+    figures = {"transient": {"steps": 12}, "modes": {"poles": [{"frequency": 3.5}]}, "scene": SCENE}
+    (tmp_path / "summary.json").write_text(json.dumps(figures))
     return tmp_path
 
 
@@ -157,15 +161,17 @@ def folder(tmp_path):
         ({"measure": "peak", "column": "a", "start": 3.0}, np.nan, "m"),
         ({"measure": "spectral_peak", "column": "a"}, np.nan, "Hz"),
         ({"measure": "decay_rate", "column": "a"}, np.nan, "1/s"),
-        ({"measure": "settling_time", "column": "b"}, 1.0, "s"),
+        ({"measure": "settling_time", "column": "b"}, 1.96, "s"),
         ({"measure": "settling_time", "column": "b", "band": 1.0}, 0.0, "s"),
         ({"measure": "summary", "key": "transient.steps"}, 12.0, ""),
         ({"measure": "summary", "key": "modes.poles.0.frequency"}, 3.5, ""),
+        ({"measure": "mass"}, 5.0, "kg"),
+        ({"measure": "mass", "column": "Rod"}, 3.0, "kg"),
     ],
 )
 def test_a_measure_has_its_exact_value_and_unit(folder, words, value, unit):
-    found, units = measure(folder, (Scalar("x", **words),))
-    assert (found, units) == (pytest.approx([value], rel=1e-15, nan_ok=True), [unit])
+    found = measure(folder, (Scalar("x", **words),))
+    assert (found.values, found.units) == (pytest.approx([value], rel=1e-15, nan_ok=True), [unit])
 
 
 @pytest.mark.parametrize(

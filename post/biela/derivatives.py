@@ -1,0 +1,142 @@
+"""Derivatives of results by parameters, with their errors, from runs beside a design.
+
+The polynomial through five designs gives the derivative; that through the nearest three of them tells how far the step bends it.
+The error of a run, as the run itself measures it (`check_error`), over the step is the other part. The step makes both alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .design_runs import Design, DesignRuns
+from .design_space import Space
+
+FIVE = {"both sides": (-2.0, -1.0, 1.0, 2.0), "above": (1.0, 2.0, 3.0, 4.0), "below": (-1.0, -2.0, -3.0, -4.0)}
+THREE = {"both sides": (-1.0, 1.0), "above": (1.0, 2.0), "below": (-1.0, -2.0)}
+SHORTEST, LONGEST = 1.0e-6, 0.12  # steps, in parts of a parameter's range
+ROUNDS = 2  # of steps that are tried
+
+
+@dataclass
+class Derivatives:
+    """Derivatives at a design, of each parameter and result (rows) by each free parameter (columns).
+
+    Attributes:
+        values: by the parameters themselves, in their units; nan where runs failed
+        errors: of them
+        steps: that were taken, in parts of the ranges, shape (columns,)
+    """
+
+    values: np.ndarray
+    errors: np.ndarray
+    steps: np.ndarray
+
+
+def weights(nodes: tuple[float, ...]) -> np.ndarray:
+    """Return the weights of values at 0 and at nodes that give the derivative at 0 of the polynomial through them."""
+    places = np.array([0.0, *nodes])
+    return np.linalg.inv(np.vander(places, increasing=True))[1]
+
+
+def matched(base: Design, other: Design, column: int, first: int = 0) -> float:
+    """Return the value of another design that belongs to an extreme of the base: of the extreme nearest to its place.
+
+    Where several extremes compete their largest has a kink, each of them has none.
+
+    Args:
+        base: whose extreme is followed
+        other: a design beside it
+        column: parameter or result
+        first: number of the extreme, 0 the deciding one
+    """
+    extremes, others = base.extremes[column], other.extremes[column]
+    if not extremes or not others:
+        return other.values[column]
+    places = np.array([place for place, _ in extremes])
+    at = int(np.argmin([abs(place - places[first]) for place, _ in others]))
+    apart = np.abs(np.delete(places, first) - places[first])
+    if apart.size and abs(others[at][0] - places[first]) > 0.5 * apart.min():  # it has gone, or another one has come
+        at = min(first, len(others) - 1)
+    return others[at][1]
+
+
+def _at_step(runs: DesignRuns, space: Space, base: Design, units: np.ndarray, choice: tuple, steps: np.ndarray):
+    """Return derivatives by coordinates, how far the steps bend them, and the weight of errors, each (values, parameters)."""
+    sides, points = [], []
+    for k, step in enumerate(steps):
+        side = "both sides" if 2.0 * step <= units[k] <= 1.0 - 2.0 * step else "above" if units[k] < 0.5 else "below"
+        sides.append(side)
+        for node in FIVE[side]:
+            place = units.copy()
+            place[k] += node * step
+            points.append(space.point(place, choice))
+    found = runs.of(points)
+    shape = len(base.values), len(steps)
+    slopes, bends, weight = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(len(steps))
+    for k, step in enumerate(steps):
+        four = found[4 * k : 4 * k + 4]
+        weight[k] = np.abs(weights(FIVE[sides[k]])).sum() / step
+        if not all(one.ok for one in four):
+            continue
+        values = np.array([base.values, *([matched(base, one, j) for j in range(shape[0])] for one in four)])
+        slopes[:, k] = weights(FIVE[sides[k]]) @ values / step
+        pick = [0, *(1 + FIVE[sides[k]].index(node) for node in THREE[sides[k]])]
+        bends[:, k] = np.abs(slopes[:, k] - weights(THREE[sides[k]]) @ values[pick] / step)
+    return slopes, bends, weight
+
+
+def derivatives(
+    runs: DesignRuns, space: Space, base: Design, units: np.ndarray, choice: tuple, errors: np.ndarray, scales: np.ndarray
+) -> Derivatives:
+    """Return the derivatives of all results at a design.
+
+    Args:
+        runs: makes the runs
+        space: of the designs
+        base: the design
+        units: its place
+        choice: of the lists
+        errors: of its values
+        scales: sizes of the values, by which steps are chosen first
+
+    Raises:
+        RunsOverError: there are no more runs.
+    """
+    own = len(space.parameters)
+    known = np.maximum(errors, np.finfo(float).eps * np.abs(base.values))
+    part = np.max((known / scales)[own:], initial=0.0)
+    steps = np.full(len(space.free), np.clip((3.0 * part) ** (1.0 / 3.0), 1.0e-3, LONGEST))
+    best: Derivatives | None = None
+    for _ in range(ROUNDS):
+        slopes, bends, weight = _at_step(runs, space, base, units, choice, steps)
+        noise = known[:, None] * weight
+        total = bends + noise
+        if best is None:
+            best = Derivatives(slopes, total, steps.copy())
+        else:
+            better = ~(best.errors <= total)
+            best.values, best.errors = np.where(better, slopes, best.values), np.where(better, total, best.errors)
+            best.steps = np.where(better[own:].any(axis=0), steps, best.steps)
+        longer = _better_steps(bends[own:], noise[own:], steps)
+        if np.all(np.abs(np.log(longer / steps)) < np.log(2.0)):
+            break
+        steps = longer
+    slope = np.array([space.slope(k, unit) for k, unit in enumerate(units)])
+    return Derivatives(best.values / slope, best.errors / np.abs(slope), best.steps)
+
+
+def _better_steps(bends: np.ndarray, noise: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the steps at which the errors of all results together are least: one part grows as the square, the other falls."""
+    ratios = np.logspace(-2.0, 2.0, 81)[:, None]
+    found = steps.copy()
+    for k, step in enumerate(steps):
+        good = np.isfinite(bends[:, k]) & (bends[:, k] + noise[:, k] > 0.0)
+        if not good.any():
+            found[k] = step / 4.0  # runs failed: nearer to the design
+            continue
+        errors = bends[good, k] * ratios**2 + noise[good, k] / ratios
+        total = (errors / errors.min(axis=0)).sum(axis=1)
+        found[k] = np.clip(step * ratios[np.argmin(total), 0], SHORTEST, LONGEST)
+    return found

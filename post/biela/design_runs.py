@@ -1,0 +1,143 @@
+"""Runs of designs, kept in the journal of a sweep: what optimisation and sensitivities ask the solver for."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from .result_files import HistoryError
+from .sweep_study import Study
+from .sweep_work import Journal, executor, open_journal, run_all
+
+
+class RunsOverError(Exception):
+    """The runs that the study allows are made."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A design and what its run gave.
+
+    Attributes:
+        point: values of the parameters, by name
+        values: of parameters and results, in the order of the study; nan where the run failed, and for words
+        extremes: place and value of the extremes of each of them, empty where it is no extreme of several
+        errors: of the values, 0 where they were not measured
+        reason: why the run failed, '' where it did not
+    """
+
+    point: dict
+    values: np.ndarray
+    extremes: list
+    errors: np.ndarray
+    reason: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run gave all its numbers."""
+        return not self.reason
+
+
+@dataclass
+class DesignRuns:
+    """Makes runs of designs, side by side, each once.
+
+    Attributes:
+        study: what is varied and measured
+        text: of its deck
+        args: of the command line
+        folder: of the journal
+        tool: name of the program, for its messages
+        made: the designs in the order in which they were asked for, without those that only measure errors
+    """
+
+    study: Study
+    text: str
+    args: argparse.Namespace
+    folder: Path
+    tool: str
+    made: list[Design] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.study = replace(self.study, extremes=True)
+        self.journals: dict[bool, Journal] = {}
+        self.seen: dict[str, Design] = {}
+        self.checked = 0
+        self.pool: Executor | None = None
+        self.units = [""] * len(self.study.scalars)
+        self.begun = time.monotonic()
+        try:
+            self.journal = open_journal(self.study, self.folder, self.tool)
+        except OSError as fault:
+            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
+
+    def __enter__(self) -> DesignRuns:
+        self.pool = executor(self.args)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.pool.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def count(self) -> int:
+        """How many runs were asked for, those that measure errors included."""
+        return len(self.made) + self.checked
+
+    def of(self, points: list[dict], check: bool = False) -> list[Design]:
+        """Return designs with what their runs gave.
+
+        Args:
+            points: values of all parameters by name
+            check: whether the runs measure their own errors
+
+        Raises:
+            RunsOverError: there are no more runs, those that are left were made.
+            HistoryError: Ctrl-C, or the solver cannot be called.
+        """
+        left = self.study.runs - self.count
+        fresh = [point for point in points if check or repr(point) not in self.seen]
+        if len(fresh) > left:
+            if left > 0 and not check:
+                self.of(fresh[:left])
+            raise RunsOverError
+        study = replace(self.study, points=tuple(fresh), check=check)
+        try:
+            found = run_all(study, self.text, self.journal, self.args, self.folder, self.pool)
+        except OSError as fault:
+            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
+        designs = [self._design(point, self.journal.done[key]) for point, key in zip(fresh, found)]
+        if check:
+            self.checked += len(designs)
+            return designs
+        for design in designs:
+            if repr(design.point) not in self.seen:
+                self.seen[repr(design.point)] = design
+                self.made.append(design)
+        self._progress()
+        return [self.seen[repr(point)] for point in points]
+
+    def _design(self, point: dict, entry: dict) -> Design:
+        """Return a design from its line of the journal."""
+        own = [float(value) if isinstance(value, (int, float)) else np.nan for value in point.values()]
+        failed = [np.nan] * len(self.study.scalars)
+        values = np.array(own + (entry["values"] or failed), dtype=float)
+        errors = np.array([0.0] * len(own) + (entry.get("errors") or [0.0] * len(failed)), dtype=float)
+        extremes = [[]] * len(own) + (entry.get("extremes") or [[]] * len(failed))
+        reason = entry["reason"]
+        if not reason:
+            self.units = entry["units"]
+            missing = [one.name for one, value in zip(self.study.scalars, entry["values"]) if not np.isfinite(value)]
+            reason = f"the run has no {missing[0]}" if missing else ""
+        return Design(point, values, extremes, errors, reason)
+
+    def _progress(self) -> None:
+        """Show how many runs were made, on a terminal only."""
+        if sys.stderr.isatty():
+            words = f"\r{self.count} runs, {time.monotonic() - self.begun:.0f} s "
+            print(words, end="", file=sys.stderr, flush=True)

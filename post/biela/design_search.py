@@ -1,0 +1,356 @@
+"""Searches for the best design from several places at once: scipy's SLSQP on runs of the solver.
+
+Each search is a thread that asks for designs. All threads ask, then the runs of all are made side by side, then all go on: what
+they find does not depend on the number of cores, and a search that was interrupted finds its runs in the journal. The largest of
+several extremes has kinks: SLSQP gets each extreme as a function of its own. A run that failed is infeasible: the search goes back.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from .derivatives import matched
+from .design_runs import Design, DesignRuns, RunsOverError
+from .design_space import Space
+from .sweep_scalars import EXTREMES, LARGEST
+from .sweep_study import Study
+
+FAR = 1.0e3  # scaled distance from a limit where a design has fewer extremes than others: never active
+SAME = 0.03  # two searches nearer than this part of the ranges, each, go the same way
+ITERATIONS = 60
+PATIENCE = 3  # iterations that stay in one place, which end a search
+FAILURES = 12  # runs that fail, which end a search
+JOINED = "another search goes the same way, or farther"
+LEAST_STEP, LARGEST_STEP = 1.0e-6, 0.05  # of forward differences, in parts of a parameter's range
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A condition: sign * (bound - value) has to be at least zero.
+
+    Attributes:
+        column: parameter or result
+        sign: 1: the value has to stay below
+        bound: in its unit
+    """
+
+    column: int
+    sign: int
+    bound: float
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What the best design is.
+
+    Attributes:
+        sign: 1: the smallest value is best
+        column: parameter or result that decides
+        limits: to be met
+        scales: sizes by which values are measured, of each parameter and result
+        errors: of the values
+        several: columns of which the largest (smallest) of several extremes counts, with the sign of the better direction
+    """
+
+    sign: int
+    column: int
+    limits: tuple[Limit, ...]
+    scales: np.ndarray
+    errors: np.ndarray
+    several: dict[int, int]
+
+    def violation(self, design: Design) -> float:
+        """Return by how much a design misses its limits, scaled and summed; infinite where its run failed."""
+        if not design.ok:
+            return math.inf
+        missed = (-one.sign * (one.bound - design.values[one.column]) / self.scales[one.column] for one in self.limits)
+        return sum(max(miss, 0.0) for miss in missed)
+
+    def merit(self, design: Design) -> tuple[float, float]:
+        """Return what the better design has less of: violation first, then the objective."""
+        return self.violation(design), self.sign * design.values[self.column] if design.ok else math.inf
+
+    @property
+    def accuracy(self) -> float:
+        """The scaled change of the objective at which a search ends."""
+        return float(max(1.0e-8, (self.errors / self.scales)[self.columns].max()))
+
+    @property
+    def columns(self) -> list[int]:
+        """All columns that count."""
+        return [self.column, *(one.column for one in self.limits)]
+
+    def pieces(self, column: int, sign: int) -> bool:
+        """Return whether a column that has to be small (sign 1) or large is the worst of several extremes."""
+        return self.several.get(column) == sign
+
+
+def several_of(study: Study) -> dict[int, int]:
+    """Return the columns that are extremes of several, with the sign of the direction in which they are the worst one."""
+    own = len(study.parameters)
+    return {own + k: (-1 if one.measure == "min" else 1) for k, one in enumerate(study.scalars) if one.measure in LARGEST}
+
+
+def scales_of(designs: list[Design], width: int) -> np.ndarray:
+    """Return the size of each value: the middle half of its spread over designs, else its own size."""
+    values = np.array([one.values for one in designs if one.ok]).reshape(-1, width)
+    if not len(values):
+        return np.ones(width)
+    values = np.nan_to_num(values)
+    low, high = np.quantile(values, (0.25, 0.75), axis=0)
+    sizes = np.abs(values).max(axis=0)
+    spread = np.where(high - low > 1.0e-9 * sizes, high - low, np.ptp(values, axis=0))
+    return np.where(spread > 1.0e-9 * sizes, spread, np.where(sizes > 0.0, sizes, 1.0))
+
+
+class StoppedError(Exception):
+    """The search is over: another one goes the same way, or the runs are used up."""
+
+
+class Search(threading.Thread):
+    """One search.
+
+    Attributes:
+        number: of the search
+        space: of the designs
+        goal: what is best
+        choice: of the lists
+        begin: where it begins
+        central: derivatives by differences on both sides
+        ended: why it ended
+        path: places of its iterates
+        best: the best design that it met, None before the first
+        fault: what went wrong in the thread
+    """
+
+    def __init__(self, number: int, space: Space, goal: Goal, choice: tuple, begin: np.ndarray, central: bool = False) -> None:
+        super().__init__(daemon=True)
+        self.number, self.space, self.goal, self.choice, self.begin, self.central = number, space, goal, choice, begin, central
+        self.ended, self.best, self.fault = "", None, None
+        self.path: list[np.ndarray] = []
+        self.failures = 0
+        self.over = False
+        self.asked: queue.Queue = queue.Queue()
+        self.given: queue.Queue = queue.Queue()
+        self.known: dict[bytes, Design] = {}
+        self.slopes: dict[bytes, tuple[list[np.ndarray], np.ndarray]] = {}
+        self.worst = 0.0
+        part = float((goal.errors / goal.scales)[goal.columns].max())
+        step = part ** (1.0 / 3.0) if central else math.sqrt(part)
+        self.step = float(np.clip(2.0 * step, LEAST_STEP, LARGEST_STEP))
+
+    # --- what the thread does
+    def run(self) -> None:
+        """Search until SLSQP ends or the search is stopped; `asked` gets None at the end."""
+        try:
+            self.ended = self._slsqp()
+        except StoppedError as reason:
+            self.ended = str(reason)
+        except Exception as fault:  # told by the thread that waits for this one
+            self.fault = fault
+        self.over = True
+        self.asked.put(None)
+
+    def _slsqp(self) -> str:
+        """Call SLSQP; where the objective is the worst of several extremes, it is a further variable above all of them."""
+        from scipy.optimize import minimize
+
+        goal, count = self.goal, len(self.begin)
+        above = goal.pieces(goal.column, goal.sign)
+        first = self._design(self.begin)
+        if not first.ok:
+            return "its first run failed: " + first.reason
+        begin = np.append(self.begin, goal.sign * first.values[goal.column] / goal.scales[goal.column]) if above else self.begin
+        options = {"maxiter": ITERATIONS, "ftol": goal.accuracy}
+        bounds = [(0.0, 1.0)] * count + [(None, None)] * above
+        constraints = [{"type": "ineq", "fun": self._margins, "jac": self._margin_slopes}] if goal.limits or above else []
+        found = minimize(self._objective, begin, jac=self._objective_slope, method="SLSQP", bounds=bounds,
+                         constraints=constraints, options=options)  # fmt: skip
+        return "" if found.status == 0 else str(found.message)
+
+    def _ask(self, places: list[np.ndarray]) -> list[Design]:
+        """Return designs at places of the cube; StoppedError where the search is not to go on."""
+        self.asked.put([self.space.point(place, self.choice) for place in places])
+        found = self.given.get()
+        if isinstance(found, str):
+            raise StoppedError(found)
+        return found
+
+    def _design(self, variables: np.ndarray) -> Design:
+        """Return the design at a place."""
+        place = np.clip(variables[: len(self.begin)], 0.0, 1.0)
+        key = place.tobytes()
+        if key not in self.known:
+            (design,) = self._ask([place])
+            self.known[key] = design
+            self.failures += not design.ok
+            if self.failures > FAILURES:
+                raise StoppedError("runs fail around it: " + design.reason)
+            if design.ok:
+                self.worst = max(self.worst, self.goal.sign * design.values[self.goal.column] / self.goal.scales[self.goal.column])
+            if self.best is None or self.goal.merit(design) < self.goal.merit(self.best):
+                self.best = design
+        return self.known[key]
+
+    def _columns(self) -> list[tuple[int, int]]:
+        """Return column and sign of what has to stay small: the objective where it has several extremes, then the limits."""
+        goal = self.goal
+        own = [(goal.column, goal.sign)] if goal.pieces(goal.column, goal.sign) else []
+        return own + [(one.column, one.sign) for one in goal.limits]
+
+    def _values(self, column: int, sign: int, base: Design, design: Design) -> list[float]:
+        """Return a column of a design, each of the base's extremes where the worst of them counts; scaled."""
+        scale = self.goal.scales[column]
+        if not self.goal.pieces(column, sign):
+            return [matched(base, design, column) / scale]
+        return [matched(base, design, column, k) / scale for k in range(max(len(base.extremes[column]), 1))]
+
+    def _margins(self, variables: np.ndarray) -> np.ndarray:
+        """Return the scaled distances from all limits, positive inside; each extreme has its own."""
+        design, goal = self._design(variables), self.goal
+        bounds = [variables[-1]] if len(variables) > len(self.begin) else []
+        bounds += [one.sign * one.bound / goal.scales[one.column] - 2.0 * goal.accuracy for one in goal.limits]
+        found: list[float] = []
+        for bound, (column, sign) in zip(bounds, self._columns()):
+            count = EXTREMES if goal.pieces(column, sign) else 1
+            inside = [bound - sign * value for value in self._values(column, sign, design, design)] if design.ok else [-1.0]
+            found += inside + [FAR] * (count - len(inside))
+        return np.array(found)
+
+    def _objective(self, variables: np.ndarray) -> float:
+        """Return the scaled objective; of a failed run more than that of any other."""
+        design, goal = self._design(variables), self.goal
+        if not design.ok:
+            return self.worst + 10.0
+        above = len(variables) > len(self.begin)
+        return float(variables[-1] if above else goal.sign * design.values[goal.column] / goal.scales[goal.column])
+
+    def _slope(self, variables: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Return the derivatives of the values of `_columns`, each an array (extremes, parameters), and of the objective."""
+        place = np.clip(variables[: len(self.begin)], 0.0, 1.0)
+        key = place.tobytes()
+        if key in self.slopes:
+            return self.slopes[key]
+        base = self._design(place)
+        if not base.ok:
+            raise StoppedError("the run failed: " + base.reason)
+        self.path.append(place)
+        self._give_up_where_nothing_changes()
+        columns = [*self._columns(), (self.goal.column, 0)]
+        found = [np.zeros((len(self._values(column, sign, base, base)), len(place))) for column, sign in columns]
+        for k, differences in enumerate(self._beside(place)):
+            for (column, sign), table in zip(columns, found):
+                values = [self._values(column, sign, base, design) for _, design in differences]
+                table[:, k] = np.dot([weight for weight, _ in differences], values)
+        self.slopes[key] = found[:-1], found[-1][0]
+        return self.slopes[key]
+
+    def _give_up_where_nothing_changes(self) -> None:
+        """End the search where iterations move by less than the step of its differences, as their errors do for ever."""
+        if len(self.path) > PATIENCE and np.abs(np.array(self.path[-PATIENCE - 1 : -1]) - self.path[-1]).max() < self.step:
+            raise StoppedError("")
+
+    def _beside(self, place: np.ndarray) -> list[list[tuple[float, Design]]]:
+        """Return, for each parameter, designs with the weights that give a derivative."""
+
+        def moved(k: int, step: float) -> np.ndarray:
+            other = place.copy()
+            other[k] += step
+            return other
+
+        base = self._design(place)
+        room = [(min(self.step, 1.0 - unit), min(self.step, unit)) for unit in place]
+        both = [self.central and up == self.step == down for up, down in room]
+        steps = [[self.step, -self.step] if two else [self.step if up == self.step else -self.step]
+                 for two, (up, down) in zip(both, room)]  # fmt: skip
+        places = [moved(k, step) for k, several in enumerate(steps) for step in several]
+        made = iter(self._ask(places))
+        found = []
+        for k, several in enumerate(steps):
+            good = [(step, design) for step in several if (design := next(made)).ok]
+            if not good:  # the other side
+                (design,) = self._ask([moved(k, -several[0])]) if 0.0 <= place[k] - several[0] <= 1.0 else (None,)
+                if design is None or not design.ok:
+                    raise StoppedError("runs on both sides of a design failed")
+                good = [(-several[0], design)]
+            if len(good) == 2:
+                found.append([(0.5 / step, design) for step, design in good])
+            else:
+                found.append([(1.0 / good[0][0], good[0][1]), (-1.0 / good[0][0], base)])
+        return found
+
+    def _margin_slopes(self, variables: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `_margins`."""
+        tables, _ = self._slope(variables)
+        above = len(variables) > len(self.begin)
+        rows = []
+        for number, ((column, sign), table) in enumerate(zip(self._columns(), tables)):
+            count = EXTREMES if self.goal.pieces(column, sign) else 1
+            padded = np.zeros((count, len(variables)))
+            padded[: len(table), : len(self.begin)] = -sign * table
+            if above and number == 0:
+                padded[:, -1] = 1.0
+            rows.append(padded)
+        return np.vstack(rows)
+
+    def _objective_slope(self, variables: np.ndarray) -> np.ndarray:
+        """Return the derivative of `_objective`."""
+        if len(variables) > len(self.begin):
+            return np.append(np.zeros(len(self.begin)), 1.0)
+        return self.goal.sign * self._slope(variables)[1]
+
+
+def search_all(runs: DesignRuns, searches: list[Search]) -> None:
+    """Let searches go on side by side until all have ended; RunsOverError where there are no more runs."""
+    for one in searches:
+        one.start()
+    live, over = list(searches), False
+    while live:
+        wanted = [(one, points) for one in live if (points := one.asked.get()) is not None]
+        live = [one for one, _ in wanted]
+        for one in searches:
+            if one.fault:
+                raise one.fault
+        _stop_those_behind(searches, wanted)
+        _join_those_that_meet(searches, wanted)
+        asked = [(one, points) for one, points in wanted if points]
+        try:
+            found = iter(runs.of([point for _, points in asked for point in points]))
+        except RunsOverError:
+            over = True
+            for one, _ in wanted:
+                one.given.put("the runs are used up")
+            continue
+        for one, points in wanted:
+            one.given.put([next(found) for _ in points] if points else JOINED)
+    if over:
+        raise RunsOverError
+
+
+def _stop_those_behind(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
+    """Empty the wishes of searches that need more than twice the iterations of one that has ended, and are worse."""
+    ended = [one for one in searches if not one.ended and one.over and one.best]
+    for one, points in wanted:
+        if any(len(one.path) > 2 * len(other.path) and other.goal.merit(other.best) <= one.goal.merit(one.best) for other in ended):
+            points.clear()
+
+
+def _join_those_that_meet(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
+    """Empty the wishes of searches that are where another one is, or was when it ended, with a better design."""
+    stopped = []
+    for one, points in wanted:
+        for other in searches:
+            if other is one or other in stopped or other.choice != one.choice or not (one.path and other.path):
+                continue
+            if other.ended not in ("", JOINED):
+                continue
+            near = np.abs(one.path[-1] - other.path[-1]).max() < SAME
+            if near and one.goal.merit(other.best) <= one.goal.merit(one.best):
+                points.clear()
+                stopped.append(one)
+                break

@@ -1,0 +1,128 @@
+"""Pictures of a search for the best design: its history, and what the results there depend on (a tornado)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from .design_space import Space
+from .picture_files import save
+from .plot import COLOURS, LOOK, pretty_unit
+from .sweep_study import Study
+
+if TYPE_CHECKING:
+    from .design_runs import DesignRuns
+    from .optimise_work import Optimum
+
+CURVES = 6  # parameters, limits of one panel
+
+
+def draw(found: Optimum, runs: DesignRuns, folder: Path) -> list[Path]:
+    """Draw the history of a search and the tornado of its optimum; returns the pictures' paths."""
+    paths = [history(found, runs, folder / "history.png")]
+    if found.slopes is not None:
+        from .sensitivity_work import rows_of
+
+        rows = rows_of(found.study, found.space, found.best, found.slopes)
+        paths.append(tornado(found.study, found.space, rows, runs.units, "the optimum", folder / "tornado.png"))
+    return paths
+
+
+def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
+    """Draw objective, limits and free parameters of each run in its order."""
+    goal, made, names = found.goal, runs.made, found.names
+    number = np.arange(1, len(made) + 1)
+    values = np.array([one.values for one in made])
+    missed = np.array([goal.violation(one) for one in made])
+    fine, failed = missed == 0.0, ~np.isfinite(missed)
+    units = [one.unit for one in found.study.parameters] + runs.units
+    limits = {limit.column: limit for limit in goal.limits if limit.bound != 0.0}
+    panels = 1 + bool(limits) + bool(found.space.free)
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(panels, 1, figsize=(8.0, 1.2 + 2.1 * panels), sharex=True, squeeze=False, layout="constrained")
+        top, rest = axes[0, 0], list(axes[1:, 0])
+        objective = values[:, goal.column]
+        top.plot(
+            number[~fine & ~failed], objective[~fine & ~failed], "o", mfc="none", color=COLOURS[1], ms=4, label="misses a limit"
+        )
+        top.plot(number[fine], objective[fine], "o", color=COLOURS[0], ms=4, label="meets all limits" if limits else "run")
+        best = np.minimum.accumulate(np.where(fine, goal.sign * np.nan_to_num(objective), np.inf))
+        known = np.isfinite(best)
+        top.step(number[known], goal.sign * best[known], where="post", color="black", lw=1.0, label="best so far")
+        shown = objective[fine] if fine.any() else objective[~failed]
+        low, high = np.quantile(shown, (0.0, 0.9) if goal.sign > 0 else (0.1, 1.0))
+        room = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
+        top.set_ylim(low - room, high + room)
+        if failed.any():
+            top.plot(number[failed], np.full(failed.sum(), low - 0.7 * room), "x", color="black", ms=5, label="failed")
+        top.set_ylabel(_label(names[goal.column], units[goal.column]))
+        figure.suptitle(
+            f"{found.study.name}: {'min' if goal.sign > 0 else 'max'} {names[goal.column]}, {runs.count} runs", fontsize=10
+        )
+        if limits:
+            axis = rest.pop(0)
+            for k, (column, limit) in enumerate(list(limits.items())[:CURVES]):
+                sign = "<" if limit.sign > 0 else ">"
+                axis.plot(number, values[:, column] / limit.bound, ".", ms=5, color=COLOURS[k % len(COLOURS)],
+                          label=f"{names[column]} {sign} {limit.bound:.4g}")  # fmt: skip
+            axis.axhline(1.0, color="black", lw=0.8, ls="--")
+            axis.set(ylabel="value / limit", ylim=(0.0, 2.5))
+        if found.space.free:
+            axis = rest.pop(0)
+            for k, one in enumerate(found.space.free[:CURVES]):
+                places = [found.space.unit(k, design.point[one.name]) for design in made]
+                axis.plot(number, places, ".", ms=5, color=COLOURS[k % len(COLOURS)],
+                          label=f"{one.name}, {one.ends[0]:.4g} to {one.ends[1]:.4g} {pretty_unit(one.unit)}".rstrip())  # fmt: skip
+            axis.set(ylabel="place in its range", ylim=(-0.05, 1.05))
+        axes[-1, 0].set_xlabel("run")
+        for axis in axes[:, 0]:
+            axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    return save(figure, path)
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{pretty_unit(unit)}]" if unit else name
+
+
+def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str, path: Path) -> Path:
+    """Draw by how much each result changes where each parameter changes by its spread, with errors, the largest on top.
+
+    Args:
+        study: of the results
+        space: of its designs
+        rows: of the table of sensitivities
+        units: of the results
+        at: what design it is
+        path: of the picture
+    """
+    free, unit_of = len(space.free), {one.name: one.unit for one in space.free}
+    wide = min(len(study.scalars), 2)
+    tall = -(-len(study.scalars) // wide)
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(
+            tall, wide, figsize=(5.2 * wide, 0.9 + tall * (0.9 + 0.3 * free)), squeeze=False, layout="constrained"
+        )
+        for axis in axes.flat[len(study.scalars) :]:
+            axis.axis("off")
+        for k, (axis, scalar) in enumerate(zip(axes.flat, study.scalars)):
+            part = [row for row in rows if row[0] == scalar.name][::-1]
+            changes = np.nan_to_num([row[6] for row in part])
+            errors = np.nan_to_num([row[7] for row in part])
+            axis.barh(
+                range(len(part)), changes, color=[COLOURS[0] if change >= 0.0 else COLOURS[1] for change in changes], height=0.6
+            )
+            axis.errorbar(changes, range(len(part)), xerr=errors, fmt="none", ecolor="black", capsize=3, lw=1.0)
+            axis.set_yticks(range(len(part)), [f"{row[1]} + {row[5]:.3g} {pretty_unit(unit_of[row[1]])}".rstrip() for row in part])
+            axis.axvline(0.0, color="black", lw=0.8)
+            axis.set_xlabel(f"change of {_label(scalar.name, units[k])}")
+            axis.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
+            axis.locator_params(axis="x", nbins=5)
+            axis.grid(axis="y", visible=False)
+        figure.suptitle(f"{study.name}: sensitivities at {at}", fontsize=10)
+    return save(figure, path)
