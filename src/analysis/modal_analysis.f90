@@ -4,6 +4,7 @@ module modal_analysis
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
+  use held_friction, only: set_friction, tell_friction
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
@@ -31,6 +32,7 @@ contains
     type(mode_set) :: modes
     logical :: ok, failed
     call remove_file(run%folder//'/modes.txt')
+    call set_friction(run, run%d%modal%friction)
     call linear_system(run, ds)
     call refuse_uneven(run, 'modal analysis', status_failed, fail)
     if (fail%happened()) return
@@ -44,7 +46,7 @@ contains
     end if
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call no_output(run, fail)
-    call modal_lines(modes, ds, run%d%modal%modes, text)
+    call modal_lines(run, modes, ds, text)
     call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
     call report_missing(run, modes, text, fail)
   end subroutine run_modal
@@ -88,19 +90,22 @@ contains
   end subroutine warn_of_motion
 
   !> The table of modes for the summary.
-  subroutine modal_lines(modes, ds, wanted, text)
+  subroutine modal_lines(run, modes, ds, text)
+    type(run_state), intent(in) :: run
     type(mode_set), intent(in) :: modes
     type(stiffness_system), intent(in) :: ds
-    integer, intent(in) :: wanted
     type(summary_record), intent(inout) :: text
     character(12), parameter :: names(0:3) = [character(12) :: 'undamped', 'damped', 'further pole', 'real pole']
     real(wp) :: x(9)
     integer :: k
     call text%line('')
     call text%line('modes')
-    if (wanted > ds%n - ds%rows) call text%line('  only '//to_text(ds%n - ds%rows)//' degrees of freedom for '// &
-                                               to_text(wanted)//' modes')
+    associate (wanted => run%d%modal%modes)
+      if (wanted > ds%n - ds%rows) call text%line('  only '//to_text(ds%n - ds%rows)//' degrees of freedom for '// &
+                                                 to_text(wanted)//' modes')
+    end associate
     call text%open('modes', '{')
+    call tell_friction(run, text)
     call text%open('poles', '[')
     do k = 1, modes%count
       x = mode_figures(modes, k)

@@ -5,6 +5,7 @@ module response_analysis
   use column_names, only: suffixed
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
+  use held_friction, only: set_friction, tell_friction
   use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
@@ -35,6 +36,7 @@ contains
     integer :: k, nq
     real(wp) :: f
     logical :: exists
+    call set_friction(run, run%d%response%friction)
     call linear_system(run, ds)
     call refuse_uneven(run, 'frequency response', status_failed, fail)
     if (fail%happened()) return
@@ -64,6 +66,7 @@ contains
     call text%line('')
     call text%line('frequency response')
     call text%open('frequency_response', '{')
+    call tell_friction(run, text)
     call text%figure('  input: ', 'input', input_name(run))
     call text%figure(', points: ', 'points', k - 1)
     call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024, rest=' kB')

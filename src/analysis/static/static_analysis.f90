@@ -171,6 +171,8 @@ contains
     call text%open('static', '{')
     call text%figure('  load steps done: ', 'load_steps', k - 1)
     call text%figure(', Newton steps: ', 'newton_steps', steps, rest='')
+    if (allocated(run%sys%ev%rows%off)) call text%line('  friction of joints does not act: this equilibrium is one of a set, '// &
+      'about which friction holds the mechanism')
     call text%figure('  residual over the largest force: ', 'residual', report%residual)
     call text%figure(' (rounding: ', 'rounding', report%noise, rest=')')
     call text%close()

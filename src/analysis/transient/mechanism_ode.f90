@@ -9,7 +9,7 @@ module mechanism_ode
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: conditions_of, evaluation, powers_of
   use condensed_system, only: change_rows
-  use force_element, only: idle, most_roots
+  use force_element, only: by_position, idle, most_roots
   use friction_states, only: motion_state, settle_friction
   use friction_row, only: friction_model
   use friction_tally, only: joint_tally, exchange_friction
@@ -76,6 +76,8 @@ module mechanism_ode
     procedure :: derivative
     procedure :: project => mechanism_project
     procedure :: start_switching
+    procedure :: hold_friction
+    procedure :: free_friction
     procedure :: find_roots
     procedure :: resolve_events
     procedure :: note_step
@@ -135,7 +137,6 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     integer :: k
-    logical :: ok
     self%ev%t = t
     self%ev%options = self%options
     associate (nq => self%m%s%nq)
@@ -146,9 +147,25 @@ contains
     allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (size(self%tally) > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], &
                                                   self%ev%switches%state(:size(self%tally)) /= 0)
-    if (size(self%m%s%switching_rows) == 0) return
-    call settle_friction(self%m, self%ev, motion_at(self, t, y), spread(.false., 1, most_roots*size(self%m%s%switching_rows)), ok)
+    call self%hold_friction(t, y)
   end subroutine start_switching
+
+  !> Joints with friction stick or slip as at a state that no event has led to.
+  subroutine hold_friction(self, t, y)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical :: ok
+    if (size(self%m%s%switching_rows) == 0) return
+    call self%free_friction()
+    call settle_friction(self%m, self%ev, motion_at(self, t, y), spread(.false., 1, most_roots*size(self%m%s%switching_rows)), ok)
+  end subroutine hold_friction
+
+  !> Friction acts no longer.
+  subroutine free_friction(self)
+    class(mechanism_system), intent(inout) :: self
+    self%ev%switches%state(size(self%m%s%switching) + 1:) = by_position
+  end subroutine free_friction
 
   !> Roots of the elements that switch.
   subroutine find_roots(self, t, y, left_limit, g, rate, zero)

@@ -1,0 +1,50 @@
+!> Friction of joints where small motions about a state are looked at: joints that stick there are held, those that slide feel a
+!> constant force. `friction='free'` leaves it out.
+module held_friction
+  use friction_row, only: friction_model
+  use kinds, only: wp
+  use scene_run, only: run_state
+  use summary_text, only: summary_record
+  implicit none (type, external)
+  private
+  public :: set_friction, tell_friction
+
+contains
+
+  !> Lets joints with friction stick or slip as they do at the present state, or move freely.
+  subroutine set_friction(run, word)
+    type(run_state), intent(inout) :: run
+    character(*), intent(in) :: word               !! of the deck: 'held', 'free'
+    call run%sys%free_friction()
+    if (word == 'held') call run%sys%hold_friction(0.0_wp, run%y)
+  end subroutine set_friction
+
+  !> Says which joints are held, which slide.
+  subroutine tell_friction(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: held, sliding, free
+    integer :: k
+    held = ''
+    sliding = ''
+    free = ''
+    do k = 1, size(run%sys%m%s%switching_rows)
+      select type (row => run%sys%m%s%constraints(run%sys%m%s%switching_rows(k))%item)
+      class is (friction_model)
+        associate (state => run%sys%ev%switches%state(row%switch_number))
+          if (row%holds(state)) then
+            held = held//' "'//trim(row%name)//'"'
+          else if (row%slides(state) /= 0) then
+            sliding = sliding//' "'//trim(row%name)//'"'
+          else
+            free = free//' "'//trim(row%name)//'"'
+          end if
+        end associate
+      end select
+    end do
+    if (len(held) > 0) call text%figure('  joints held by their friction:', 'held_by_friction', held, rest='')
+    if (len(sliding) > 0) call text%figure('  joints that slide, with the friction of this state as a constant force:', &
+                                           'constant_friction', sliding, rest='')
+    if (len(free) > 0) call text%figure('  joints that move without their friction:', 'without_friction', free, rest='')
+  end subroutine tell_friction
+end module held_friction
