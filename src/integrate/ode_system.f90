@@ -19,6 +19,7 @@ module ode_system
     procedure :: find_roots => no_roots
     procedure :: resolve_events => no_events
     procedure :: note_step => no_note
+    procedure :: longest_fixed => as_events_allow
   end type ode
 
   abstract interface
@@ -73,6 +74,14 @@ contains
     real(wp), intent(in) :: h                 !! its length [s]
     real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) as `find_roots` says [any], [any/s]
   end subroutine no_note
+
+  !> The longest fixed step, or part of one of length h, with which a method keeps its order. Here: what events allow.
+  real(wp) function as_events_allow(self, h, order) result(longest)   ! [s]
+    class(ode), intent(in) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    integer, intent(in) :: order              !! of the method
+    longest = self%longest_step
+  end function as_events_allow
 
   !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are tested, several
   !> at a time, which is faster than a search for the first that is not.

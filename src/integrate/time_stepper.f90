@@ -59,6 +59,7 @@ module time_stepper
   type, abstract, public :: stepper
     type(step_settings) :: settings
     type(error_norm) :: norm                  !! scales of errors, bounds of what means anything
+    integer :: accuracy = 2                   !! order of the method in fixed steps
     real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]
     integer(ip) :: steps = 0                  !! accepted
     integer(ip) :: rejected = 0               !! tried and given up

@@ -11,6 +11,8 @@ module switch_tally
   private
   public :: exchange_tallies
 
+  real(wp), parameter :: near_end = 0.25_wp   !! of a contact: there its force is that of its beginning or end [-]
+
   !> Of one element.
   type, public :: element_tally
     integer(ip) :: touched(2) = 0             !! at the upper and lower limit
@@ -25,6 +27,7 @@ module switch_tally
     real(wp) :: time = huge(1.0_wp)           !! it takes about [s]
     real(wp) :: age = 0.0_wp                  !! it has taken so far [s]
     real(wp) :: longest = huge(1.0_wp)        !! step that it allows [s]
+    real(wp) :: to_end = 0.0_wp               !! from its beginning, or to its end, as far as depth and rate say [s]
     real(wp) :: briefest = huge(1.0_wp)       !! contact that has ended [s]
     integer :: fewest = huge(1)               !! steps of a contact that has ended
   contains
@@ -32,6 +35,7 @@ module switch_tally
     procedure :: note_contact
     procedure :: note_event
     procedure :: note_step
+    procedure :: graded
   end type element_tally
 
 contains
@@ -74,6 +78,7 @@ contains
     self%mass = mass
     self%time = time
     self%age = 0.0_wp
+    self%to_end = 0.0_wp
     self%longest = share_of_contact*time
   end subroutine note_contact
 
@@ -100,9 +105,27 @@ contains
     self%depth = max(self%depth, peak(depth))
     self%force = max(self%force, peak(force))
     self%age = self%age + h
+    self%to_end = max(g(1), 0.0_wp)/max(abs(rate(1)), tiny(1.0_wp))
     if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
     if (explicit) self%longest = min(self%longest, m%s%forces(k)%item%contact_step(with, self%mass, maxval(depth), maxval(rate)))
   end subroutine note_step
+
+  !> A force that begins and ends as the power n of time, its derivatives without bound there, leaves a method of order p the order
+  !> n + 1 with equal steps. Steps that grow as the power (p-n)/p of the time x from there err by the same in the same time, since
+  !> h^p x^(n-p) is constant; the first step is as long as such a step at its end.
+  pure real(wp) function graded(self, h, order, power) result(longest)   ! [s]
+    class(element_tally), intent(in) :: self
+    real(wp), intent(in) :: h                 !! far from there [s]
+    integer, intent(in) :: order
+    real(wp), intent(in) :: power             !! n; huge: the force is smooth [-]
+    real(wp) :: first, part, growth           ! [s], [s], [-]
+    longest = h
+    if (order <= power + 1) return
+    part = near_end*self%time
+    growth = (order - power)/order
+    first = part*(h/part)**(1/(1 - growth))
+    if (h < part) longest = h*min(1.0_wp, max(self%to_end, first)/part)**growth
+  end function graded
 
   !> The largest of equidistant values, by the parabola through it and its neighbours.
   pure real(wp) function peak(x)              ! [any]
@@ -137,6 +160,7 @@ contains
         call a%exchange(x%time)
         call a%exchange(x%age)
         call a%exchange(x%longest)
+        call a%exchange(x%to_end)
         call a%exchange(x%briefest)
         call a%exchange(x%fewest)
       end associate

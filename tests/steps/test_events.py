@@ -29,12 +29,12 @@ def events_of(run):
     return [line.split() for line in lines if not line.startswith("#")]
 
 
-@pytest.mark.parametrize(("exponent", "stiffness"), [(1, 200), (2, 1500), (3, 10000)])
+@pytest.mark.parametrize(("exponent", "stiffness"), [(1, 200), (1.5, 600), (3, 10000)])
 @pytest.mark.parametrize(
     ("method", "order", "step"), [("rk4", 4, 5e-3), ("dopri5", 5, 5e-3), ("radau", 5, 5e-3), ("generalized_alpha", 2, 2.5e-3)]
 )
 def test_methods_keep_their_order_across_contacts(method, order, step, exponent, stiffness, run_deck):
-    """Positions, rates, accelerations, reactions and the contact's force, across contacts that begin and end anywhere in a step."""
+    """All columns, across contacts that begin and end anywhere in a step; for the power 1.5 steps are graded."""
     runs = []
     for k in (1, 2, 4):
         deck = ARM.format(stiffness, exponent, "damping=0.1", f"'{method}' step={step / k}")

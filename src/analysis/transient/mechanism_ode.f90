@@ -81,6 +81,7 @@ module mechanism_ode
     procedure :: find_roots
     procedure :: resolve_events
     procedure :: note_step
+    procedure :: longest_fixed
     procedure :: exchange_switches
   end type mechanism_system
 
@@ -298,6 +299,22 @@ contains
     end do
     call limit_steps(self)
   end subroutine note_step
+
+  !> The longest fixed step that contacts allow, graded towards their ends.
+  real(wp) function longest_fixed(self, h, order) result(longest)   ! [s]
+    class(mechanism_system), intent(in) :: self
+    real(wp), intent(in) :: h               !! [s]
+    integer, intent(in) :: order            !! of the method
+    integer :: i
+    longest = self%longest_step
+    if (self%roots == 0) return
+    do i = 1, size(self%tally)
+      if (self%ev%switches%state(i) == idle) cycle
+      associate (stop => self%m%s%forces(self%m%s%switching(i))%item)
+        longest = min(longest, self%tally(i)%graded(min(h, longest), order, stop%smoothness()))
+      end associate
+    end do
+  end function longest_fixed
 
   !> Saves or restores states and events that have not been told.
   subroutine exchange_switches(self, a)

@@ -72,6 +72,7 @@ module force_element
     procedure :: state_word => no_word            !! a state in a word, for files
     procedure :: contact_force => no_contact      !! force of a penetration and its rate
     procedure :: contact_step => any_step         !! a step with which explicit methods follow a mass on it
+    procedure :: smoothness => smooth_ends        !! power of the time with which its force begins and ends
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -270,6 +271,12 @@ contains
     real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
     h = huge(1.0_wp)
   end function any_step
+
+  !> Most elements act smoothly.
+  pure real(wp) function smooth_ends(self) result(power)   ! [-]
+    class(force_model), intent(in) :: self
+    power = huge(1.0_wp)
+  end function smooth_ends
 
   !> Most elements have no states.
   pure function no_word(self, state) result(word)

@@ -58,6 +58,7 @@ module stops
     procedure :: state_word => stop_word
     procedure :: contact_force => stop_force
     procedure :: contact_step => longest_step
+    procedure :: smoothness => power_of_time
   end type stop_model
 
   !> Where a stop touches.
@@ -471,6 +472,13 @@ contains
     force = 0.0_wp
     if (abs(with%state) == stop_touching) force = self%hardness*max(depth, 0.0_wp)**self%exponent*self%factor(rate, with)
   end function stop_force
+
+  !> A force that begins as d^n has only n smooth derivatives by time, unless n is a whole number.
+  pure real(wp) function power_of_time(self) result(power)   ! [-]
+    class(stop_model), intent(in) :: self
+    power = huge(1.0_wp)
+    if (abs(self%exponent - nint(self%exponent)) > 0.0_wp) power = self%exponent
+  end function power_of_time
 
   !> A state in a word: `open`; the limit that it touches; `_free` where it has let go of it.
   pure function stop_word(self, state) result(word)
