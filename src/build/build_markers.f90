@@ -64,8 +64,8 @@ contains
     markers%head(r%body) = k
   end function find_marker
 
-  !> Index of a new marker at the origin of a body, which its node's u, v or rotation, or an elastic coordinate, displaces along x of
-  !> the body: what `elastic_quantity` measures. On a rigid body it stays there.
+  !> Index of a new marker at the origin of a body, which its node's u, v or rotation, or an elastic coordinate, displaces along x
+  !> of the body: what `elastic_quantity` measures. On a rigid body it stays there.
   integer function elastic_marker(s, markers, body, node, number) result(k)
     type(scene), intent(in) :: s
     type(marker_table), intent(inout) :: markers

@@ -20,6 +20,7 @@ module quantity
     procedure :: value
     procedure :: gradient
     procedure :: rounding
+    procedure(list_components), deferred :: components
   end type quantity_model
 
   abstract interface
@@ -32,6 +33,13 @@ module quantity
       real(wp), intent(out) :: xd          !! [m/s] or [rad/s]
       real(wp), intent(out) :: g(6)        !! global axes [-], [m]
     end subroutine measure_motion
+
+    !> What x and its rate depend on: components 1 to 3 of marker a, 4 to 6 of b.
+    pure function list_components(self) result(list)
+      import :: quantity_model
+      class(quantity_model), intent(in) :: self
+      integer, allocatable :: list(:)
+    end function list_components
   end interface
 
   !> Makes an array of different kinds possible.
@@ -44,12 +52,14 @@ module quantity
     integer :: component = 1               !! 1: x, 2: y, 3: angle
   contains
     procedure :: measure => difference
+    procedure :: components => one_of_each
   end type difference_quantity
 
   !> Distance between a and b.
   type, extends(quantity_model), public :: distance_quantity
   contains
     procedure :: measure => distance
+    procedure :: components => both_places
     procedure :: curvature => circle_curvature
   end type distance_quantity
 
@@ -58,6 +68,7 @@ module quantity
   type, extends(quantity_model), public :: elastic_quantity
   contains
     procedure :: measure => displacement
+    procedure :: components => place_and_frame
     procedure :: curvature => axis_curvature
   end type elastic_quantity
 
@@ -144,6 +155,13 @@ contains
     end associate
   end subroutine difference
 
+  !> One component of both markers.
+  pure function one_of_each(self) result(list)
+    class(difference_quantity), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [self%component, 3 + self%component]
+  end function one_of_each
+
   !> |r_a - r_b|, with the direction from b to a.
   pure subroutine distance(self, p, x, xd, g)
     class(distance_quantity), intent(in) :: self
@@ -158,6 +176,13 @@ contains
     xd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
     g = [e, 0.0_wp, -e, 0.0_wp]
   end subroutine distance
+
+  !> The places of both markers.
+  pure function both_places(self) result(list)
+    class(distance_quantity), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5]
+  end function both_places
 
   !> The direction turns: 1/x across it.
   pure subroutine circle_curvature(self, p, h)
@@ -186,6 +211,13 @@ contains
     xd = dot_product(n, p%v(:, self%ia) - p%v(:, self%ib))
     g = [n, 0.0_wp, -n, 0.0_wp]
   end subroutine displacement
+
+  !> The places of both; a turn of the frame alone takes a's with it.
+  pure function place_and_frame(self) result(list)
+    class(elastic_quantity), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5]
+  end function place_and_frame
 
   !> The axis turns with the body.
   pure subroutine axis_curvature(self, p, h)

@@ -6,7 +6,9 @@ module force_element
   use history, only: breakpoint
   use internal_variables, only: internal_state
   use marker, only: marker_states
+  use quantity, only: quantity_model
   use root_watch, only: by_position, most_roots, root_rounding, watched_roots
+  use small_matrices, only: outer
   implicit none (type, external)
   private
   public :: by_position, most_roots, root_rounding, watched_roots
@@ -48,6 +50,7 @@ module force_element
     real(wp) :: size = 1.0_wp             !! the scene's size: what lengths are small against [m]
     logical :: switches = .false.         !! it has discrete states, between which events lead
     integer :: switch_number = 0          !! its number among the elements that switch
+    class(quantity_model), allocatable :: argument  !! motion that its force follows beside that of its markers; none: not allocated
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
@@ -55,6 +58,8 @@ module force_element
     procedure :: tangent => no_tangent
     procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => damped_components !! of them, those whose rates it sees
+    procedure :: slope => no_slope                !! derivative of the wrenches by the argument
+    procedure :: argument_tangent                 !! the tangent by the motion of the argument's markers
     procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
     procedure :: deformation => no_deformation
     procedure :: energy => no_energy
@@ -138,6 +143,27 @@ contains
     integer, allocatable :: list(:)
     list = pack(self%components(), self%damping > 0.0_wp)
   end function damped_components
+
+  !> Most elements follow nothing.
+  pure function no_slope(self, p, with) result(w)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(6)                        !! on markers a and b [N, N m] over the argument's unit
+    w = 0.0_wp
+  end function no_slope
+
+  !> Minus the derivatives of the wrenches on a and b (rows) by the places and rates of the argument's markers (columns).
+  pure subroutine argument_tangent(self, p, with, k)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    type(marker_stiffness), intent(inout) :: k
+    real(wp) :: by_place(6), by_rate(6)     ! [-], [m], [1/s]
+    call self%argument%gradient(p, by_place, by_rate)
+    k%k = -outer(self%slope(p, with), by_place)
+    k%c = -outer(self%slope(p, with), by_rate)
+  end subroutine argument_tangent
 
   !> Most elements do not follow a history.
   pure function no_wrench(self, p, with) result(w)

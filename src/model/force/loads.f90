@@ -1,24 +1,26 @@
-!> Loads: a wrench on one marker, scaled by a history and by the part of the loads that acts. Each kind says the wrench of a unit
-!> factor and its tangent.
+!> Loads: a wrench on one marker, scaled by a history, of time or of a motion, and by the part of the loads that acts. Each kind
+!> says the wrench of a unit factor and its tangent.
 module loads
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: force_model, conditions, element_action, stage_all, stage_transient
-  use history, only: breakpoint, history_model
+  use force_element, only: conditions, element_action, stage_all, stage_transient
+  use history, only: breakpoint
   use marker, only: marker_states, turn
+  use piecewise_force, only: piecewise_model
   implicit none (type, external)
   private
 
   !> A load.
-  type, abstract, extends(force_model), public :: load_model
+  type, abstract, extends(piecewise_model), public :: load_model
     integer :: stage = stage_all                  !! the analyses in which it acts
-    class(history_model), allocatable :: history  !! of its size; not allocated: 1
   contains
     procedure :: act => load_act
     procedure :: tangent => load_tangent
     procedure :: components => no_components
     procedure :: unit_tangent => no_unit_tangent  !! of minus the wrench by displacement and turn of the marker, global axes
     procedure :: breakpoints => load_breakpoints
+    procedure :: slope => load_slope
+    procedure :: init_from_assembly => load_settle
     procedure :: present_factor
   end type load_model
 
@@ -65,18 +67,47 @@ module loads
 
 contains
 
-  !> The factor of the load at a time; 0 in analyses in which it does not act [-].
-  pure real(wp) function present_factor(self, with) result(s)
+  !> The factor of the load; 0 in analyses in which it does not act [-].
+  pure real(wp) function present_factor(self, p, with) result(s)
     class(load_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
-    real(wp) :: h(-1:2)
+    real(wp) :: h(-1:2), f(0:2), x, rate, rounding
     s = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     s = with%load_factor
     if (.not. allocated(self%history)) return
-    call self%history%evaluate(with%t, with%left_limit, h)
-    s = h(0)*with%load_factor
+    if (allocated(self%argument)) then
+      call self%followed(p, with%stage, x, rate, rounding)
+      f = self%history_value(with, x)
+      s = f(0)*with%load_factor
+    else
+      call self%history%evaluate(with%t, with%left_limit, h)
+      s = h(0)*with%load_factor
+    end if
   end function present_factor
+
+  !> How the wrench grows with the argument.
+  pure function load_slope(self, p, with) result(w)
+    class(load_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp) :: w(6)                       !! [N, N m] over the argument's unit
+    real(wp) :: h(0:2), x, rate, rounding
+    w = 0.0_wp
+    if (self%stage /= stage_all .and. self%stage /= with%stage) return
+    call self%followed(p, with%stage, x, rate, rounding)
+    h = self%history_value(with, x)
+    w(1:3) = with%load_factor*h(1)*self%unit_wrench(p, with)
+  end function load_slope
+
+  !> The free length of a spring whose deformation it follows.
+  subroutine load_settle(self, p, gap)
+    class(load_model), intent(inout) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
+    if (allocated(self%argument)) call self%argument%init_from_assembly(p, gap)
+  end subroutine load_settle
 
   !> The wrench and the power that it puts in.
   pure subroutine load_act(self, p, with, z, zd, zdd, x)
@@ -86,7 +117,7 @@ contains
     real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
     real(wp), intent(inout) :: zdd(*)      !! left as they are [-]
     type(element_action), intent(inout) :: x
-    x%a = self%present_factor(with)*self%unit_wrench(p, with)
+    x%a = self%present_factor(p, with)*self%unit_wrench(p, with)
     x%input = dot_product(x%a(1:2), p%v(:, self%ia)) + x%a(3)*p%rate(self%ia)
   end subroutine load_act
 
@@ -100,7 +131,7 @@ contains
     type(marker_stiffness), intent(inout) :: k
     k%k = 0.0_wp
     k%c = 0.0_wp
-    k%k(1:3, 1:3) = self%present_factor(with)*self%unit_tangent(p, with)
+    k%k(1:3, 1:3) = self%present_factor(p, with)*self%unit_tangent(p, with)
   end subroutine load_tangent
 
   !> Most loads do not change with the motion of their marker.
@@ -125,7 +156,8 @@ contains
     real(wp), intent(in) :: until          !! end of the run [s]
     type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-    if (allocated(self%history) .and. any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
+    if (.not. allocated(self%history) .or. allocated(self%argument)) return
+    if (any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
   end function load_breakpoints
 
   !> It acts by a force on its marker.

@@ -1,17 +1,19 @@
 !> Springs and dampers between two markers, with viscoelastic terms on their one deformation (a viscoelastic joint). Kinds say what
 !> the deformation is: the angle between two sections, or the distance of two markers minus a free length. Linear springs without a
-!> free length are bushes, which pull their markers together in whatever direction these move apart. theory.md, section 5.
+!> free length are bushes, which pull their markers together in whatever direction these move apart. theory.md, section 5. A
+!> characteristic, a history of the deformation, may stand for the stiffness (section 12).
 module springs
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: force_model, conditions, element_action
+  use force_element, only: conditions, element_action, root_rounding
   use marker, only: marker_states
+  use piecewise_force, only: piecewise_model
   use small_matrices, only: outer
   implicit none (type, external)
   private
 
   !> A spring.
-  type, abstract, extends(force_model), public :: spring_model
+  type, abstract, extends(piecewise_model), public :: spring_model
     real(wp) :: free = 0.0_wp              !! free length [m] or angle [rad]
     real(wp) :: assembled = 0.0_wp         !! deformation in the assembled scene [m] or [rad]
     logical :: pending = .false.           !! free value still to be taken from the assembled positions
@@ -22,6 +24,8 @@ module springs
     procedure :: relax => spring_relax
     procedure :: init_from_assembly => spring_settle
     procedure :: unprestressed => spring_prestress
+    procedure :: followed => spring_followed
+    procedure :: present_stiffness
   end type spring_model
 
   !> One torsional spring.
@@ -53,13 +57,18 @@ contains
     real(wp), intent(in) :: zd(*)          !! (nzd) rates of those of second order [m/s, rad/s]
     real(wp), intent(inout) :: zdd(*)      !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     type(element_action), intent(inout) :: x
-    real(wp) :: d(1), ds(1), dd, e(3), f
+    real(wp) :: d(1), ds(1), dd, e(3), f, h(0:2)
     call self%deformation(p, d(1), dd, e)
     d = d - self%unprestressed(with%prestress)
     ds = d
     x%dissipated = self%damping*dd**2
     if (size(self%law%alpha) > 0) call self%follow(1, d, z, zd, zdd, ds, x%dissipated)
-    f = self%stiffness*ds(1) + self%damping*dd
+    if (allocated(self%history)) then
+      h = self%history_value(with, d(1))
+      f = h(0) + self%damping*dd
+    else
+      f = self%stiffness*ds(1) + self%damping*dd
+    end if
     x%force = f
     x%a = -f*e
     x%b = f*e
@@ -75,7 +84,7 @@ contains
     type(marker_stiffness), intent(inout) :: k
     real(wp) :: d, dd, e(3)
     call self%deformation(p, d, dd, e)
-    k%k = part(1)*self%stiffness*outer([e, -e], [e, -e])
+    k%k = part(1)*self%present_stiffness(with, d)*outer([e, -e], [e, -e])
     k%c = part(2)*self%damping*outer([e, -e], [e, -e])
   end subroutine spring_tangent
 
@@ -84,8 +93,14 @@ contains
     class(spring_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: z(*), zd(*)    !! all internal variables [m, rad] and rates
-    real(wp) :: d(1), dd, e(3)
+    real(wp) :: d(1), dd, e(3), h(-1:2), at_rest(-1:2)
     call self%deformation(p, d(1), dd, e)
+    if (allocated(self%history)) then
+      call self%history%evaluate(d(1), .false., h)
+      call self%history%evaluate(0.0_wp, .false., at_rest)
+      energy = h(-1) - at_rest(-1)
+      return
+    end if
     energy = 0.5_wp*self%stiffness*d(1)**2 + self%stored(1, d, z, zd)
   end function spring_energy
 
@@ -116,6 +131,33 @@ contains
     end if
     call self%deformation(p, self%assembled, dd, e)
   end subroutine spring_settle
+
+  !> The deformation, of which a characteristic is a function.
+  pure subroutine spring_followed(self, p, stage, x, rate, rounding)
+    class(spring_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    integer, intent(in) :: stage           !! the analysis
+    real(wp), intent(out) :: x             !! [m] or [rad]
+    real(wp), intent(out) :: rate          !! [m/s] or [rad/s]
+    real(wp), intent(out) :: rounding      !! [m] or [rad]
+    real(wp) :: e(3)
+    call self%deformation(p, x, rate, e)
+    rounding = max(self%size, maxval(abs(p%r(:, [self%ia, self%ib]))))
+    if (self%angular) rounding = max(1.0_wp, abs(p%angle(self%ia)), abs(p%angle(self%ib)))
+    rounding = root_rounding*rounding
+  end subroutine spring_followed
+
+  !> Static stiffness at a deformation.
+  pure real(wp) function present_stiffness(self, with, d) result(k)   ! [N/m] or [N m/rad]
+    class(spring_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: d              !! [m] or [rad]
+    real(wp) :: h(0:2)
+    k = self%stiffness
+    if (.not. allocated(self%history)) return
+    h = self%history_value(with, d - self%unprestressed(with%prestress))
+    k = h(1)
+  end function present_stiffness
 
   !> While prestress grows the free value goes from the assembled length or angle to the deck's.
   pure real(wp) function spring_prestress(self, prestress) result(d)   ! [m] or [rad]
@@ -182,13 +224,13 @@ contains
     if (self%in_all_directions() .and. d <= 64*epsilon(1.0_wp)*maxval(abs(p%r(:, self%ia)))) then
       g = [1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp]
       across = cshift(g, -1)
-      k%k = part(1)*self%stiffness*(outer(g, g) + outer(across, across))
+      k%k = part(1)*self%present_stiffness(with, d)*(outer(g, g) + outer(across, across))
       k%c = c*(outer(g, g) + outer(across, across))
       return
     end if
     length = max(d + self%free, tiny(1.0_wp))
     dd = dot_product(across(1:2), p%v(:, self%ia) - p%v(:, self%ib))
-    k%k = part(1)*self%stiffness*outer(g, g) + force/length*outer(across, across) + c*dd/length*outer(g, across)
+    k%k = part(1)*self%present_stiffness(with, d)*outer(g, g) + force/length*outer(across, across) + c*dd/length*outer(g, across)
     k%c = c*outer(g, g)                    ! e turns: the rate along it changes, the last term of k%k
   end subroutine line_tangent
 

@@ -20,9 +20,13 @@ module history
     character(:), allocatable :: remedy      !! what a user can do where a drive cannot follow it
     type(breakpoint), allocatable :: breaks(:) !! times at which it is not smooth, ascending; not allocated: none
     real(wp) :: period = 0.0_wp              !! after which it, and they, repeat; 0: never [s]
+    real(wp), allocatable :: corners(:)      !! those of them at which a function of motion changes its piece (`history_pieces`) [s]
   contains
     procedure(values_at_time), deferred :: evaluate
     procedure :: breakpoints => repeated_breaks
+    procedure :: lowest_order
+    procedure :: keep_corners
+    procedure :: next_corner
   end type history_model
 
   !> Makes an array of different kinds possible.
@@ -61,6 +65,53 @@ contains
     list = [((breakpoint(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
     list = pack(list, list%time > 0.0_wp .and. list%time < until)
   end function repeated_breaks
+
+  !> The lowest derivative that jumps anywhere.
+  pure recursive integer function lowest_order(self) result(order)
+    class(history_model), intent(in) :: self
+    order = huge(order)
+    if (allocated(self%breaks)) order = minval(self%breaks%order)
+  end function lowest_order
+
+  !> Keeps the breakpoints up to an order as corners.
+  recursive subroutine keep_corners(self, most_order)
+    class(history_model), intent(inout) :: self
+    integer, intent(in) :: most_order
+    allocate (self%corners(0))
+    if (allocated(self%breaks)) self%corners = pack(self%breaks%time, self%breaks%order <= most_order)
+  end subroutine keep_corners
+
+  !> The next corner above or below a time, beyond the rounding of times; huge: there is none.
+  pure recursive real(wp) function next_corner(self, t, above) result(corner)   ! [s]
+    class(history_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: above
+    real(wp) :: from, before            ! where the search begins, length of the periods before [s]
+    integer :: n, low, high, k
+    n = size(self%corners)
+    corner = merge(huge(1.0_wp), -huge(1.0_wp), above)
+    if (n == 0) return
+    from = rounding_of(maxval(abs([t, self%period, self%corners(1)])))
+    from = t + merge(from, -from, above)
+    before = 0.0_wp
+    if (self%period > 0.0_wp) before = self%period*floor((from - self%corners(1))/self%period, ip)
+    low = 0
+    high = n + 1
+    do while (high - low > 1)           ! corners 1 to low lie below
+      k = (low + high)/2
+      if (self%corners(k) + before <= from) then
+        low = k
+      else
+        high = k
+      end if
+    end do
+    k = merge(high, low, above)
+    if (k >= 1 .and. k <= n) then
+      corner = self%corners(k) + before
+    else if (self%period > 0.0_wp) then
+      corner = self%corners(merge(1, n, above)) + (before + merge(self%period, -self%period, above))
+    end if
+  end function next_corner
 
   !> What a drive imposes: its origin plus the history, or by rate plus the integral since t = 0, with two derivatives.
   pure subroutine drive_values(self, rate, origin, t, left_limit, h)

@@ -12,6 +12,9 @@ module sum_history
   contains
     procedure :: evaluate => sum_value
     procedure :: breakpoints => sum_breakpoints
+    procedure :: lowest_order => sum_order
+    procedure :: keep_corners => keep_all_corners
+    procedure :: next_corner => nearest_corner
   end type sum_model
 
 contains
@@ -56,4 +59,35 @@ contains
       list(i)%order = max(list(i)%order, breakpoint_order(before(0:), after(0:), most(0:)))
     end do
   end function sum_breakpoints
+
+  !> The lowest one of all parts.
+  pure recursive integer function sum_order(self) result(order)
+    class(sum_model), intent(in) :: self
+    integer :: k
+    order = minval([(self%parts(k)%item%lowest_order(), k=1, size(self%parts))])
+  end function sum_order
+
+  !> Corners are those of the parts.
+  recursive subroutine keep_all_corners(self, most_order)
+    class(sum_model), intent(inout) :: self
+    integer, intent(in) :: most_order
+    integer :: k
+    do k = 1, size(self%parts)
+      call self%parts(k)%item%keep_corners(most_order)
+    end do
+  end subroutine keep_all_corners
+
+  !> The nearest one of all parts.
+  pure recursive real(wp) function nearest_corner(self, t, above) result(corner)   ! [s]
+    class(sum_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: above
+    integer :: k
+    corner = merge(huge(1.0_wp), -huge(1.0_wp), above)
+    do k = 1, size(self%parts)
+      associate (x => self%parts(k)%item%next_corner(t, above))
+        corner = merge(min(corner, x), max(corner, x), above)
+      end associate
+    end do
+  end function nearest_corner
 end module sum_history

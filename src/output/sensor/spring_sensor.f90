@@ -1,7 +1,9 @@
 !> Force and deformation of a spring.
 module spring_sensor
   use kinds, only: wp
+  use evaluation_results, only: conditions_of
   use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
+  use springs, only: spring_model
   implicit none (type, external)
   private
 
@@ -34,11 +36,16 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [m] or [N m], [rad]
-    real(wp) :: d, rate, e(3)
+    real(wp) :: d, rate, e(3), stiffness
     associate (f => at%m%s%forces(self%element)%item)
       call f%deformation(at%ev%p, d, rate, e)
       x(2) = sum(e*(scene_motion(at%m, at%ev, f%ia, motion%x) - scene_motion(at%m, at%ev, f%ib, motion%x)))
-      x(1) = (f%stiffness*(1 + f%law%ratio(motion%s)) + motion%s*f%damping)*x(2)
+      stiffness = f%stiffness
+      select type (f)
+      class is (spring_model)
+        stiffness = f%present_stiffness(conditions_of(at%m, at%ev, self%element), d)
+      end select
+      x(1) = (stiffness*(1 + f%law%ratio(motion%s)) + motion%s*f%damping)*x(2)
     end associate
   end subroutine respond
 end module spring_sensor

@@ -150,7 +150,7 @@ contains
         t%ib = c%ib
         t%c = 0.0_wp
         call c%geometric(ev%p, lambda, t)
-        call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call add_pair(m, ev, t, [t%ia, t%ib], v, lin%stiffness, lin%damping, lin%stiffness)
       end associate
     end do
     segment = findloc(lin%segments%element > 0, .true., 1) - 1
@@ -159,20 +159,25 @@ contains
         t%ia = f%ia
         t%ib = f%ib
         call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], action(k)%force, t)
-        call add_pair(m, ev, t, v, lin%stiffness, lin%damping, lin%stiffness)
+        call add_pair(m, ev, t, [t%ia, t%ib], v, lin%stiffness, lin%damping, lin%stiffness)
+        if (allocated(f%argument)) then
+          call f%argument_tangent(ev%p, with, t)
+          call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, lin%stiffness, lin%damping, lin%stiffness)
+        end if
         if (f%law%order() == 0) cycle
         segment = segment + 1
         call f%tangent(ev%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)
-        call add_pair(m, ev, t, v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
+        call add_pair(m, ev, t, [t%ia, t%ib], v, lin%segments(segment)%stiffness, lin%damping, lin%segments(segment)%stiffness)
       end associate
     end do
   end subroutine marker_terms
 
-  !> Adds J^T k J of a pair of markers; rates see J x' + J' x.
-  subroutine add_pair(m, ev, t, v, stiffness, damping, rate_stiffness)
+  !> Adds J^T k J of a pair of markers on which forces act and a pair whose motion they follow; rates see J x' + J' x.
+  subroutine add_pair(m, ev, t, by, v, stiffness, damping, rate_stiffness)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(marker_stiffness), intent(in) :: t
+    integer, intent(in) :: by(2)               !! the second pair
     real(wp), intent(in) :: v(:)               !! (nq) [m/s, rad/s]
     type(triplet_matrix), intent(inout) :: stiffness, damping, rate_stiffness
     integer, allocatable :: rows(:), cols(:)
@@ -182,7 +187,7 @@ contains
     do side = 0, 1
       pi = merge(t%ia, t%ib, side == 0)
       do other = 0, 1
-        pj = merge(t%ia, t%ib, other == 0)
+        pj = by(1 + other)
         k = t%k(3*side + 1:3*side + 3, 3*other + 1:3*other + 3)
         c = t%c(3*side + 1:3*side + 3, 3*other + 1:3*other + 3)
         call marker_jacobian(m, ev, pi, rows, ji)

@@ -11,16 +11,20 @@ module border_row_lists
   private
   public :: coupling, row_lists, list_rows, order_rows
 
-  integer, parameter, public :: from_joint = 1, from_element = 2
+  integer, parameter, public :: from_joint = 1, from_element = 2, from_argument = 3
 
-  !> A law between displacement rows.
+  !> A law between displacement rows: forces on two markers that follow from the motion of two, the same ones or those of an
+  !> element's argument.
   type :: coupling
-    integer :: kind = 0                      !! from_joint, from_element
+    integer :: kind = 0                      !! from_joint, from_element, from_argument
     integer :: item = 0                      !! its number
-    integer :: n = 0                         !! displacement rows
+    integer :: n = 0                         !! displacement rows on which forces act
     integer :: row(6) = 0                    !! their numbers among all rows
     integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
-    integer :: nr = 0                        !! rate rows
+    integer :: nc = 0                        !! displacement rows that it sees
+    integer :: column(6) = 0                 !! their numbers
+    integer :: column_slot(6) = 0
+    integer :: nr = 0                        !! rate rows that it sees
     integer :: rate(6) = 0                   !! their numbers
     integer :: rate_slot(6) = 0
   end type coupling
@@ -45,7 +49,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: states(:)           !! discrete ones, of the elements that switch
     integer :: k
-    call r%begin(3*m%s%rows + 12*(size(m%s%forces) + size(m%s%constraints)))
+    call r%begin(3*m%s%rows + 5*size(m%s%markers))
     call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows
@@ -58,7 +62,7 @@ contains
     end do
   end subroutine list_rows
 
-  !> Curved joints, and force elements with a tangent.
+  !> Curved joints, force elements with a tangent, and those that follow an argument.
   subroutine list_laws(r, m, states)
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
@@ -67,13 +71,13 @@ contains
     integer, allocatable :: components(:)
     integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
     integer :: k, n
-    allocate (all(size(m%s%constraints) + size(m%s%forces)))
+    allocate (all(size(m%s%constraints) + 2*size(m%s%forces)))
     allocate (displacement(5, size(m%s%markers)), source=0)
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         components = c%components(m%s%markers(c%ib)%body == 0)
-        if (size(components) > 0) all(n + 1) = new_law(from_joint, k, c%ia, c%ib, components)
+        if (size(components) > 0) call add_law(from_joint, k, [c%ia, c%ib], components, [c%ia, c%ib], components)
       end associate
     end do
     do k = 1, size(m%s%forces)
@@ -81,29 +85,46 @@ contains
         if (f%switch_number > 0) then
           if (states(f%switch_number) == idle) cycle
         end if
-        if (size(f%components()) == 0) cycle
-        all(n + 1) = new_law(from_element, k, f%ia, f%ib, f%components())
-        call add_rates(all(n), f%ia, f%ib, f%rate_components())
+        if (size(f%components()) > 0) then
+          call add_law(from_element, k, [f%ia, f%ib], f%components(), [f%ia, f%ib], f%components())
+          call add_rates(all(n), [f%ia, f%ib], f%rate_components())
+        end if
+        if (.not. allocated(f%argument)) cycle
+        associate (x => f%argument)
+          call add_law(from_argument, k, [f%ia, f%ib], pack([1, 2, 3, 4, 5, 6], f%acts_on()), [x%ia, x%ib], x%components())
+          if (x%rate) call add_rates(all(n), [x%ia, x%ib], x%components())
+        end associate
       end associate
     end do
     r%laws = all(1:n)
   contains
-    !> A law between components of markers a (1 to 3) and b (4 to 6); counts it.
-    function new_law(kind, item, ia, ib, slots) result(t)
-      integer, intent(in) :: kind, item, ia, ib, slots(:)
-      type(coupling) :: t
-      integer :: j, i
-      t%kind = kind
-      t%item = item
+    !> Appends a law: forces on components of two markers (1 to 3 of the first, 4 to 6 of the second) by those of two.
+    subroutine add_law(kind, item, on, slots, by, by_slots)
+      integer, intent(in) :: kind, item, on(2), slots(:), by(2), by_slots(:)
       n = n + 1
+      all(n)%kind = kind
+      all(n)%item = item
+      call number_rows(on, slots, 0, all(n)%n, all(n)%row, all(n)%slot)
+      call number_rows(by, by_slots, 0, all(n)%nc, all(n)%column, all(n)%column_slot)
+    end subroutine add_law
+
+    !> Rows of components of two markers.
+    subroutine number_rows(markers, slots, kind, count, row, slot)
+      integer, intent(in) :: markers(2), slots(:)
+      integer, intent(in) :: kind                    !! 0: displacements, 3: rates
+      integer, intent(out) :: count, row(6), slot(6)
+      integer :: j, i
+      count = 0
+      row = 0
+      slot = 0
       do j = 1, size(slots)
-        i = displacement_row(merge(ia, ib, slots(j) <= 3), mod(slots(j) - 1, 3) + 1)
+        i = displacement_row(markers(merge(1, 2, slots(j) <= 3)), kind + mod(slots(j) - 1, 3) + 1)
         if (i == 0) cycle
-        t%n = t%n + 1
-        t%row(t%n) = i
-        t%slot(t%n) = slots(j)
+        count = count + 1
+        row(count) = i
+        slot(count) = slots(j)
       end do
-    end function new_law
+    end subroutine number_rows
 
     !> Row of a marker's component, made where there is none yet; 0 on the ground.
     integer function displacement_row(marker, component)
@@ -118,19 +139,11 @@ contains
       displacement_row = displacement(component, marker)
     end function displacement_row
 
-    !> Rate rows of a damper.
-    subroutine add_rates(t, ia, ib, slots)
+    !> Rate rows; angles' rates are what they are in all axes.
+    subroutine add_rates(t, markers, slots)
       type(coupling), intent(inout) :: t
-      integer, intent(in) :: ia, ib, slots(:)
-      integer :: i, j
-      do j = 1, size(slots)
-        if (mod(slots(j), 3) == 0) cycle               ! angles' rates are what they are in all axes
-        i = displacement_row(merge(ia, ib, slots(j) <= 3), 3 + mod(slots(j) - 1, 3) + 1)
-        if (i == 0) cycle
-        t%nr = t%nr + 1
-        t%rate(t%nr) = i
-        t%rate_slot(t%nr) = slots(j)
-      end do
+      integer, intent(in) :: markers(2), slots(:)
+      call number_rows(markers, pack(slots, mod(slots, 3) > 0), 3, t%nr, t%rate, t%rate_slot)
     end subroutine add_rates
   end subroutine list_laws
 
@@ -154,8 +167,8 @@ contains
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
         do i = 1, t%n
-          do j = 1, t%n
-            b = body(t%row(j))
+          do j = 1, t%nc
+            b = body(t%column(j))
             do e = r%first(b), r%first(b + 1) - 1
               call met%add(t%row(i), r%row(e), 1.0_wp)
             end do

@@ -100,9 +100,9 @@ contains
       associate (t => r%laws(k))
         do i = 1, t%n
           p = r%position(t%row(i))
-          do j = 1, t%n
-            o = r%position(t%row(j)) - p
-            x = r%k(t%slot(i), t%slot(j), k)
+          do j = 1, t%nc
+            o = r%position(t%column(j)) - p
+            x = r%k(t%slot(i), t%column_slot(j), k)
             if (abs(x) > 0.0_wp) call add_row(r%kd, o, x, r%s(:, p + o), r%system%e(:, p))
           end do
           do j = 1, t%nr
@@ -179,8 +179,8 @@ contains
       associate (t => r%laws(k))
         do i = 1, t%n
           p = r%position(t%row(i))
-          do j = 1, t%n
-            r%system%x(p, 1) = r%system%x(p, 1) + r%k(t%slot(i), t%slot(j), k)*r%d(t%row(j))
+          do j = 1, t%nc
+            r%system%x(p, 1) = r%system%x(p, 1) + r%k(t%slot(i), t%column_slot(j), k)*r%d(t%column(j))
           end do
         end do
       end associate

@@ -4,7 +4,7 @@
 module newton_condensation
   use kinds, only: wp, number
   use body_terms, only: body_equations
-  use border_row_lists, only: from_joint
+  use border_row_lists, only: from_argument, from_joint
   use border_rows, only: factor_rows
   use condensed_system, only: condensed_matrix, condensed_body
   use constraint, only: marker_stiffness
@@ -119,10 +119,14 @@ contains
           r%k(:, :, k) = p%k
         else
           associate (f => m%s%forces(i)%item)
-            call f%tangent(ev%p, conditions_of(m, ev, i), [1.0_wp, 1.0_wp], ev%action(i)%force, p)
+            if (r%laws(k)%kind == from_argument) then
+              call f%argument_tangent(ev%p, conditions_of(m, ev, i), p)
+            else
+              call f%tangent(ev%p, conditions_of(m, ev, i), [1.0_wp, 1.0_wp], ev%action(i)%force, p)
+            end if
             r%k(:, :, k) = p%k + self%c2*p%c
             r%g(:, :, k) = p%c
-            if (f%law%order() == 0) cycle
+            if (f%law%order() == 0) cycle           ! such an element has no argument
             call f%tangent(ev%p, conditions_of(m, ev, i), [1.0_wp, 0.0_wp], 0.0_wp, p)
             r%k(:, :, k) = r%k(:, :, k) + (self%element_factor(i) - 1)*p%k
           end associate

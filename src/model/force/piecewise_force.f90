@@ -1,0 +1,115 @@
+!> Force elements whose size is a history, of time or of a motion: the argument that the deck names, or a spring's deformation. As a
+!> function of motion it goes by pieces (`history_pieces`), and that the motion leaves a piece is an event. What the element keeps
+!> from its last event is a point of the present piece.
+module piecewise_force
+  use kinds, only: wp
+  use force_element, only: by_position, conditions, force_model, root_rounding, stage_static, watched_roots
+  use history, only: history_model
+  use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
+  use marker, only: marker_states
+  implicit none (type, external)
+  private
+
+  integer, parameter :: on_a_piece = 1     !! its one discrete state
+
+  !> Such an element.
+  type, abstract, extends(force_model), public :: piecewise_model
+    class(history_model), allocatable :: history   !! not allocated: none
+  contains
+    procedure :: followed
+    procedure :: history_value
+    procedure :: watch_corners
+    procedure :: roots => piece_roots
+    procedure :: switch => next_piece
+    procedure :: start_state => start_piece
+  end type piecewise_model
+
+contains
+
+  !> The motion that the history is a function of, its rate, and the size of its rounding errors. In a static analysis rates are 0.
+  pure subroutine followed(self, p, stage, x, rate, rounding)
+    class(piecewise_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    integer, intent(in) :: stage           !! the analysis
+    real(wp), intent(out) :: x             !! [any]
+    real(wp), intent(out) :: rate          !! huge: not known [any/s]
+    real(wp), intent(out) :: rounding      !! [any]
+    real(wp) :: g(6)
+    call self%argument%measure(p, x, rate, g)
+    x = x - self%argument%datum
+    if (self%argument%rate) then
+      x = merge(0.0_wp, rate, stage == stage_static)
+      rate = huge(1.0_wp)
+    end if
+    rounding = root_rounding*self%argument%rounding(p)
+    if (.not. (self%argument%rate .or. self%argument%angular)) rounding = max(rounding, root_rounding*self%size)
+  end subroutine followed
+
+  !> Value and two derivatives of the history there; where a piece is kept, on this one.
+  pure function history_value(self, with, x) result(h)
+    class(piecewise_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    real(wp), intent(in) :: x              !! [any]
+    real(wp) :: h(0:2)                     !! [unit, unit/any, unit/any2]
+    real(wp) :: f(-1:2)
+    if (with%state == by_position) then
+      call self%history%evaluate(x, .false., f)
+      h = f(0:)
+    else
+      call piece_value(self%history, x, with%memory, h)
+    end if
+  end function history_value
+
+  !> Corners up to an order are events.
+  subroutine watch_corners(self, most_order)
+    class(piecewise_model), intent(inout) :: self
+    integer, intent(in) :: most_order
+    call self%history%keep_corners(most_order)
+    self%switches = self%history%next_corner(-1.0_wp, .true.) < huge(1.0_wp) .or. &
+                    self%history%next_corner(1.0_wp, .false.) > -huge(1.0_wp)
+  end subroutine watch_corners
+
+  !> The distances to both ends of the piece.
+  pure subroutine piece_roots(self, p, with, watched)
+    class(piecewise_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    type(watched_roots), intent(out) :: watched
+    real(wp) :: ends(2), x, rate, rounding
+    integer :: k
+    call self%followed(p, with%stage, x, rate, rounding)
+    ends = piece_ends(self%history, with%memory)
+    do k = 1, 2
+      if (abs(ends(k)) >= huge(1.0_wp)) cycle
+      watched%g(k) = merge(x - ends(1), ends(2) - x, k == 1)
+      watched%rate(k) = merge(rate, -rate, k == 1)
+      watched%zero(k) = max(rounding, root_rounding*abs(ends(k)))
+      if (rate >= huge(1.0_wp)) watched%rate(k) = rate
+    end do
+  end subroutine piece_roots
+
+  !> The motion goes on in the neighbour of its piece.
+  pure subroutine next_piece(self, p, with, which, state, memory)
+    class(piecewise_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    integer, intent(in) :: which           !! the root that fell to zero
+    integer, intent(out) :: state
+    real(wp), intent(out) :: memory        !! [any]
+    state = on_a_piece
+    memory = piece_beyond(self%history, with%memory, which == 2)
+  end subroutine next_piece
+
+  !> The piece of a motion that no event has led to.
+  pure subroutine start_piece(self, p, with, state, memory)
+    class(piecewise_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    integer, intent(out) :: state
+    real(wp), intent(out) :: memory        !! [any]
+    real(wp) :: x, rate, rounding
+    call self%followed(p, with%stage, x, rate, rounding)
+    state = on_a_piece
+    memory = first_piece(self%history, x, rate, max(rounding, root_rounding*abs(x)))
+  end subroutine start_piece
+end module piecewise_force
