@@ -44,6 +44,13 @@ contains
     type(deck), intent(inout) :: d
     integer, intent(in) :: b                   !! body
     integer, intent(in) :: change
+    integer :: k
+    do k = 1, size(d%forces)                   ! coordinates change their numbers
+      associate (sensor => d%forces(k)%argument%sensor)
+        if (sensor == 0) cycle
+        if (d%sensors(sensor)%quantity == 'coordinate' .and. d%sensors(sensor)%marker%body == b) sensor = 0
+      end associate
+    end do
     select case (change)
     case (without_axial)
       d%bodies(b)%axial = .false.
@@ -117,8 +124,8 @@ contains
     call move(n, d%forces%marker%body == b, d%forces%marker%node)
     call move(n, d%stops%a%body == b, d%stops%a%node)
     call move(n, d%stops%b%body == b, d%stops%b%node)
-    deallocate (d%sensors)
-    allocate (d%sensors(0))
+    call move(n, d%sensors%marker%body == b, d%sensors%marker%node)
+    call move(n, d%sensors%other%body == b, d%sensors%other%node)
   end subroutine halve_elements
 
   !> The node of the coarser mesh nearest to one of a body of n elements.

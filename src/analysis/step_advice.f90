@@ -101,6 +101,8 @@ contains
     if (advice%safe%step(1) >= huge(1.0_wp)) return
     if (any(m%s%bodies%stiffening)) call provide('tension', 'with geometric stiffening the bounds are those of the start; '// &
                                                  'tension raises frequencies')
+    if (any([(allocated(m%s%forces(b)%item%argument), b=1, size(m%s%forces))])) call provide('forces over the motion', &
+      'what forces over the motion add is in the current bound alone: the safe bound counts them as they are at the start')
     work = ev
     call evaluate_start(m, work, q)
     if (any(turning_stiffness(m, work) > 0.0_wp)) call provide('forces of springs', 'springs under load count with their '// &
@@ -145,7 +147,7 @@ contains
     call evaluate_start(m, work, q)
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
-    if (.not. (present(current) .or. fast%damped .or. size(fast%lin%segments) > 0)) return
+    if (.not. (present(current) .or. fast%damped .or. fast%loops .or. size(fast%lin%segments) > 0)) return
     call find_bound(m, work, .true., fast, held)
     call take_smaller(held, safe)
     if (present(current)) current = held

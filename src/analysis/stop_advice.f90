@@ -25,17 +25,17 @@ contains
     type(summary_record), intent(inout) :: text
     type(evaluation) :: work
     integer :: i
-    if (size(m%s%switching) == 0) return
+    if (m%s%stops == 0) return
     work = ev
     call evaluate_start(m, work, q)
     call text%line('')
     call text%line('stops at a penetration of '//to_text(100*example_depth)//' % of the size, or '//to_text(example_depth)//' rad')
     call text%open('stop_examples', '[')
-    do i = 1, size(m%s%switching)
+    do i = 1, m%s%stops
       call one_stop(m, work, i, text)
     end do
     call text%close()
-    if (size(m%s%switching) > most_lines) call text%line('  and '//to_text(size(m%s%switching) - most_lines)//' more')
+    if (m%s%stops > most_lines) call text%line('  and '//to_text(m%s%stops - most_lines)//' more')
     call text%line('  dopri5 and radau with a tolerance take such steps only where they are needed; fixed steps are divided there')
   end subroutine advise_stops
 

@@ -2,12 +2,16 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
-  use deck_records, only: deck, force_record, spring_record, stop_record
+  use deck_origin, only: origin
+  use deck_records, only: deck, force_record, spring_record, stop_record, transient_record
+  use errors, only: fault_list
   use force_element, only: force_model, stage_all, stage_static, stage_transient
+  use history, only: history_model
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
   use springs, only: spring_model, linear_model, torsional_model
   use stops, only: stop_model, clearance_stop, position_stop, rotation_stop, rebound_factor
+  use text, only: quoted
   implicit none (type, external)
   private
   public :: make_forces
@@ -15,23 +19,27 @@ module build_loads
 contains
 
   !> Springs, loads, then stops, each of its kind; they have no markers yet.
-  subroutine make_forces(d, s)
+  subroutine make_forces(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
+    type(fault_list), intent(inout) :: faults
+    integer, allocatable :: order(:)       ! stops first
     integer :: k, loads
     s%springs = size(d%springs)
     loads = s%springs + size(d%forces)
     allocate (s%forces(loads + size(d%stops)))
     do k = 1, size(s%forces)
       if (k <= s%springs) then
-        call make_spring(d%springs(k), s%forces(k)%item)
+        call make_spring(d, d%springs(k), s%forces(k)%item, faults)
       else if (k <= loads) then
-        call make_load(d, d%forces(k - s%springs), s%forces(k)%item)
+        call make_load(d, d%forces(k - s%springs), s%forces(k)%item, faults)
       else
         call make_stop(d%stops(k - loads), s%forces(k)%item)
       end if
     end do
-    s%switching = pack([(k, k=1, size(s%forces))], [(s%forces(k)%item%switches, k=1, size(s%forces))])
+    s%stops = size(d%stops)
+    order = [(k, k=loads + 1, size(s%forces)), (k, k=1, loads)]
+    s%switching = pack(order, [(s%forces(order(k))%item%switches, k=1, size(order))])
     do k = 1, size(s%switching)
       s%forces(s%switching(k))%item%switch_number = k
     end do
@@ -42,9 +50,11 @@ contains
   end subroutine make_forces
 
   !> The factory of springs: the deck's word into the kind.
-  subroutine make_spring(r, item)
+  subroutine make_spring(d, r, item, faults)
+    type(deck), intent(in) :: d
     type(spring_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
+    type(fault_list), intent(inout) :: faults
     class(spring_model), allocatable :: sp
     if (r%type == 'torsional') then
       allocate (torsional_model :: sp)
@@ -59,14 +69,24 @@ contains
     sp%free = r%free
     sp%pending = .not. r%has_free
     sp%law = law_of(r%law)
+    if (r%characteristic > 0) then
+      call make_history(d, r%characteristic, sp%history)
+      call sp%watch_corners(order_of_events(d%transient))
+      sp%stiffness = sp%history%steepest()
+      call require_continuous(r%at, 'characteristic', sp%history, faults)
+      if (.not. (r%has_free .or. sp%history%vanishes())) call r%at%blame(faults, 'characteristic='// &
+        quoted(trim(sp%history%name))//' is nowhere zero, so that no deformation is that of the unloaded spring, expected one '// &
+        'that passes through zero, or '//trim(merge('free_angle ', 'free_length', sp%angular))//', where its argument is zero')
+    end if
     call move_alloc(sp, item)
   end subroutine make_spring
 
   !> The factory of loads.
-  subroutine make_load(d, r, item)
+  subroutine make_load(d, r, item, faults)
     type(deck), intent(in) :: d
     type(force_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
+    type(fault_list), intent(inout) :: faults
     class(load_model), allocatable :: l
     select case (r%type)
     case ('torque')
@@ -85,11 +105,36 @@ contains
     end select
     l%name = r%name
     if (r%history > 0) call make_history(d, r%history, l%history)
+    if (r%argument%sensor > 0 .and. r%history > 0) then
+      call l%watch_corners(order_of_events(d%transient))
+      call require_continuous(r%at, 'history', l%history, faults)
+    end if
     l%stage = stage_all
     if (r%stage == 'static') l%stage = stage_static
     if (r%stage == 'transient') l%stage = stage_transient
     call move_alloc(l, item)
   end subroutine make_load
+
+  !> A function of motion may not jump: a motion might rest where it does, and the force there would have no value.
+  subroutine require_continuous(at, variable, h, faults)
+    type(origin), intent(in) :: at
+    character(*), intent(in) :: variable
+    class(history_model), intent(in) :: h
+    type(fault_list), intent(inout) :: faults
+    if (h%lowest_order() > 0) return
+    call at%blame(faults, variable//'='//quoted(trim(h%name))//' jumps from one value to another, which a function of motion '// &
+      'may not, expected a steep rise instead (kind=''ramp'', ''cycloid'' or ''table'')')
+  end subroutine require_continuous
+
+  !> Jumps of a function of motion, by the derivative that jumps, that are events: those of its slope, and with fixed steps those
+  !> that lower the order p of the method: a jump of derivative k costs an error of order k + 1.
+  pure integer function order_of_events(r) result(order)
+    type(transient_record), intent(in) :: r
+    order = 1
+    if (r%adaptive) return
+    if (r%method == 'rk4') order = 2
+    if (any(r%method == [character(6) :: 'dopri5', 'radau'])) order = 3
+  end function order_of_events
 
   !> The factory of stops.
   subroutine make_stop(r, item)

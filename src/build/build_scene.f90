@@ -6,6 +6,7 @@ module build_scene
   use build_bodies, only: build_body
   use build_constraints, only: make_constraints, place_friction
   use build_loads, only: make_forces
+  use build_quantities, only: make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use counting_sort, only: sort_by_number
   use deck_records, only: deck
@@ -38,7 +39,7 @@ contains
     call judge_laws(d, faults)
     if (faults%count > 0) return
     call make_constraints(d, s, faults)
-    call make_forces(d, s)
+    call make_forces(d, s, faults)
   end subroutine make_elements
 
   !> Bodies, and the elements on their markers; everything numbered.
@@ -80,6 +81,11 @@ contains
         f%ia = find_marker(s, markers, pair(1), alone)
         f%ib = find_marker(s, markers, pair(2), alone)
         f%size = s%size
+      end associate
+    end do
+    do k = 1, size(d%forces)
+      associate (r => d%forces(k)%argument)
+        if (r%sensor > 0) call make_quantity(d, s, d%sensors(r%sensor), r%number, markers, s%forces(s%springs + k)%item%argument)
       end associate
     end do
     s%markers = markers%items(1:markers%count)

@@ -27,7 +27,8 @@ module scene_model
     integer, allocatable :: switching_rows(:)   !! the constraints behind them, each of one row that may hold or not
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
-    integer, allocatable :: switching(:)        !! those of them that have discrete states
+    integer :: stops = 0                        !! how many of them are stops
+    integer, allocatable :: switching(:)        !! those of them that have discrete states: stops, then functions of motion
     integer :: elements = 0                     !! that have such: these, then the rows that switch
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it

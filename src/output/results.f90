@@ -54,7 +54,7 @@ contains
     call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
                'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
-               trim(merge(' stops[J]', '         ', size(m%s%switching) > 0))// &
+               trim(merge(' stops[J]', '         ', m%s%stops > 0))// &
                trim(merge(' friction[J]', '            ', m%s%elements > size(m%s%switching))))
     if (with_motion) call begin(motion, 'body frames and node positions against time', &
                                 joined([character(64) :: 't[s]', motion_names(m)], ' '))
@@ -77,7 +77,8 @@ contains
     type(mechanism_model), intent(in) :: m
     logical, intent(in) :: with_motion
     integer, allocatable :: list(:)
-    list = pack([history, energies, motion, events], [.true., .true., with_motion, m%s%elements > 0])
+    list = pack([history, energies, motion, events], &
+                [.true., .true., with_motion, m%s%stops > 0 .or. size(m%s%switching_rows) > 0])
   end function files_of
 
   !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.

@@ -5,8 +5,10 @@ module fast_poles
   use kinds, only: wp
   use evaluation_results, only: evaluation
   use linear_matrices, only: number_laws
+  use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
   use reduced_system, only: reduced_model, reduced_poles
+  use spring_products, only: argument_motions, argument_pull
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   implicit none (type, external)
   private
@@ -49,6 +51,9 @@ contains
     ok = p >= min(least_motions, size(x, 2)) .and. p > 0
     if (.not. ok) return
     call project(m, ev, fast, group, x(:, 1:p), model)
+    if (held) call close_loops(m, ev, model)
+    call model%find_scale()
+    model%scale = max(model%scale, slowest_part*maxval(model%scale))
     call solve(model, poles, ok)
   end subroutine find_fast_poles
 
@@ -105,16 +110,40 @@ contains
       call append_fastest(min(most_damped, fast%steps))
       call fast%largest(m, ev, held, only_stiffness, 100, lambda)
     end if
+    if (held) call append_loops()
     if (fast%steps > 0) call append_fastest(min(widest - p, count(fast%e(1:fast%steps) >= slow_part*fast%e(fast%steps))))
     x = x(:, 1:p)
   contains
-    !> Appends the fastest motions of the last iteration, made orthogonal to those before.
+    !> Appends the fastest motions of the last iteration.
     subroutine append_fastest(number)
       integer, intent(in) :: number
       part = fast%t(1:fast%steps, fast%steps:fast%steps + 1 - number:-1)
       v = matmul(fast%v(:, 1:fast%steps), part)
       mv = matmul(fast%w(:, 1:fast%steps), part)
-      do k = 1, number
+      call append()
+    end subroutine append_fastest
+
+    !> Appends the motions that forces with an argument start, and those that they see: a fast loop moves in these.
+    subroutine append_loops()
+      integer :: i, side
+      do i = 1, size(m%s%forces)
+        if (.not. allocated(m%s%forces(i)%item%argument) .or. p + 2 > widest/2) cycle
+        mv = reshape([(0.0_wp, side=1, 2*m%s%nq)], [m%s%nq, 2])
+        v = mv
+        call argument_motions(m, ev, i, mv(:, 1), mv(:, 2))
+        do side = 1, 2
+          call solve_mass(m, ev, held, mv(:, side), v(:, side))
+          length = sqrt(max(dot_product(v(:, side), mv(:, side)), tiny(1.0_wp)))
+          v(:, side) = v(:, side)/length
+          mv(:, side) = mv(:, side)/length
+        end do
+        call append()
+      end do
+    end subroutine append_loops
+
+    !> Appends motions, made orthogonal to those before.
+    subroutine append()
+      do k = 1, size(v, 2)
         do pass = 1, 2
           do j = 1, p
             length = dot_product(mx(:, j), v(:, k))
@@ -128,7 +157,7 @@ contains
         x(:, p) = v(:, k)/length
         mx(:, p) = mv(:, k)/length
       end do
-    end subroutine append_fastest
+    end subroutine append
   end subroutine find_motions
 
   !> All matrices on the basis.
@@ -160,9 +189,26 @@ contains
     do r = 1, size(model%law)
       model%part(:, :, r) = 0.5_wp*(model%part(:, :, r) + transpose(model%part(:, :, r)))
     end do
-    call model%find_scale()
-    model%scale = max(model%scale, slowest_part*maxval(model%scale))
   end subroutine project
+
+  !> Adds forces that follow the motion of others. They may feed motions: what they do need not be symmetric.
+  subroutine close_loops(m, ev, model)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    type(reduced_model), intent(inout) :: model
+    real(wp) :: k(size(model%basis, 1)), c(size(model%basis, 1))
+    integer :: i, j
+    do i = 1, size(m%s%forces)
+      if (.not. allocated(m%s%forces(i)%item%argument)) cycle
+      do j = 1, model%p
+        k = 0.0_wp
+        c = 0.0_wp
+        call argument_pull(m, ev, i, model%basis(:, j), k, c)
+        model%k(:, j) = model%k(:, j) + matmul(k, model%basis)
+        model%c(:, j) = model%c(:, j) + matmul(c, model%basis)
+      end do
+    end do
+  end subroutine close_loops
 
   !> Poles of all parts that do not couple.
   subroutine solve(model, poles, ok)

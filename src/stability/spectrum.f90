@@ -7,9 +7,10 @@ module spectrum
   use linear_matrices, only: linear_mechanism
   use linear_bodies, only: elastic_matrices
   use mass_solve, only: solve_mass
-  use evaluation_results, only: evaluation
+  use evaluation_results, only: conditions_of, evaluation
   use mechanism, only: mechanism_model
   use spring_products, only: spring_square, spring_pull
+  use springs, only: spring_model
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
@@ -34,6 +35,7 @@ module spectrum
     real(wp), allocatable :: spring_static(:), spring_fast(:)   !! (force elements) [N/m] or [N m/rad]
     real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
     logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
+    logical :: loops = .false.                 !! there are forces that follow the motion of others
     real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors of their ends, negative: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     type(triplet_matrix) :: stiffness          !! of the bodies, instantaneous
@@ -45,6 +47,7 @@ module spectrum
     integer :: steps = 0                       !! Lanczos vectors of the last iteration
   contains
     procedure :: set_up
+    procedure :: take_present_springs
     procedure :: largest
     procedure :: mode
     procedure :: quotients
@@ -79,6 +82,7 @@ contains
     end do
     self%spring_damping = [(m%s%forces(k)%item%damping, k=1, size(m%s%forces))]
     self%damped = any(self%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)
+    self%loops = any([(allocated(m%s%forces(k)%item%argument), k=1, size(m%s%forces))])
     allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
@@ -88,6 +92,24 @@ contains
       self%start(k) = sin(1.3_wp*k**2) + 0.1_wp
     end do
   end subroutine set_up
+
+  !> Springs with a characteristic count with their stiffness at the evaluated state, in place of the largest.
+  pure subroutine take_present_springs(self, m, ev)
+    class(fast_spectrum), intent(inout) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp) :: d, rate, e(3)
+    integer :: k
+    do k = 1, m%s%springs
+      select type (f => m%s%forces(k)%item)
+      class is (spring_model)
+        if (.not. allocated(f%history)) cycle
+        call f%deformation(ev%p, d, rate, e)
+        self%spring_static(k) = f%present_stiffness(conditions_of(m, ev, k), d)
+        self%spring_fast(k) = self%spring_static(k)
+      end select
+    end do
+  end subroutine take_present_springs
 
   !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; joints held or released. m holds an
   !> evaluation at the present configuration. Where asked K is the static stiffness of one segment's material or spring alone.

@@ -52,8 +52,9 @@ contains
     real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
     logical :: damped
+    if (held) call fast%take_present_springs(m, ev)
     call fast%largest(m, ev, held, only_stiffness, 100, fastest)
-    damped = fast%damped .or. size(fast%lin%segments) > 0
+    damped = fast%damped .or. size(fast%lin%segments) > 0 .or. (held .and. fast%loops)
     if (damped) then
       call find_fast_poles(m, ev, held, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)

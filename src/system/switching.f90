@@ -125,7 +125,7 @@ contains
     end associate
     ev%switches%state(i) = event%to
     ev%switches%memory(i) = event%memory
-    call list%add(event)
+    if (i <= m%s%stops) call list%add(event)   ! a corner that a function of motion passes is no news
   end subroutine switch_one
 
   !> The name of an element.

@@ -128,7 +128,7 @@ contains
     logical :: stops                                 ! there are some
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
-    stops = size(run%sys%m%s%switching) > 0
+    stops = run%sys%m%s%stops > 0
     loose = .false.
     if (stops) loose = free_bodies(run, by_position)
     run%sys%options%stage = stage_static
@@ -191,7 +191,7 @@ contains
     integer :: steps, attempt
     start = run%y
     steps = 0
-    do attempt = merge(2, 1, loose), merge(2, 1, size(run%sys%m%s%switching) > 0)
+    do attempt = merge(2, 1, loose), merge(2, 1, run%sys%m%s%stops > 0)
       run%y = start
       if (attempt == 2) call find_contacts(run, part, run%d%static%tolerance, report)
       steps = steps + report%steps
@@ -215,7 +215,7 @@ contains
     free = names_of(run, loose .and. moves)
     if (len(free) == 0) return
     open = ''
-    do k = 1, size(run%sys%m%s%switching)
+    do k = 1, run%sys%m%s%stops
       associate (f => run%sys%m%s%forces(run%sys%m%s%switching(k))%item)
         if (.not. run%sys%ev%action(run%sys%m%s%switching(k))%force > 0.0_wp) open = open//' "'//trim(f%name)//'"'
       end associate

@@ -70,8 +70,8 @@ contains
                     self%strain)
       call violations(m, ev, x(6), x(7))
       x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
-      associate (each => y(2*nq + nz + nzd + 3:), stops => size(m%s%switching))
-        self%by_cause = pack([sum(each(:stops)), sum(each(stops + 1:))], [stops, size(each) - stops] > 0)
+      associate (each => y(2*nq + nz + nzd + 3:), stops => m%s%stops, n => size(m%s%switching))
+        self%by_cause = pack([sum(each(:stops)), sum(each(n + 1:))], [stops, size(each) - n] > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
       if (first) then

@@ -146,8 +146,8 @@ contains
     self%roots = most_roots*self%m%s%elements
     allocate (self%tally(size(self%m%s%switching)))
     allocate (self%friction(self%m%s%elements - size(self%tally)))
-    if (size(self%tally) > 0) call begin_contacts(self, t, y, [(k, k=1, size(self%tally))], &
-                                                  self%ev%switches%state(:size(self%tally)) /= 0)
+    if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
+                                                self%ev%switches%state(:self%m%s%stops) /= 0)
     call self%hold_friction(t, y)
   end subroutine start_switching
 
@@ -276,7 +276,7 @@ contains
     real(wp), intent(in) :: h               !! [s]
     real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) [any], [any/s]
     integer :: i, k
-    do i = 1, size(self%tally)
+    do i = 1, self%m%s%stops
       if (self%ev%switches%state(i) == 0) cycle
       k = most_roots*(i - 1) + 1            ! the penetration
       associate (element => self%m%s%switching(i))

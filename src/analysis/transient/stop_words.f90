@@ -23,7 +23,7 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: i
     if (.not. allocated(run%sys%tally)) return
-    associate (all => run%sys%tally)
+    associate (all => run%sys%tally(:run%sys%m%s%stops))
       if (size(all) == 0) return
       call text%open('events', '{')
       call text%figure('  events: ', 'count', sum(all%count()))

@@ -4,7 +4,7 @@ module deck_joints
   use text, only: to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
-  use deck_words, only: get_name, get_choice, get_reference, get_word
+  use deck_words, only: get_name, get_choice, get_column, get_reference, get_word
   use deck_kinds, only: in_history
   use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
   use deck_properties, only: read_law
@@ -99,12 +99,18 @@ contains
     call get_choice(deck, 'type', s%type, [character(9) :: 'linear', 'torsional'])
     call read_marker(deck, d, '_a', s%a, required, point_kinds='linear', frame_kinds='torsional')
     call read_marker(deck, d, '_b', s%b, .not. required, point_kinds='linear', frame_kinds='torsional')
-    call get(deck, 'stiffness', s%stiffness, required, least=0.0_wp)
+    call get_reference(deck, 'characteristic', in_history, s%characteristic)
+    call get(deck, 'stiffness', s%stiffness, .not. deck%is_given('characteristic'), least=0.0_wp)
+    if (deck%is_given('stiffness') .and. deck%is_given('characteristic')) call deck%complain('characteristic', 'stiffness and '// &
+      'characteristic are both given, expected one of them: a characteristic is the force over the deformation')
     call get(deck, 'damping', s%damping, least=0.0_wp)
     call get(deck, 'free_length', s%free, least=0.0_wp, kinds='linear')
     call get(deck, 'free_angle', s%free, kinds='torsional')
     s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
     call read_law(deck, s%law)
+    if (deck%is_given('characteristic') .and. size(s%law%ghm_alpha) + size(s%law%prony_alpha) > 0) call deck%complain( &
+      'characteristic', 'GHM and Maxwell terms follow a constant stiffness and do not go with a characteristic, expected them '// &
+      'in a second spring between the same markers')
     call forbid_rigid_pair(deck, d, s%a, s%b)
   end subroutine read_spring
 
@@ -123,7 +129,8 @@ contains
     call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')
     call get(deck, 'moment', f%moment, required, kinds='torque torque_about')
     call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')
-    call get_reference(deck, 'history', in_history, f%history)
+    call get_reference(deck, 'history', in_history, f%history, deck%is_given('argument'))
+    call get_column(deck, 'argument', f%argument%sensor, f%argument%suffix)
     call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])
   end subroutine read_force
 

@@ -21,6 +21,7 @@ module deck_reader
   use deck_histories, only: read_history, check_histories, table_files
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
+  use deck_columns, only: find_column
   use deck_sensors, only: read_sensor
   use deck_analyses, only: read_static, read_modal, read_response, read_transient
   implicit none (type, external)
@@ -63,6 +64,7 @@ contains
     call read_groups()
     call check_inertia()
     call check_response()
+    call find_arguments()
     call check_histories(source, d%histories, d%transient%t_end)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
@@ -238,6 +240,14 @@ contains
           'expected it in a deck without &frequency_response')
       end do
     end subroutine check_response
+
+    !> Columns of sensors that forces follow.
+    subroutine find_arguments()
+      integer :: k
+      do k = 1, size(d%forces)
+        call find_column(d, d%forces(k)%at, 'argument', d%forces(k)%argument, source%faults)
+      end do
+    end subroutine find_arguments
 
     !> A rigid body needs inertia about its mass centre, its own or that of lumps.
     subroutine check_inertia()

@@ -161,6 +161,7 @@ module deck_records
     real(wp) :: moment = 0.0_wp              !! [N m]
     real(wp) :: centre(2) = 0.0_wp           !! torque_about: global [m]
     integer :: history = 0                   !! index of its load history; 0: constant load
+    type(column_record) :: argument          !! what the history is a function of, where that is not time
     character(10) :: stage = 'all'           !! 'all', 'static', 'transient'
   end type force_record
 
@@ -169,6 +170,7 @@ module deck_records
     character(10) :: type = ''               !! 'linear', 'torsional'
     type(marker_record) :: a, b              !! torsional: node 0 is the body's frame
     real(wp) :: stiffness = 0.0_wp           !! [N/m] or [N m/rad]
+    integer :: characteristic = 0            !! in its place: index of a history, force over deformation; 0: none
     real(wp) :: damping = 0.0_wp             !! [N s/m] or [N m s/rad]
     logical :: has_free = .false.            !! false: free length or angle as assembled
     real(wp) :: free = 0.0_wp                !! free_length [m] or free_angle [rad]

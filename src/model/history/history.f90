@@ -27,6 +27,8 @@ module history
     procedure :: lowest_order
     procedure :: keep_corners
     procedure :: next_corner
+    procedure :: steepest
+    procedure :: vanishes
   end type history_model
 
   !> Makes an array of different kinds possible.
@@ -112,6 +114,47 @@ contains
       corner = self%corners(merge(1, n, above)) + (before + merge(self%period, -self%period, above))
     end if
   end function next_corner
+
+  !> The largest slope, of cubic pieces between breakpoints; of a history without them that at 0.
+  pure recursive real(wp) function steepest(self) result(slope)   ! [unit/s]
+    class(history_model), intent(in) :: self
+    real(wp), dimension(-1:2) :: a, b, between
+    integer :: i
+    call self%evaluate(0.0_wp, .false., a)
+    slope = abs(a(1))
+    if (.not. allocated(self%breaks)) return
+    do i = 1, size(self%breaks) - 1
+      associate (from => self%breaks(i)%time, to => self%breaks(i + 1)%time)
+        call self%evaluate(from, .false., a)
+        call self%evaluate(to, .true., b)
+        call self%evaluate(0.5_wp*(from + to), .false., between)
+        slope = max(slope, abs(a(1)), abs(b(1)), abs(between(1)))
+        if (.not. a(2)*b(2) < 0.0_wp) cycle        ! the slope's own extreme
+        call self%evaluate(from + (to - from)*a(2)/(a(2) - b(2)), .false., between)
+        slope = max(slope, abs(between(1)))
+      end associate
+    end do
+  end function steepest
+
+  !> Whether it is zero at 0 or at a breakpoint, or has both signs there.
+  pure logical function vanishes(self) result(yes)
+    class(history_model), intent(in) :: self
+    real(wp) :: h(-1:2), least, most, size_of
+    integer :: i
+    call self%evaluate(0.0_wp, .false., h)
+    least = h(0)
+    most = h(0)
+    size_of = abs(h(0))
+    if (allocated(self%breaks)) then
+      do i = 1, size(self%breaks)
+        call self%evaluate(self%breaks(i)%time, .false., h)
+        least = min(least, h(0))
+        most = max(most, h(0))
+      end do
+      size_of = max(abs(least), abs(most))
+    end if
+    yes = least <= negligible*size_of .and. most >= -negligible*size_of
+  end function vanishes
 
   !> What a drive imposes: its origin plus the history, or by rate plus the integral since t = 0, with two derivatives.
   pure subroutine drive_values(self, rate, origin, t, left_limit, h)

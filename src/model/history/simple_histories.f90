@@ -21,6 +21,7 @@ module simple_histories
     real(wp) :: phase = 0.0_wp          !! [rad]
   contains
     procedure :: evaluate => sine_value
+    procedure :: steepest => sine_slope
   end type sine_model
 
   !> The value from start until finish.
@@ -101,6 +102,12 @@ contains
     h(1) = self%amplitude*self%omega*cos(x)
     h(2) = -self%amplitude*self%omega**2*sin(x)
   end subroutine sine_value
+
+  !> Where it passes its offset.
+  pure recursive real(wp) function sine_slope(self) result(slope)   ! [unit/s]
+    class(sine_model), intent(in) :: self
+    slope = abs(self%amplitude*self%omega)
+  end function sine_slope
 
   !> The derivatives are zero on both sides of the jumps.
   pure subroutine pulse_value(self, t, left_limit, h)

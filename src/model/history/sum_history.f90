@@ -15,6 +15,7 @@ module sum_history
     procedure :: lowest_order => sum_order
     procedure :: keep_corners => keep_all_corners
     procedure :: next_corner => nearest_corner
+    procedure :: steepest => steepest_sum
   end type sum_model
 
 contains
@@ -90,4 +91,10 @@ contains
       end associate
     end do
   end function nearest_corner
+  !> No more than that of all parts together.
+  pure recursive real(wp) function steepest_sum(self) result(slope)   ! [unit/s]
+    class(sum_model), intent(in) :: self
+    integer :: k
+    slope = sum([(abs(self%factors(k))*self%parts(k)%item%steepest(), k=1, size(self%parts))])
+  end function steepest_sum
 end module sum_history

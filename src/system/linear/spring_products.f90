@@ -2,11 +2,12 @@
 !> spring that pulls. Unknowns as the coordinates, the frames' in body axes.
 module spring_products
   use kinds, only: wp
-  use evaluation_results, only: evaluation
+  use constraint, only: marker_stiffness
+  use evaluation_results, only: conditions_of, evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: spring_square, spring_pull
+  public :: spring_square, spring_pull, argument_pull, argument_motions
 
 contains
 
@@ -49,6 +50,44 @@ contains
     if (any(abs(a) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ia, stiffness*a, y)
     if (any(abs(b) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
+
+  !> Adds what a force that follows the motion of others does against small motions and their rates.
+  pure subroutine argument_pull(m, ev, k, x, stiffness, damping)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                   !! force element with an argument
+    real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad], or their rates
+    real(wp), intent(inout) :: stiffness(:), damping(:)   !! (n) forces [N], [N m]
+    type(marker_stiffness) :: t
+    real(wp) :: u(6), w(6)
+    associate (f => m%s%forces(k)%item)
+      call f%argument_tangent(ev%p, conditions_of(m, ev, k), t)
+      u = [marker_displacement(m, ev, f%argument%ia, x), marker_displacement(m, ev, f%argument%ib, x)]
+      w = matmul(t%k, u)
+      call add_force(m, ev, f%ia, w(1:3), stiffness)
+      w = matmul(t%c, u)
+      call add_force(m, ev, f%ia, w(1:3), damping)
+    end associate
+  end subroutine argument_pull
+
+  !> Generalised forces in whose directions such a force acts, and sees.
+  pure subroutine argument_motions(m, ev, k, acts, sees)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                   !! force element with an argument
+    real(wp), intent(out) :: acts(:), sees(:)  !! (n) [N], [N m]
+    real(wp) :: w(6), by_place(6), by_rate(6)
+    acts = 0.0_wp
+    sees = 0.0_wp
+    associate (f => m%s%forces(k)%item)
+      w = f%slope(ev%p, conditions_of(m, ev, k))
+      call f%argument%gradient(ev%p, by_place, by_rate)
+      if (f%argument%rate) by_place = by_rate
+      call add_force(m, ev, f%ia, w(1:3), acts)
+      call add_force(m, ev, f%argument%ia, by_place(1:3), sees)
+      call add_force(m, ev, f%argument%ib, by_place(4:6), sees)
+    end associate
+  end subroutine argument_motions
 
   !> Displacements and turns of a spring's ends, global axes.
   pure subroutine shifts(m, ev, k, x, a, b)
