@@ -72,6 +72,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
         if unsure:
             shown["others"].append(axes.axhspan(1.0e-18, unsure, color="0.88", zorder=0, label="below the truth's uncertainty"))
         marks = {"kX": ("deck as written", result.written, 10), "k*": ("recommended.nml", result.chosen, 15)}
+        marks["kP"] = (f"accuracy={study.tolerance:g}, all passes", result.promised, 10)
         for mark, (label, point, size) in marks.items():
             if point and point.outcome.ok:
                 shown["others"] += axes.plot(point.cost, height(point), mark, ms=size, mec="white", label=label, zorder=4)

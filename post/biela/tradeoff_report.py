@@ -28,6 +28,7 @@ class Result:
         path: cheapest adequate points, model by model
         chosen: what is recommended, as verified by running recommended.nml, None where nothing can be
         taken: removals that the recommended model has
+        promised: the deck with `accuracy` in place of method and step, None where there was no time for it
         meets: whether the verified error is within the tolerance
         budget: solver seconds that the recommended run may take, infinite without [s]
         parts: (what, time, mesh, model) parts of errors
@@ -42,6 +43,7 @@ class Result:
     path: list[Point]
     chosen: Point | None = None
     taken: list[str] = field(default_factory=list)
+    promised: Point | None = None
     meets: bool = False
     budget: float = math.inf
     parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
@@ -71,6 +73,8 @@ def setting_words(study: Study, point: Point) -> str:
 def own_setting(deck: DeckText) -> str:
     """Return the setting that stands in a deck as text."""
     transient = deck.one("transient")
+    if "accuracy" in transient.values or not {"step", "tolerance"} & transient.values.keys():
+        return f"accuracy {transient.number('accuracy', 1e-3):.3g}"
     size = "tolerance" if "tolerance" in transient.values else "step"
     return f"{transient.word('method', 'rk4')} {size} {transient.number(size):.3g}" + " s" * (size == "step")
 
@@ -210,7 +214,7 @@ def table(study: Study, result: Result) -> str:
         f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
-        "seconds: of the processor, analyses alone, without start-up; the last two rows: of several runs in turn, the median",
+        "seconds: of the processor, analyses alone, without start-up; the last rows: of several runs in turn, the median",
         "evaluations: of the equations of motion; each Newton iteration of an implicit step counts as one, of radau each stage's",
         "",
         "Observed orders on the full model: how fast errors fall with the number of steps",
@@ -224,5 +228,5 @@ def table(study: Study, result: Result) -> str:
         lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
     lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *_removals(study)]
     lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study)]
-    lines += [_line(study, point) for point in (result.written, result.chosen) if point and point.outcome.ok]
+    lines += [_line(study, point) for point in (result.written, result.promised, result.chosen) if point and point.outcome.ok]
     return "\n".join(lines) + "\n"

@@ -118,7 +118,7 @@ def length_of(deck: DeckText) -> float:
 def with_setting(deck: DeckText, setting: Setting, grid: Grid, output: float) -> DeckText:
     """Return the deck with a setting and an interval of output; what belongs to other methods is taken out."""
     transient = deck.one("transient")
-    values: dict[str, str | None] = dict.fromkeys((*ONLY_ADAPTIVE, "accept_unstable", "check_error"))
+    values: dict[str, str | None] = dict.fromkeys((*ONLY_ADAPTIVE, "accept_unstable", "check_error", "accuracy", "most_seconds"))
     if setting.method in ("generalized_alpha", "radau"):
         values |= dict.fromkeys(("stabilization", "baumgarte_alpha", "baumgarte_beta"))
     if setting.method != "generalized_alpha":
@@ -128,6 +128,14 @@ def with_setting(deck: DeckText, setting: Setting, grid: Grid, output: float) ->
     values["step" if setting.adaptive else "tolerance"] = None
     values["output_step"] = f"{output:.17g}"
     return deck.set(transient, **values)
+
+
+def with_accuracy(deck: DeckText, accuracy: float, grid: Grid, asked: set[str]) -> str:
+    """Return the text of the deck with an accuracy in place of its method and step, for the sensors that are asked for."""
+    gone = (*ONLY_ADAPTIVE, "method", "step", "tolerance", "accept_unstable", "check_error", "spectral_radius")
+    gone += ("stabilization", "baumgarte_alpha", "baumgarte_beta")
+    values = {**dict.fromkeys(gone), "accuracy": f"{accuracy:.17g}", "output_step": f"{grid.interval:.17g}"}
+    return for_search(deck.set(deck.one("transient"), **values), None, grid, asked)
 
 
 def for_search(deck: DeckText, setting: Setting | None, grid: Grid, asked: set[str]) -> str:

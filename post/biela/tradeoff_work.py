@@ -12,13 +12,13 @@ from pathlib import Path
 
 from .deck_models import in_force
 from .deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
-from .deck_text import DeckError, DeckText, read
+from .deck_text import DeckError, DeckText, parse, read
 from .tradeoff_causes import PARTS, cancellation, deciding, offset
 from .tradeoff_errors import Compared, gap, sizes_of
 from .tradeoff_picture import draw
 from .tradeoff_report import Result, head, nothing_finished, table, verdict
 from .tradeoff_search import EFFECT, cheapest, greedy
-from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_setting
+from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_setting
 from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
 from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
 
@@ -128,6 +128,18 @@ def verify(study: Study, result: Result, point: Point) -> None:
     result.taken = [] if point.model == FULL else in_force(point.model.split("; "))
 
 
+def promise(study: Study, result: Result, deck: DeckText) -> None:
+    """Run the deck with the tolerance as its `accuracy`, where there is time: where that lies beside the curves."""
+    text = with_accuracy(deck, study.tolerance, study.grid, study.asked)
+    with contextlib.suppress(OutOfTimeError):
+        outcome = study.runner.timed(text)
+        if outcome.ok:
+            found = gap(outcome, study.truth)
+            result.promised = Point(f"accuracy={study.tolerance:g}", None, parse(text), outcome, found)
+            told = f"error {found.largest:.1e}, {outcome.seconds:.4f} s with all its passes"
+            result.notes.append(f"accuracy={study.tolerance:g} in &transient: {told}")
+
+
 def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
     """Split the errors of the deck as written and of the recommended one into parts; a model that fails leaves a note instead."""
     for name, point in (("deck as written", result.written), ("recommended.nml", result.chosen)):
@@ -187,6 +199,7 @@ def run(args: argparse.Namespace) -> int:
     explore(study, base, result)
     runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
     recommend(study, result, choose(study, args.budget), folder)
+    promise(study, result, deck)
     if base.doublings:
         split(study, result, deck, base.doublings)
     runner.clear_line()

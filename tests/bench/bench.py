@@ -24,6 +24,7 @@ import bench_scenes as scenes
 import matplotlib.pyplot as plt
 from bench_accuracy import evaluations
 from bench_models import maxwell, shapes
+from bench_promise import promises
 
 HERE = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -344,6 +345,7 @@ def main():
     evaluations(table, WORK, run_process, quick)
     maxwell(table, measure, run_process, WORK, quick)
     shapes(table, run_process, WORK, quick)
+    promises(table, BIELA, 12 if quick else 120, int(os.environ.get("PROMISE_SEED", "1")))
     whole_processes(table, quick)
     analyses(table, quick)
     set_ups(table, quick)

@@ -82,6 +82,7 @@ def test_damped_vibrations_are_left_to_radau_and_ringing_ones_followed(run_deck)
     assert damped.figures["accuracy"]["results_of_pass"] == len(passes(damped)) - 1
     assert passes(ringing)[-1][1] == "dopri5"
     assert all(run.figures["accuracy"]["kept"] for run in (damped, ringing))
+    assert all(part <= 1.0 for part in damped.figures["accuracy"]["damped"].values())
     truth = run_deck(BAR.format(damping="", override="", words="method='dopri5' tolerance=1e-9"), name="truth")
     assert error(ringing, truth) < 1e-2
 

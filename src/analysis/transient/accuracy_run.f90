@@ -95,6 +95,7 @@ contains
         end%column = maxloc(x, 1)
         end%worst = x(end%column)
         end%differ_at = c%differ_at
+        if (search%passes(search%count)%role == witness) search%witnessed = x
       end if
       if (end%outcome == finished .and. search%passes(search%count)%role /= witness) then
         search%found = summary_record(silent=.true.)
@@ -149,6 +150,7 @@ contains
         end associate
       end do
       call text%close()
+      if (allocated(search%witnessed)) call witnessed_lines(names, search%witnessed, text)
       if (len_trim(search%choice) > 0) call text%line('  choice: '//trim(search%choice))
       call text%figure('  cost of all passes: ', 'cost', nint(sum(search%passes(1:search%count)%cost), ip), rest='')
       if (search%over) call text%member('kept', trim(merge('true ', 'false', search%kept)))
@@ -157,6 +159,20 @@ contains
       call text%close()
     end associate
   end subroutine search_lines
+
+  !> Vibrations that only the witness has, by column; the others show less than a hundredth of what is asked.
+  subroutine witnessed_lines(names, x, text)
+    character(*), intent(in) :: names(:)
+    real(wp), intent(in) :: x(:)              !! (columns) over what is asked [-]
+    type(summary_record), intent(inout) :: text
+    integer :: k
+    call text%open('damped', '{')
+    if (any(x > 0.01_wp)) call text%line('  left out or damped as too small, by the witness: column, part of what is asked')
+    do k = 1, size(x)
+      if (x(k) > 0.01_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), x(k), 1, rest='')
+    end do
+    call text%close()
+  end subroutine witnessed_lines
 
   !> Which columns may err by more than was asked, and why.
   subroutine not_kept(run, march, text)

@@ -54,6 +54,7 @@ module accuracy_search
     character(160) :: reason = ''             !! why the accuracy is not kept
     type(pass_rows) :: rows
     type(summary_record) :: found             !! what the summary says of the pass that is delivered
+    real(wp), allocatable :: witnessed(:)     !! (columns) what the last witness had and the results not, of what is asked [-]
     logical, private :: free = .false.        !! of methods
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]

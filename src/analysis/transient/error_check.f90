@@ -93,15 +93,21 @@ contains
     call self%balance%begin(self%sys%m, r%t_end)
   end subroutine begin
 
-  !> A pass is compared with another one.
-  pure subroutine begin_stored(self, columns)
+  !> A pass is compared with another one. One that does not go to the end takes its ranges from that.
+  pure subroutine begin_stored(self, rows, part)
     class(error_watch), intent(inout) :: self
-    integer, intent(in) :: columns            !! that are compared
+    type(pass_rows), intent(in) :: rows       !! of the other one
+    logical, intent(in) :: part               !! the pass need not go to the end
+    integer :: columns
+    columns = size(rows%values, 1)
     self%active = .true.
     self%stored = .true.
     allocate (self%values(columns), self%error(columns), source=0.0_wp)
-    allocate (self%low(columns), source=huge(1.0_wp))
-    allocate (self%high(columns), source=-huge(1.0_wp))
+    self%low = minval(rows%values, 2)
+    self%high = maxval(rows%values, 2)
+    if (part) return
+    self%low = huge(1.0_wp)
+    self%high = -huge(1.0_wp)
   end subroutine begin_stored
 
   !> What the other pass has at a row.

@@ -104,7 +104,9 @@ contains
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (march%search%active) march%files%suffix = unfinished
-      if (march%search%rows%whole) call march%check%begin_stored(size(march%search%rows%values, 1))
+      associate (search => march%search)
+        if (search%rows%whole) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
+      end associate
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
     end associate

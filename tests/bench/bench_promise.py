@@ -1,0 +1,221 @@
+"""Whether `accuracy` keeps its promise, and what that costs: random scenes against settled truths and against single settings.
+
+A truth is settled for an accuracy where radau and dopri5 at a tolerance of 1e-10 agree to a hundredth of it in all columns. The
+cheapest single setting is that of a ladder (rk4 at its bound and finer, dopri5 and radau by tolerance) which keeps the accuracy in
+truth, as nobody could know beforehand. Cost is counted in explicit evaluations, pilots and witnesses included.
+
+    PROMISE_SEED=7 PROMISE_SCENES=60 python tests/bench/bench_promise.py bin/biela
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(HERE / "post"), str(HERE / "tests" / "shared")]
+from biela.histories import read  # noqa: E402
+from random_scenes import Drawn, chain, scene, sensors  # noqa: E402
+from random_springs import random_springs  # noqa: E402
+
+ASKED = (1e-2, 1e-3, 1e-5)
+TRUTHS = ("method='radau' tolerance=1e-10", "method='dopri5' tolerance=1e-10")
+LADDER = [f"method='{m}' tolerance=1e-{k}" for m in ("dopri5", "radau") for k in range(2, 8)]
+SETTLED = 0.01  # agreement of the two truths, of the accuracy
+ROWS = 200
+LIMIT = 10.0  # of a run [s]
+RESIDUAL = 2.2  # explicit evaluations that a residual of radau costs
+
+
+@dataclass
+class Ran:
+    """What a run left: its figures, rows, events."""
+
+    figures: dict
+    units: list[str]
+    data: np.ndarray
+    events: list[tuple[float, str]] = field(default_factory=list)
+
+    @property
+    def cost(self) -> float:
+        """Return explicit evaluations, residuals of radau weighted."""
+        if "accuracy" in self.figures:
+            return self.figures["accuracy"]["cost"]
+        found = self.figures["transient"]
+        return found["evaluations"] + RESIDUAL * found.get("residual_evaluations", 0)
+
+
+def stopped(seed: int, number: int) -> Drawn:
+    """Return a chain that swings against a stop."""
+    dice = random.Random(f"stops/{seed}/{number}")
+    text = chain(dice)
+    bodies = text.split("&body ")[1:]
+    law = f"exponent={dice.choice([1.0, 1.5, 1.5, 2.0])} restitution={dice.choice([1.0, 0.9, 0.7, 0.5])}"
+    if dice.random() < 0.5:
+        angle = float(re.search(r"angle=(\S+)", bodies[0])[1])
+        limits = f"lower={angle - dice.uniform(0.05, 0.4):.4f} upper={angle + dice.uniform(0.05, 0.4):.4f}"
+        text += f"&stop name='st' type='rotation' body_a='b0' {limits} stiffness={10.0 ** dice.uniform(1.0, 3.5):.4g} {law} /\n"
+    else:
+        place = "node_a=-1" if "kind='beam'" in bodies[-1].split("/")[0] else "point_a=0.1,0.0"
+        text += f"&stop name='st' type='position' body_a='b{len(bodies) - 1}' {place} direction=1.5707963267948966\n"
+        text += f"  lower={-dice.uniform(0.2, 0.9):.4f} stiffness={10.0 ** dice.uniform(2.0, 5.0):.4g} {law} /\n"
+    text = "&scene gravity=0.0,-9.81 /\n" + text + sensors(text) + "&sensor name='st' quantity='stop' stop='st' /\n"
+    return Drawn(text, 10.0 ** dice.uniform(-0.7, 0.2))
+
+
+def springs(seed: int, number: int) -> Drawn:
+    """Return bodies on stiff springs, dampers and GHM terms that turn."""
+    text = random_springs(1000 * seed + number)
+    return Drawn(text + sensors(text), 10.0 ** random.Random(1000 * seed + number).uniform(-2.5, -1.0))
+
+
+def like(words: str, wanted: bool, seed: int, number: int) -> Drawn:
+    """Return a random scene with a beam, and with or without words in it."""
+    tries = (scene(seed, 100 * number + k) for k in range(1, 100))
+    return next(d for d in tries if "kind='beam'" in d.text and bool(re.search(words, d.text)) == wanted)
+
+
+def damped(seed: int, number: int) -> Drawn:
+    """Return a viscoelastic scene whose terms are fast and whose materials may have stiffness-proportional damping."""
+    drawn, dice = like("ghm_alpha", True, seed + 1, number), random.Random(f"damped/{seed}/{number}")
+    faster = 10.0 ** dice.uniform(0.0, 1.5)
+    text = re.sub(
+        r"ghm_omega=(\S+)", lambda m: "ghm_omega=" + ",".join(f"{faster * float(x):.4e}" for x in m[1].split(",")), drawn.text
+    )
+    more = f" rayleigh_stiffness={10.0 ** dice.uniform(-5.0, -3.0):.3g}" if dice.random() < 0.6 else ""
+    return Drawn(re.sub(r"(&material [^/]*?young=\S+)", rf"\1{more}", text), drawn.time)
+
+
+KINDS = {
+    "random": scene,
+    "springs": springs,
+    "stops": stopped,
+    "viscoelastic": lambda seed, number: like("ghm_alpha", True, seed, number),
+    "damped": damped,
+    "ringing": lambda seed, number: like("ghm_alpha|rayleigh", False, seed, number),
+}
+
+
+def run(program: Path, drawn: Drawn, words: str) -> Ran | None:
+    """Return what a run leaves; None where it fails or takes too long."""
+    deck = drawn.text + f"&transient t_end={drawn.time!r} output_step={drawn.time / ROWS!r} {words} /\n"
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "scene.nml").write_text(deck, encoding="utf-8")
+        command = [str(program), "--quiet", "--output", "found", "scene.nml"]
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, timeout=LIMIT, check=False)
+        except subprocess.TimeoutExpired:
+            return None
+        if done.returncode:
+            return None
+        found = Path(folder) / "found"
+        history = read(found)
+        lines = (found / "events.txt").read_text(encoding="utf-8").splitlines() if (found / "events.txt").exists() else []
+        events = [(float(line.split()[0]), " ".join(line.split()[1:4])) for line in lines if not line.startswith("#")]
+        units = [history.units[name] for name in history.names[1:]]
+        return Ran(json.loads((found / "summary.json").read_text(encoding="utf-8")), units, history.data, events)
+
+
+def errors(a: Ran, b: Ran, extent: np.ndarray) -> float:
+    """Return the largest difference of two runs over the ranges, rows between an event and its partner left out."""
+    keep = np.ones(len(a.data), bool)
+    for one, other in zip(a.events, b.events):
+        first, last = sorted((one[0], other[0]))
+        keep &= ~((a.data[:, 0] >= first) & (a.data[:, 0] <= last))
+        if one[1] != other[1]:
+            keep &= a.data[:, 0] < first
+    unmatched = sorted(a.events[len(b.events) :] + b.events[len(a.events) :])
+    if unmatched:
+        keep &= a.data[:, 0] < unmatched[0][0]
+    gap = abs(a.data - b.data)[keep, 1:].max(axis=0, initial=0.0)
+    return float((gap[extent > 0] / extent[extent > 0]).max(initial=0.0))
+
+
+def ranges(truth: Ran, time: float) -> np.ndarray:
+    """Return the columns' ranges, zero for rounding: beside the largest of the unit, or 1 kg that moves 1 m within the run."""
+    x, units, found = truth.data[:, 1:], truth.units, []
+    for k, unit in enumerate(units):
+        per = unit.count("/s") + unit.count("/s2") + 2 * unit.startswith(("N", "Pa"))
+        largest = max([time**-per] + [abs(x[:, j]).max() for j in range(len(units)) if units[j] == unit])
+        extent = np.ptp(x[:, k])
+        found.append(extent if extent > 1e-10 * largest and unit != "-" else 0.0)
+    return np.array(found)
+
+
+def judge(program: Path, seed: int, kind: str, number: int) -> dict[float, dict] | None:
+    """Return for each accuracy whether it was promised and kept, and the cost over that of the best single setting."""
+    drawn = KINDS[kind](seed, number)
+    truths = [run(program, drawn, words) for words in TRUTHS]
+    if None in truths:
+        return None
+    extent = ranges(truths[0], drawn.time)
+    apart = errors(*truths, extent)
+    bounds = truths[0].figures["stable_steps"]["rk4"]
+    step = min(0.97 * bounds.get("safe_bound", 1e30), 0.97 * bounds.get("bent_bound", 1e30), drawn.time / ROWS)
+    fixed = [f"method='rk4' step={step / 2**k!r}" for k in range(4) if drawn.time / step * 2**k < 1e5]
+    singles = [found for words in LADDER + fixed if (found := run(program, drawn, words))]
+    verdicts = {}
+    for asked in ASKED:
+        if apart > SETTLED * asked:
+            continue
+        found = run(program, drawn, f"accuracy={asked}")
+        best = min((s.cost for s in singles if errors(s, truths[0], extent) <= asked), default=float("nan"))
+        kept = bool(found) and found.figures["accuracy"]["kept"]
+        off = errors(found, truths[0], extent) / asked if found else float("nan")
+        verdicts[asked] = {"promised": kept, "error": off, "ratio": found.cost / best if found else float("nan")}
+    return verdicts
+
+
+def promises(table, program: Path, count: int, seed: int) -> None:
+    """Add the table: scenes by kind, how many were promised and kept, what it cost."""
+    jobs = [(list(KINDS)[k % len(KINDS)], k // len(KINDS)) for k in range(count)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = list(pool.map(lambda job: (job, judge(program, seed, *job)), jobs))
+    table.add()
+    table.add(f"accuracy on {count} random scenes of seed {seed}: settled, promised, kept; cost over the best single setting")
+    for asked in ASKED:
+        for kind in [*KINDS, "all"]:
+            mine = [v[asked] for (name, _), v in found if v and asked in v and kind in (name, "all")]
+            promised = [v for v in mine if v["promised"]]
+            ratios = sorted(v["ratio"] for v in promised if v["ratio"] == v["ratio"])
+            if not ratios:
+                continue
+            middle, most = ratios[len(ratios) // 2], ratios[int(0.95 * (len(ratios) - 1))]
+            kept = sum(v["error"] <= 1.0 for v in promised)
+            words = f"{len(mine)} settled, {len(promised)} promised, {kept} kept; median {middle:.1f}, 95 of 100 at most {most:.1f}"
+            table.add(f"  {asked:.0e} {kind}: {words}")
+    for (kind, number), verdicts in found:
+        for asked, v in (verdicts or {}).items():
+            if v["promised"] and not v["error"] <= 1.0:
+                table.add(f"  broken: {kind} {number} at {asked:.0e}: error {v['error']:.1f} of what was asked")
+            elif not v["promised"]:
+                table.add(f"  not promised: {kind} {number} at {asked:.0e}")
+            elif v["ratio"] > 10.0:
+                table.add(f"  dear: {kind} {number} at {asked:.0e}: {v['ratio']:.1f} times the best single setting")
+
+
+class Printed:
+    """A table that is printed at once."""
+
+    def add(self, line: str = "") -> None:
+        """Print a line."""
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    promises(
+        Printed(),
+        Path(sys.argv[1]).resolve(),
+        int(os.environ.get("PROMISE_SCENES", "60")),
+        int(os.environ.get("PROMISE_SEED", "1")),
+    )
