@@ -34,6 +34,8 @@ module run_deck
   private
   public :: run_one_deck, run_options
 
+  real(wp), parameter :: hardly_damped = 0.1_wp   !! damping ratio of a vibration that rings [-]
+
   !> What the command line asks for.
   type :: run_options
     logical :: check = .false.
@@ -90,6 +92,7 @@ contains
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
     run%stable_steps = advice%lowest
+    run%rings = abs(real(advice%safe%mu(2), wp)) < hardly_damped*abs(advice%safe%mu(2))
     call text%line('')
     call text%append(advice%text)
     call deck_step(run, advice, text)

@@ -38,7 +38,8 @@ contains
     start_system = run%sys
     start_state = run%y
     associate (r => run%d%transient)
-      call march%search%begin(run%d, run%stable_steps, size(compared_names(run)), step_count(0.0_wp, r%t_end, r%output_step))
+      call march%search%begin(run%d, run%stable_steps, run%rings, size(compared_names(run)), &
+                              step_count(0.0_wp, r%t_end, r%output_step))
     end associate
     if (run%restart) call march%search%exchange(run%saved)
     do

@@ -56,6 +56,7 @@ module accuracy_search
     type(summary_record) :: found             !! what the summary says of the pass that is delivered
     real(wp), allocatable :: witnessed(:)     !! (columns) what the last witness had and the results not, of what is asked [-]
     logical, private :: free = .false.        !! of methods
+    logical, private :: rings = .false.       !! vibrations that a pass may damp do not die by themselves
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
     real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
@@ -73,14 +74,16 @@ module accuracy_search
 contains
 
   !> A search for a deck's transient.
-  subroutine begin(self, d, bounds, columns, outputs)
+  subroutine begin(self, d, bounds, rings, columns, outputs)
     class(pass_search), intent(inout) :: self
     type(deck), intent(in) :: d
     real(wp), intent(in) :: bounds(2)         !! safe steps of rk4 and dopri5; huge: nothing limits them [s]
+    logical, intent(in) :: rings              !! the vibration that limits steps is hardly damped
     integer, intent(in) :: columns            !! that are compared
     integer(ip), intent(in) :: outputs        !! rows after that of t = 0
     type(pass_record) :: first
     self%active = .true.
+    self%rings = rings
     call system_clock(self%began)
     associate (r => d%transient)
       self%free = r%free_method
@@ -173,7 +176,8 @@ contains
   end function late
 
   !> Error of the pass under way over its difference from the stored one. Errors fall at least with the power 0.6 of the tolerance
-  !> (1/3 where generalized_alpha is of second order), with the second power of a fixed step; two methods have errors of their own.
+  !> (1/3 where generalized_alpha is of second order), with the second power of a fixed step; two methods have errors of their own,
+  !> and so have passes of radau that damp what rings.
   pure real(wp) function comparison(self) result(ratio)
     class(pass_search), intent(in) :: self
     real(wp) :: part                          ! error of the finer pass, of the coarser one's [-]
@@ -181,7 +185,7 @@ contains
     ratio = 1.0_wp                            ! [-]
     if (self%stored == 0) return
     associate (a => self%passes(self%stored), b => self%passes(self%count))
-      if (a%method /= b%method) return
+      if (a%method /= b%method .or. (a%method == 'radau' .and. self%rings)) return
       power = 0.6_wp
       if (a%method == 'rk4') power = 2.0_wp
       if (a%method == 'generalized_alpha') power = 1.0_wp/3.0_wp
