@@ -42,13 +42,31 @@ contains
     ok = .true.
     if (any(rests)) call settle(m, ev, at, rests, breaks, ok)
     if (.not. any(rests)) call look(m, ev, at)
+    call note_pads(m, ev, fallen)
   end subroutine settle_friction
+
+  !> Keeps the signs of the normal forces of rows that slip: one that has just fallen to zero changes.
+  subroutine note_pads(m, ev, fallen)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(in) :: fallen(:)             !! (roots of the rows)
+    integer :: k
+    do k = 1, size(m%s%switching_rows)
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        associate (x => ev%switches, i => c%switch_number, n => most_roots*(k - 1))
+          if (abs(x%state(i)) == row_slips) x%memory(i) = c%pad_code(ev%lambda, x%memory(i), fallen(n + 2:n + 3))
+        end associate
+      end select
+    end do
+  end subroutine note_pads
 
   !> An evaluation with the present states.
   subroutine look(m, ev, at)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
+    ev%broken = .false.
     call evaluate(m, ev, at%options, at%t, at%q, at%v, at%z, at%zd)
   end subroutine look
 
@@ -74,7 +92,6 @@ contains
             state = row_stuck
           else
             state = nint(sign(1.0_wp, x%rate))*row_slips
-            memory = c%pad_code(ev%lambda)
           end if
         end associate
       end select
@@ -89,7 +106,7 @@ contains
     logical, intent(in) :: rests(:)              !! (rows that switch)
     logical, intent(inout) :: breaks(:)          !! (rows that switch) at the limit, to rounding: spent
     logical, intent(out) :: ok
-    integer :: pass, k
+    integer :: pass
     logical :: changed
     call look(m, ev, at)
     if (ev%schur%singular .and. .not. m%redundant) call sort_dependent(m, ev, at, rests)
@@ -99,14 +116,6 @@ contains
       ok = .not. changed
       if (ok) exit
       call look(m, ev, at)
-    end do
-    do k = 1, size(rests)
-      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
-      class is (friction_model)
-        associate (x => ev%switches, i => c%switch_number)
-          if (abs(x%state(i)) == row_slips) x%memory(i) = c%pad_code(ev%lambda)
-        end associate
-      end select
     end do
   end subroutine settle
 

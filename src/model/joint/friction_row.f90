@@ -145,12 +145,16 @@ contains
     s = 1.0_wp - 2*[mod(nint(memory), 2), nint(memory)/2]
   end function pad_signs
 
-  !> The same from the multipliers.
-  pure real(wp) function pad_code(self, lambda) result(memory)   ! [-]
+  !> The same from the multipliers; those that have just fallen to zero are the opposite of before.
+  pure real(wp) function pad_code(self, lambda, before, fallen) result(memory)   ! [-]
     class(friction_model), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    memory = dot_product([1, 2], merge(1, 0, self%law%pads(self%size, &
-      lambda(self%joint_first:self%joint_first + self%joint_rows - 1)) < 0.0_wp))
+    real(wp), intent(in) :: before        !! [-]
+    logical, intent(in) :: fallen(most_pads)
+    logical :: negative(most_pads)
+    negative = self%law%pads(self%size, lambda(self%joint_first:self%joint_first + self%joint_rows - 1)) < 0.0_wp
+    negative = merge(self%pad_signs(before) > 0.0_wp, negative, fallen)
+    memory = dot_product([1, 2], merge(1, 0, negative))
   end function pad_code
 
   !> What the row measures.
