@@ -59,7 +59,27 @@ contains
     call close_velocities(self, ev, q, v, report, fail)
     if (fail%happened()) return
     call count_freedoms(self, ev, q, v, report)
+    call refuse_friction(self, report, fail)
   end subroutine assemble
+
+  !> Refuses friction of joints whose reactions are not determined, and with them the motion.
+  subroutine refuse_friction(self, report, fail)
+    type(mechanism_model), intent(in) :: self
+    type(assembly_report), intent(inout) :: report
+    type(failure), intent(inout) :: fail
+    integer :: k
+    if (.not. self%redundant) return
+    do k = 1, size(self%s%switching_rows)
+      associate (c => self%s%constraints(self%s%switching_rows(k))%item)
+        if (c%parent == 0) cycle
+        if (.not. report%dependent(c%parent)) cycle
+        if (report%culprit == 0) report%culprit = c%parent
+        call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": its reaction is not determined by rigid-body mechanics, '// &
+                        'as joints hold the same motion twice, and so is its friction; expected a flexible body in the loop '// &
+                        '(flexible=.true.), or a type=''slider'' in place of a ''prismatic'', or no friction there')
+      end associate
+    end do
+  end subroutine refuse_friction
 
   !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name;
   !> tells what is worth it of the others.

@@ -8,7 +8,7 @@ module event_location
   use time_stepper, only: stepper, root_values, trouble_events
   implicit none (type, external)
   private
-  public :: begin_roots, find_event, next_fall, pass_event
+  public :: begin_roots, find_event, look_again, next_fall, pass_event
 
   real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
@@ -29,6 +29,15 @@ contains
       if (n > 0) call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine begin_roots
+
+  !> Roots at the present state after a jump of what acts there: one that has become negative falls at once.
+  subroutine look_again(march, system)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    associate (r => march%roots)
+      if (system%roots > 0) call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
+    end associate
+  end subroutine look_again
 
   !> Whether a root falls within the step of length h that was tried. If so, h becomes the length of the step that ends there, which
   !> is then the one tried last; 0: the event is at the present state. ok is false where a shorter step of length h cannot be made.
@@ -209,7 +218,7 @@ contains
       if (.not. known) d = g(1) - g(0)
       if (g(1) < -zero(i)) then
         x = cubic_fall(g, d)
-        if (.not. known .and. g(0) <= 0.0_wp) x = 0.5_wp
+        if (.not. known .and. g(0) <= 0.0_wp) x = merge(0.0_wp, 0.5_wp, left%g(i) < -zero(i))
       else
         x = doubtful_dip(g, d, zero(i))
       end if

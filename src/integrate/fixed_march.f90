@@ -2,7 +2,7 @@
 !> breakpoint lies in it; it is divided where it fails or is too long for what an event has begun.
 module fixed_march
   use kinds, only: wp, ip
-  use event_location, only: find_event, pass_event
+  use event_location, only: find_event, look_again, pass_event
   use ode_system, only: ode
   use step_counts, only: step_count
   use time_stepper, only: stepper, step_grid, trouble_none
@@ -39,8 +39,17 @@ contains
       return
     end if
     if (h > 0.0_wp) call self%accept_step(system, h)
+    if (.not. at_event .and. at_stop(self, h)) call look_again(self, system)
     if (self%trouble == trouble_none .and. abs(self%tried - ends) <= 0.0_wp .and. h > 0.0_wp) call count_part(self%grid, n)
   end subroutine fixed_attempt
+
+  !> Whether the step that was tried, of length h, ends at a stop.
+  pure logical function at_stop(self, h) result(yes)
+    class(stepper), intent(in) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    yes = allocated(self%settings%stops)
+    if (yes) yes = self%settings%stops(self%next_stop) <= self%tried + on_step*h + 4*spacing(self%tried)
+  end function at_stop
 
   !> The next step: its length, its end `tried`, and the end of the part of the grid that it belongs to. A stop within it ends it.
   subroutine aim(self, from, to, n, longest, h, ends)

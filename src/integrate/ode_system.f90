@@ -13,6 +13,8 @@ module ode_system
     logical :: has_manifold = .true.          !! `project` may move a state
     integer :: roots = 0                      !! functions that are watched: positive, the fall of one to zero is an event
     real(wp) :: longest_step = huge(1.0_wp)   !! that resolves what the last events began [s]
+    real(wp) :: resting_step = huge(1.0_wp)   !! of steps chosen by their errors, where nothing moves that would limit them [s]
+    logical :: fault = .false.                !! the system itself has no solution from here
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project

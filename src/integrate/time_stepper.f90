@@ -17,7 +17,8 @@ module time_stepper
   integer, parameter, public :: reached = 1, paused = 2, lost = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
-                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7
+                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7, &
+                                trouble_system = 8
 
   !> What a deck asks of the steps.
   type, public :: step_settings
@@ -166,7 +167,8 @@ contains
     do while (self%t < to .and. .not. self%row_due)
       if (attempt == most) return
       attempt = attempt + 1
-      call self%attempt(system, from, to)
+      if (.not. system%fault) call self%attempt(system, from, to)
+      if (system%fault) self%trouble = trouble_system
       if (self%trouble /= trouble_none) outcome = lost
       if (outcome == lost) return
     end do

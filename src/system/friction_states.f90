@@ -15,6 +15,7 @@ module friction_states
   public :: settle_friction
 
   real(wp), parameter :: still = 1.0e-10_wp      !! an acceleration so small is none, of the largest without multipliers [-]
+  real(wp), parameter :: reached = 1.0e-6_wp     !! a share so near to its limit is there after an event that says so [-]
   real(wp), parameter :: redundant = 1.0e-6_wp   !! relative pivot of the geometry below which a row depends on others [-]
 
   !> A state of motion.
@@ -186,7 +187,7 @@ contains
         limit = c%sticking_limit(ev%lambda)
         limit = limit + root_rounding*(limit + maxval(abs(ev%lambda)))
         share = abs(ev%lambda(c%first))/max(limit, tiny(1.0_wp))
-        if (breaks(k)) share = max(share, 1 + epsilon(1.0_wp))
+        if (breaks(k) .and. share > 1 - reached) share = max(share, 1 + epsilon(1.0_wp))
         if (share <= worst) cycle
         worst = share
         which = k

@@ -7,12 +7,12 @@
 module slipping
   use kinds, only: wp
   use evaluation_results, only: evaluation
-  use friction_row, only: friction_model
+  use friction_row, only: friction_model, row_slips
   use lapack, only: dgbtrf, dgbtrs
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: slip_multipliers
+  public :: slip_multipliers, pressing
 
   integer, parameter :: most_passes = 60
   real(wp), parameter :: slow = 0.3_wp             !! contraction from which Newton's method takes less work [-]
@@ -87,7 +87,7 @@ contains
       r = b
       call ev%schur%whole_product(merge(f, x, ev%rows%off), r)
       where (ev%rows%off) r = 0.0_wp
-      call sum_matrix(m, ev, x, ab)
+      call sum_matrix(m, ev, x, 0, ab)
       call dgbtrf(size(x), size(x), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
       r(ev%schur%position) = r*ev%schur%scale
       if (info == 0) call dgbtrs('N', size(x), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, r, size(x), info)
@@ -104,11 +104,42 @@ contains
     ev%broken = .true.
   end subroutine newton
 
+  !> How hard the friction of row k of those that switch presses its own joint, of what it brakes: where that is 1 or more, rigid
+  !> bodies have no motion with friction, or two (Painleve 1895). With y the multipliers that a unit of friction asks for, the
+  !> largest of dc/dlambda y over all directions of lambda is what c makes of y itself.
+  real(wp) function pressing(m, ev, k) result(ratio)   ! [-]
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    integer, intent(in) :: k
+    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix without that friction [1/kg]
+    real(wp), dimension(size(ev%lambda)) :: y, unit  ! [-]
+    integer :: pivots(ev%schur%n), info
+    ratio = 0.0_wp
+    select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+    class is (friction_model)
+      if (abs(ev%switches%state(c%switch_number)) /= row_slips .or. .not. c%law%kinetic > 0.0_wp) return
+      unit = 0.0_wp
+      unit(c%first) = -1.0_wp
+      y = 0.0_wp
+      call ev%schur%whole_product(unit, y)
+      where (ev%rows%off) y = 0.0_wp
+      call sum_matrix(m, ev, ev%lambda, c%first, ab)
+      call dgbtrf(size(y), size(y), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
+      y(ev%schur%position) = y*ev%schur%scale
+      if (info == 0) call dgbtrs('N', size(y), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, y, size(y), info)
+      if (info /= 0) return
+      y = y(ev%schur%position)*ev%schur%scale
+      ratio = c%law%kinetic*c%law%pressure(c%size, y(c%joint_first:c%joint_first + c%joint_rows - 1))
+      if (c%angular) ratio = ratio/c%size
+    end select
+  end function pressing
+
   !> S + S_t sigma dc/dlambda in the band storage of `dgbtrf`. A row t meets the rows of its joint, and all that these meet.
-  subroutine sum_matrix(m, ev, lambda, ab)
+  subroutine sum_matrix(m, ev, lambda, without, ab)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: lambda(:)                !! [N]
+    integer, intent(in) :: without                   !! a row t that is left out, 0: none
     real(wp), intent(out) :: ab(:, :)                !! [1/kg]
     real(wp), allocatable :: d(:)                    ! [-]
     real(wp) :: t                                    ! [1/kg]
@@ -126,6 +157,7 @@ contains
     do k = 1, size(m%s%switching_rows)
       select type (c => m%s%constraints(m%s%switching_rows(k))%item)
       class is (friction_model)
+        if (c%first == without) cycle
         d = c%force_slope(ev%switches%state(c%switch_number), lambda)
         associate (at => ev%schur%position(c%first), scale => ev%schur%scale)
           do row = 1, n

@@ -3,15 +3,16 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
+  use friction_row, only: friction_model
   use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven
   use projection, only: open_constraints
   use scene_run, only: run_state
   use step_control, only: error_norm
   use switching, only: element_name
-  use text, only: es_text
+  use text, only: es_text, fixed_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
-                          trouble_rounding, trouble_events
+                          trouble_rounding, trouble_events, trouble_system
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
@@ -20,6 +21,7 @@ module march_failure
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
 
   integer, parameter :: trouble_masses = -1    !! no stepper's own
+  real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which a lost solution is friction's [-]
   real(wp), parameter :: hopeless = 1.0e-9_wp  !! a stable step of the run: what moves so fast is shaken by rounding [-]
 
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
@@ -44,7 +46,10 @@ contains
       return
     end if
     trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
+    if (locks(run) .and. trouble /= trouble_masses) trouble = trouble_system
     select case (trouble)
+    case (trouble_system)
+      text = friction_fault(run, march%t)
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(run)
     case (trouble_manifold)
@@ -87,6 +92,39 @@ contains
     call fail%raise(status_failed, text//'. '//kept(last))
     if (trouble == trouble_masses) fail%deck_line = deck_line_of(run%d, maxloc(reactions(run), 1))
   end subroutine explain_loss
+
+  !> Whether friction presses joints so hard that rigid bodies have no motion, or hardly one.
+  pure logical function locks(run) result(yes)
+    type(run_state), intent(in) :: run
+    yes = .false.
+    if (allocated(run%sys%pressing)) yes = any(run%sys%pressing > nearly_locked)
+  end function locks
+
+  !> What joints with friction ask for that rigid bodies cannot do.
+  function friction_fault(run, t) result(text)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: t                  !! [s]
+    character(:), allocatable :: text
+    real(wp) :: ratio
+    integer :: k
+    associate (m => run%sys%m)
+      k = maxloc(run%sys%pressing, 1)
+      ratio = run%sys%pressing(k)
+      if (.not. locks(run)) then
+        text = 'no joint with friction was found to stick or slip by its law at t = '//number(t)//' s'//strongest(run)// &
+               '; expected smaller coefficients, or elastic bodies that decide how joints share a load'
+        return
+      end if
+      text = 'joint "'//element_name(m, size(m%s%switching) + k)//'" at t = '//number(t)//' s: its friction presses '// &
+             fixed_text(ratio, 3)//' times as hard as it brakes'
+      if (ratio < 1.0_wp) text = text//', and harder from here on'
+      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        text = text//'; rigid bodies have no (or two) accelerations there (Painleve); a friction below '// &
+               fixed_text(c%law%kinetic/ratio, 3)//', or an elastic link, has one'
+      end select
+    end associate
+  end function friction_fault
 
   !> A march whose energies say that the solution is lost, though its numbers are finite.
   subroutine explain_balance(run, norm, t, last, residual, energy, fail)

@@ -11,7 +11,7 @@ module mechanism_ode
   use condensed_system, only: change_rows
   use force_element, only: by_position, idle, most_roots
   use friction_states, only: motion_state, settle_friction
-  use friction_row, only: friction_model
+  use friction_row, only: friction_model, row_stuck
   use friction_tally, only: joint_tally, exchange_friction
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
@@ -29,6 +29,7 @@ module mechanism_ode
   use second_order_system, only: second_order_ode
   use singular, only: evaluate_branch
   use switched_rows, only: slip_gaps
+  use slipping, only: pressing
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, switch_event, start_states, watch_roots, watch_rows, pass_events, exchange_states
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
@@ -48,6 +49,9 @@ module mechanism_ode
     type(element_tally), allocatable :: tally(:)   !! of each of them
     type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
+    real(wp), allocatable :: pressing(:)      !! (rows that switch) the last time it was looked at: Painleve's ratio [-]
+    integer :: turn = 0                       !! the row that was looked at last
+    real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
@@ -160,6 +164,8 @@ contains
     if (size(self%m%s%switching_rows) == 0) return
     call self%free_friction()
     call settle_friction(self%m, self%ev, motion_at(self, t, y), spread(.false., 1, most_roots*size(self%m%s%switching_rows)), ok)
+    self%pressing = spread(0.0_wp, 1, size(self%m%s%switching_rows))
+    call judge_friction(self, ok)
   end subroutine hold_friction
 
   !> Friction acts no longer.
@@ -236,8 +242,27 @@ contains
         call self%friction(k - size(self%tally))%note_event(t, before(k), state)
       end associate
     end do
-    if (ok .and. self%has_manifold) call self%project(t, y, ok)
+    call judge_friction(self, ok)
+    if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
   end subroutine resolve_friction
+
+  !> Whether there are states of the joints with friction, and one motion with them; steps are limited while one sticks.
+  subroutine judge_friction(self, settled)
+    class(mechanism_system), intent(inout) :: self
+    logical, intent(in) :: settled
+    integer :: k
+    do k = 1, size(self%pressing)
+      self%pressing(k) = pressing(self%m, self%ev, k)
+    end do
+    self%fault = .not. settled .or. any(self%pressing >= 1.0_wp)
+    call limit_resting(self)
+  end subroutine judge_friction
+
+  !> A load on joints that stick is looked at in steps of the output at least.
+  subroutine limit_resting(self)
+    class(mechanism_system), intent(inout) :: self
+    self%resting_step = merge(self%output_step, huge(1.0_wp), any(self%ev%switches%state(size(self%tally) + 1:) == row_stuck))
+  end subroutine limit_resting
 
   !> How long contacts take that have just begun decides on the steps that follow.
   subroutine begin_contacts(self, t, y, elements, begins)
@@ -298,6 +323,10 @@ contains
       end select
     end do
     call limit_steps(self)
+    if (.not. allocated(self%pressing)) return
+    self%turn = 1 + mod(self%turn, size(self%pressing))
+    self%pressing(self%turn) = pressing(self%m, self%ev, self%turn)
+    self%fault = self%pressing(self%turn) >= 1.0_wp
   end subroutine note_step
 
   !> The longest fixed step that contacts allow, graded towards their ends.
@@ -328,6 +357,10 @@ contains
     call exchange_tallies(self%tally, a)
     call choose_rows(self)
     call exchange_friction(self%friction, a)
+    if (.not. allocated(self%pressing)) return
+    call a%exchange(self%pressing)
+    call a%exchange(self%turn)
+    call limit_resting(self)
   end subroutine exchange_switches
 
   !> Elements that are idle have no rows in the border of implicit steps: open stops would widen its band.

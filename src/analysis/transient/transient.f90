@@ -101,6 +101,7 @@ contains
       call run%watch%begin(run%sys%m)
       call refuse_uneven(run, 'transient', status_failed, fail)
       if (fail%happened()) return
+      run%sys%output_step = r%output_step
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (march%search%active) march%files%suffix = unfinished

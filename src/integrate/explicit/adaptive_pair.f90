@@ -11,7 +11,7 @@
 module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use event_location, only: begin_roots, find_event, next_fall, pass_event
+  use event_location, only: begin_roots, find_event, look_again, next_fall, pass_event
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
   use step_control, only: step_controller
@@ -133,7 +133,7 @@ contains
       return
     end if
     if (.not. self%h > 0.0_wp) call choose_step(self, system, to - from)
-    wanted = min(self%h, self%settings%max_step)
+    wanted = min(self%h, self%settings%max_step, system%resting_step)
     call step_end(self%t, wanted, self%settings%stops, self%next_stop, h, self%tried, at_stop)
     self%passes = self%tried >= to
     err = -1.0_wp                             ! the step is lost
@@ -163,6 +163,7 @@ contains
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
     if (.not. at_stop) return
+    call look_again(self, system)
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
     if (self%settings%jumps(self%next_stop)) self%h = 0.0_wp

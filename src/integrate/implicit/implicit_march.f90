@@ -4,7 +4,7 @@
 module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use event_location, only: begin_roots, find_event, next_fall, pass_event
+  use event_location, only: begin_roots, find_event, look_again, next_fall, pass_event
   use fixed_march, only: fixed_attempt
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
@@ -235,7 +235,7 @@ contains
           call self%limit_first_step(system)
         end if
       end if
-      call step_end(self%t, min(self%h, s%max_step), s%stops, self%next_stop, h, self%tried, at_stop)
+      call step_end(self%t, min(self%h, s%max_step, system%resting_step), s%stops, self%next_stop, h, self%tried, at_stop)
     end associate
     self%passes = self%tried >= to
     self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
@@ -260,6 +260,7 @@ contains
     end if
     if (h > 0.0_wp) call self%accept_step(system, h)
     if (at_event) return
+    if (at_stop) call look_again(self, system)
     next = next_step(self, h, error)
     self%h = merge(max(self%h, next), next, at_stop)
     if (.not. self%started) self%h = 0.0_wp
