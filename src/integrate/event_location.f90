@@ -30,12 +30,16 @@ contains
     end associate
   end subroutine begin_roots
 
-  !> Roots at the present state after a jump of what acts there: one that has become negative falls at once.
+  !> Roots at the present state after what acts there may have jumped: one that has become negative falls at once. What has come to
+  !> rest there is settled.
   subroutine look_again(march, system)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     associate (r => march%roots)
-      if (system%roots > 0) call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
+      if (system%roots == 0) return
+      call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
+      r%pending = system%unsettled
+      r%fallen = .false.
     end associate
   end subroutine look_again
 

@@ -15,6 +15,7 @@ module ode_system
     real(wp) :: longest_step = huge(1.0_wp)   !! that resolves what the last events began [s]
     real(wp) :: resting_step = huge(1.0_wp)   !! of steps chosen by their errors, where nothing moves that would limit them [s]
     logical :: fault = .false.                !! the system itself has no solution from here
+    logical :: unsettled = .false.            !! where roots were found last, events may follow without a fall
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project

@@ -12,7 +12,7 @@ module friction_states
   use root_watch, only: by_position, most_roots, root_rounding
   implicit none (type, external)
   private
-  public :: settle_friction
+  public :: settle_friction, comes_to_rest
 
   real(wp), parameter :: still = 1.0e-10_wp      !! an acceleration so small is none, of the largest without multipliers [-]
   real(wp), parameter :: reached = 1.0e-6_wp     !! a share so near to its limit is there after an event that says so [-]
@@ -61,6 +61,20 @@ contains
       end select
     end do
   end subroutine note_pads
+
+  !> Whether a row that slips has neither a rate nor an acceleration, as behind a drive that has come to rest.
+  logical function comes_to_rest(m, ev) result(yes)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer :: k
+    yes = .false.
+    do k = 1, size(m%s%switching_rows)
+      associate (x => motion_of_row(m, ev, k))
+        yes = yes .or. (abs(x%state) == row_slips .and. abs(x%rate) <= creeping*m%s%size .and. &
+                        abs(x%acceleration) <= still*ev%rows%largest)
+      end associate
+    end do
+  end function comes_to_rest
 
   !> An evaluation with the present states.
   subroutine look(m, ev, at)

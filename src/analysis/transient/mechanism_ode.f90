@@ -10,7 +10,7 @@ module mechanism_ode
   use evaluation_results, only: conditions_of, evaluation, powers_of
   use condensed_system, only: change_rows
   use force_element, only: by_position, idle, most_roots
-  use friction_states, only: motion_state, settle_friction
+  use friction_states, only: comes_to_rest, motion_state, settle_friction
   use friction_row, only: friction_model, row_stuck
   use friction_tally, only: joint_tally, exchange_friction
   use mechanism, only: mechanism_model
@@ -187,6 +187,7 @@ contains
         at = motion_at(self, t, y)
         call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, at%q, at%v, at%z, at%zd)
         call watch_rows(self%m, self%ev, g(n + 1:), rate(n + 1:), zero(n + 1:))
+        self%unsettled = comes_to_rest(self%m, self%ev)
       end if
       call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g(:n), rate(:n), zero(:n))
     end associate
