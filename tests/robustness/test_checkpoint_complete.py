@@ -51,7 +51,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("h", "gain", "start", "real_gain", "rate_gap", "driving"),
     },
     ("results", "result_set", "results", "self"): {"incomplete", "values", "used"},
-    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along"},
+    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "by_cause"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio", "between"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used"},
     ("validity", "validity_watch", "validity", "self"): {"weight"},

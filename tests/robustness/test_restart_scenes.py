@@ -31,7 +31,7 @@ METHODS = {
 
 
 def scene(dice: random.Random) -> str:
-    """Return a chain of one to three links of random kinds, some hinges with a spring that is not at rest."""
+    """Return a chain of one to three links of random kinds, some hinges with friction or a spring that is not at rest."""
     lines = ["&scene gravity=0.0,-9.81 /"]
     damping = dice.choice(MATERIALS)
     lines.append(f"&material name='m' density={dice.uniform(8e2, 3e3):.17g} young={10 ** dice.uniform(8.5, 10.5):.17g} {damping} /")
@@ -51,7 +51,8 @@ def scene(dice: random.Random) -> str:
             lines.append(f"&body name='b{k}' kind='beam' length={length:.17g} elements={elements} material='m' section='s'")
             lines.append(f"  {kind} {rest} /")
             near, far, end = "node_a=1", "node_b=-1", "node=-1"
-        lines.append(f"&joint name='j{k}' type='revolute' body_a='b{k}' {near} {on} {at} /")
+        rubs = f"friction={dice.uniform(0.1, 0.5):.17g} friction_static=0.6 pin_radius={dice.uniform(0.005, 0.05):.17g}"
+        lines.append(f"&joint name='j{k}' type='revolute' body_a='b{k}' {near} {on} {at} {dice.choice(['', rubs])} /")
         if dice.random() < 0.7:
             spring = f"stiffness={10 ** dice.uniform(1.0, 3.0):.17g} free_angle={dice.uniform(-0.6, 0.6):.17g}"
             spring += dice.choice(["", " ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 prony_alpha=0.7 prony_tau=0.01"])

@@ -34,8 +34,10 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: names
     names = names_of(run, free_bodies(run, held))
-    if (len(names) > 0) call fail%raise(status_bad_input, 'static: left free to move:'//names//'; expected joints, '// &
-      'drives, springs or elastic bodies that hold every body by more than rounding')
+    if (len(names) == 0) return
+    names = names//'; expected joints, drives, springs or elastic bodies that hold every body by more than rounding'
+    if (allocated(run%sys%ev%rows%off)) names = names//' (friction of joints does not act in static analyses)'
+    call fail%raise(status_bad_input, 'static: left free to move:'//names)
   end subroutine refuse_free_bodies
 
   !> The names of chosen bodies, a blank before each.
