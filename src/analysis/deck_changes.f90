@@ -45,6 +45,11 @@ contains
     integer, intent(in) :: b                   !! body
     integer, intent(in) :: change
     integer :: k
+    if (size(d%controllers) > 0) then          ! explicit steps are limited by fast motions, controllers are slow
+      d%forces%controller = 0
+      deallocate (d%controllers)
+      allocate (d%controllers(0))
+    end if
     do k = 1, size(d%forces)                   ! coordinates change their numbers
       associate (sensor => d%forces(k)%argument%sensor)
         if (sensor == 0) cycle

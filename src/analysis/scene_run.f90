@@ -10,6 +10,7 @@ module scene_run
   use assembly, only: assemble
   use assembly_conflict, only: explain_open_joints, deck_line_of
   use assembly_reports, only: assembly_report
+  use controls, only: rest_controls
   use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
   use scene_model, only: scene
@@ -127,6 +128,7 @@ contains
       do k = 1, size(s%forces)
         call s%forces(k)%item%relax(sys%ev%p, prestress, y(2*s%nq + 1:))
       end do
+      call rest_controls(sys%m, sys%ev, y(1:s%nq), y(s%nq + 1:2*s%nq), y(2*s%nq + 1:2*s%nq + s%nz))
     end associate
   end subroutine relax
 end module scene_run

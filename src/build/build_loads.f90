@@ -109,6 +109,7 @@ contains
       call l%watch_corners(order_of_events(d%transient))
       call require_continuous(r%at, 'history', l%history, faults)
     end if
+    l%controller = r%controller
     l%stage = stage_all
     if (r%stage == 'static') l%stage = stage_static
     if (r%stage == 'transient') l%stage = stage_transient

@@ -5,6 +5,7 @@ module build_scene
   use acting_markers, only: acting_marker, list_acting
   use build_bodies, only: build_body
   use build_constraints, only: make_constraints, place_friction
+  use build_controllers, only: make_controllers, place_controllers
   use build_loads, only: make_forces
   use build_quantities, only: make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
@@ -40,6 +41,7 @@ contains
     if (faults%count > 0) return
     call make_constraints(d, s, faults)
     call make_forces(d, s, faults)
+    call make_controllers(d, s)
   end subroutine make_elements
 
   !> Bodies, and the elements on their markers; everything numbered.
@@ -88,6 +90,7 @@ contains
         if (r%sensor > 0) call make_quantity(d, s, d%sensors(r%sensor), r%number, markers, s%forces(s%springs + k)%item%argument)
       end associate
     end do
+    call place_controllers(d, s, markers)
     s%markers = markers%items(1:markers%count)
     call judge_distances(d, s, faults)
     call list_loaded(s)
@@ -118,7 +121,7 @@ contains
     end do
   end subroutine number_unknowns
 
-  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way;
+  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way, then the states of controllers;
   !> the length of the state follows.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
@@ -135,6 +138,10 @@ contains
       do k = 1, size(s%forces)
         call number_terms(s, s%forces(k)%item)
       end do
+    end do
+    do k = 1, size(s%controllers)
+      s%controllers(k)%first = s%nz
+      s%nz = s%nz + s%controllers(k)%states
     end do
     s%ny = 2*s%nq + s%nz + s%nzd + 2 + s%elements
   end subroutine number_internal

@@ -54,6 +54,9 @@ contains
     do k = 1, size(self%s%forces)
       call self%s%forces(k)%item%init_from_assembly(ev%p, gap)
     end do
+    do k = 1, size(self%s%controllers)
+      call self%s%controllers(k)%quantity%init_from_assembly(ev%p, gap)
+    end do
     call require_directions(self, ev, gap, report, fail)
     if (fail%happened()) return
     call close_velocities(self, ev, q, v, report, fail)

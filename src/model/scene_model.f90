@@ -1,12 +1,13 @@
-!> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand
-!> in the state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal
-!> variables: those of second order, bodies then springs, and those of first order), z' of those of second order, then dissipated
-!> energy, work, and what each element that switches dissipates.
+!> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand in the
+!> state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal variables: those of second
+!> order, bodies then springs, those of first order, states of controllers), z' of those of second order, then dissipated energy,
+!> work, and what each element that switches dissipates.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
   use marker, only: marker_model
   use constraint, only: constraint_box
+  use controller, only: controller_model
   use force_element, only: force_box
   implicit none (type, external)
   private
@@ -28,6 +29,7 @@ module scene_model
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
     integer :: stops = 0                        !! how many of them are stops
+    type(controller_model), allocatable :: controllers(:)
     integer, allocatable :: switching(:)        !! those of them that have discrete states: stops, then functions of motion
     integer :: elements = 0                     !! that have such: these, then the rows that switch
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body

@@ -3,12 +3,13 @@ module summary
   use kinds, only: wp
   use assembly_reports, only: assembly_report
   use body, only: body_model
+  use controller, only: delay_limit
   use deck_records, only: deck
   use mechanism, only: mechanism_model
   use posix, only: tell
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
-  use text, only: to_text
+  use text, only: es_text, to_text
   implicit none (type, external)
   private
   public :: model_lines, model_warnings, version, add_warnings, tell_warnings
@@ -76,9 +77,12 @@ contains
     call text%figure(' of frames + ', 'elastic_coordinates', m%s%nq - 3*size(m%s%bodies))
     call text%figure(' elastic = ', 'coordinates', m%s%nq)
     call text%line('')
-    call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', m%s%nz)
-    if (m%s%nzd < m%s%nz) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', m%s%nz - m%s%nzd)
+    associate (terms => m%s%nz - sum(m%s%controllers%states))
+      call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', terms)
+      if (m%s%nzd < terms) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', terms - m%s%nzd)
+    end associate
     call text%line('')
+    if (size(m%s%controllers) > 0) call control_lines(m, text)
     call text%figure('  constraints (multipliers): ', 'constraints', m%s%permanent_rows)
     call text%figure(', independent at the start: ', 'independent_constraints', report%rank)
     call text%line('')
@@ -145,6 +149,23 @@ contains
       call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
     end subroutine redundancy
   end subroutine model_lines
+
+  !> States of the controllers, and how far the approximations of delays go.
+  subroutine control_lines(m, text)
+    type(mechanism_model), intent(in) :: m
+    type(summary_record), intent(inout) :: text
+    integer :: k
+    call text%figure('  controllers: ', 'controllers', size(m%s%controllers))
+    call text%figure(', their states: ', 'controller_states', sum(m%s%controllers%states))
+    call text%line('')
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k))
+        if (.not. c%delay > 0.0_wp) cycle
+        call text%line('  note: the delay of controller "'//trim(c%name)//'" is its Pade approximation of order 3, whose phase '// &
+                       'errs by 5 degrees at '//trim(adjustl(es_text(delay_limit(c%delay), 4)))//' Hz and by more above')
+      end associate
+    end do
+  end subroutine control_lines
 
   !> What damps a body: the number of dissipative coordinates with its reason, Rayleigh damping.
   function damping_words(d, b, k) result(text)

@@ -4,8 +4,9 @@ module evaluation_results
   use kinds, only: wp, ip
   use body, only: elastic_work
   use constraint, only: constraint_rows, row_motion
+  use controller, only: unset
   use evaluation_settings, only: evaluation_options
-  use force_element, only: by_position, conditions, element_action
+  use force_element, only: by_position, conditions, element_action, stage_static
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
@@ -50,6 +51,14 @@ module evaluation_results
     logical :: shared = .false.                 !! rows that hold depend on one another: how they share a load is not determined
   end type switch_states
 
+  !> What a controller does.
+  type, public :: control_results
+    integer :: state = unset                    !! discrete state; of a sampled one the number of the next sample
+    integer :: limited = 0                      !! 1: at its upper limit, -1: at the lower one
+    real(wp) :: output = 0.0_wp                 !! [any]
+    real(wp) :: error = 0.0_wp                  !! [m, rad, or per second]
+  end type control_results
+
   !> Results of the last evaluation, and work space.
   type :: evaluation
     real(wp) :: t = 0.0_wp                      !! its time [s]
@@ -67,6 +76,7 @@ module evaluation_results
     real(wp), allocatable :: displacement(:, :) !! (3, markers) work: by small motions of the coordinates, global axes [m, m, rad]
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
     type(element_action), allocatable :: action(:)   !! what each force element does
+    type(control_results), allocatable :: control(:)   !! what each controller does
     type(switch_states) :: switches             !! discrete states of the force elements that have such
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
@@ -119,6 +129,7 @@ contains
     allocate (ev%displacement(3, size(m%s%markers)), source=0.0_wp)
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
+    allocate (ev%control(size(m%s%controllers)))
     allocate (ev%switches%state(m%s%elements), source=by_position)
     allocate (ev%switches%memory(m%s%elements), source=0.0_wp)
     call ev%p%allocate(size(m%s%markers))
@@ -177,6 +188,11 @@ contains
     end associate
     b = m%markers%body(m%s%forces(k)%item%ia)
     if (b > 0) with%axes = [ev%frame%cos(b), ev%frame%sin(b)]
+    i = m%s%forces(k)%item%controller
+    if (i > 0) then
+      with%signal = ev%control(i)%output
+      if (with%stage /= stage_static) with%slopes = m%s%controllers(i)%slopes(ev%control(i)%limited)
+    end if
     i = m%s%forces(k)%item%switch_number
     if (i == 0) return
     with%state = ev%switches%state(i)

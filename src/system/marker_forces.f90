@@ -2,6 +2,7 @@
 !> section 3). Wrenches are kept in body axes.
 module marker_forces
   use kinds, only: wp
+  use controls, only: put_out
   use evaluation_settings, only: evaluation_options
   use force_element, only: conditions, element_action, idle
   use evaluation_results, only: evaluation
@@ -24,9 +25,11 @@ contains
     do k = 1, size(self%s%loaded)
       ev%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
+    if (size(self%s%controllers) > 0) call put_out(self, ev, options, t, z)
     with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item, x => ev%action(k))
+        if (f%controller > 0) with%signal = ev%control(f%controller)%output
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
           with%memory = ev%switches%memory(f%switch_number)

@@ -1,5 +1,5 @@
-!> Times at which the equations of a scene are not smooth: breakpoints of the histories of its loads and drives. Orders are
-!> those of the accelerations: 0 where they jump, 1 where their slope jumps.
+!> Times at which the equations of a scene are not smooth: breakpoints of the histories of its loads, drives and controllers. Orders
+!> are those of the accelerations: 0 where they jump, 1 where their slope jumps.
 module breakpoint_list
   use kinds, only: wp
   use history, only: breakpoint, merged
@@ -23,6 +23,9 @@ contains
     end do
     do k = 1, size(s%constraints)
       list = merged(list, s%constraints(k)%item%breakpoints(t_end))
+    end do
+    do k = 1, size(s%controllers)
+      list = merged(list, s%controllers(k)%breakpoints(t_end))
     end do
     list = pack(list, list%order <= most_order)
   end subroutine scene_breakpoints

@@ -22,7 +22,7 @@ contains
     type(scene), intent(in) :: s
     type(error_norm), intent(out) :: norm
     integer :: b, k, n
-    n = 2*kinds_of_group*size(s%bodies) + 2*size(s%forces)
+    n = 2*kinds_of_group*size(s%bodies) + 2*size(s%forces) + 2*sum(s%controllers%states)
     allocate (norm%group(s%ny), source=0)
     allocate (norm%floor(n), source=least*s%size)
     allocate (norm%bound(n), source=huge(1.0_wp))
@@ -45,6 +45,16 @@ contains
         if (f%angular) norm%floor(n:n + 1) = least
         call assign(s, norm, n, 0, f%offset + 1, f%offset + f%law%second)
         call assign(s, norm, n, 0, f%first_order + 1, f%first_order + f%law%first)
+      end associate
+    end do
+    n = 2*(kinds_of_group*size(s%bodies) + size(s%forces)) + 1
+    do k = 1, size(s%controllers)              ! each of their states is of a size of its own
+      associate (c => s%controllers(k))
+        do b = 1, c%states
+          norm%floor(n) = least*c%size_of(b, merge(1.0_wp, s%size, c%quantity%angular))
+          call assign(s, norm, n, 0, c%first + b, c%first + b)
+          n = n + 2
+        end do
       end associate
     end do
   end subroutine group_unknowns

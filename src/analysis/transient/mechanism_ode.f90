@@ -5,6 +5,8 @@ module mechanism_ode
   use archive, only: value_archive
   use border_row_lists, only: row_lists, list_rows, order_rows
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
+  use controls, only: control_inputs, control_slopes, exchange_controls, pass_control_events, solve_controls, start_controls, &
+                      watch_controls
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: conditions_of, evaluation, powers_of
@@ -68,6 +70,7 @@ module mechanism_ode
     procedure :: renew_stages
     procedure :: complex_correction
     procedure :: deformations
+    procedure :: solve_linear
     procedure :: powers
     procedure :: mass_product => mechanism_mass
     procedure :: accelerations
@@ -136,18 +139,20 @@ contains
     end associate
   end subroutine mechanism_project
 
-  !> Elements that switch take their states from a position that no event has led to; from now on they keep them.
+  !> Elements that switch take their states from a position that no event has led to; from now on they keep them. Controllers are
+  !> switched on.
   subroutine start_switching(self, t, y)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     integer :: k
     self%ev%t = t
     self%ev%options = self%options
-    associate (nq => self%m%s%nq)
+    associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
+      call start_controls(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz))
     end associate
-    self%roots = most_roots*self%m%s%elements
+    self%roots = most_roots*self%m%s%elements + 2*size(self%m%s%controllers)
     allocate (self%tally(size(self%m%s%switching)))
     allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
@@ -174,7 +179,7 @@ contains
     self%ev%switches%state(size(self%m%s%switching) + 1:) = by_position
   end subroutine free_friction
 
-  !> Roots of the elements that switch.
+  !> Roots of the elements that switch, then of controllers.
   subroutine find_roots(self, t, y, left_limit, g, rate, zero)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -182,14 +187,18 @@ contains
     logical, intent(in) :: left_limit       !! y is the end of a step
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     type(motion_state) :: at
-    associate (nq => self%m%s%nq, n => most_roots*size(self%m%s%switching))
+    integer :: k
+    k = self%roots - 2*size(self%m%s%controllers)
+    associate (nq => self%m%s%nq, nz => self%m%s%nz, n => most_roots*size(self%m%s%switching))
       if (size(self%m%s%switching_rows) > 0) then
         at = motion_at(self, t, y)
         call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, at%q, at%v, at%z, at%zd)
-        call watch_rows(self%m, self%ev, g(n + 1:), rate(n + 1:), zero(n + 1:))
+        call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
         self%unsettled = comes_to_rest(self%m, self%ev)
       end if
-      call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g(:n), rate(:n), zero(:n))
+      if (n > 0) call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g(:n), rate(:n), zero(:n))
+      call watch_controls(self%m, self%ev, t, left_limit, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), g(k + 1:), rate(k + 1:), &
+                          zero(k + 1:))
     end associate
   end subroutine find_roots
 
@@ -203,7 +212,7 @@ contains
     end associate
   end function motion_at
 
-  !> Events change states alone; joints that begin to stick have no rate left.
+  !> Events change states alone; joints that begin to stick have no rate left; samples change what controllers put out.
   subroutine resolve_events(self, t, y, fallen, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -211,9 +220,14 @@ contains
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
     integer :: k, n
-    n = self%events%count
-    associate (nq => self%m%s%nq)
-      call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), fallen(:most_roots*size(self%tally)), self%events, ok)
+    ok = .true.
+    n = self%roots - 2*size(self%m%s%controllers)
+    associate (nq => self%m%s%nq, nz => self%m%s%nz)
+      call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
+      if (n == 0) return
+      n = self%events%count
+      if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), &
+                                                 fallen(:most_roots*size(self%tally)), self%events, ok)
     end associate
     do k = n + 1, self%events%count
       associate (event => self%events%items(k))
@@ -235,7 +249,8 @@ contains
     logical, intent(out) :: ok
     integer :: before(self%m%s%elements), k
     before = self%ev%switches%state
-    call settle_friction(self%m, self%ev, motion_at(self, t, y), fallen(most_roots*size(self%tally) + 1:), ok)
+    k = most_roots*self%m%s%elements
+    call settle_friction(self%m, self%ev, motion_at(self, t, y), fallen(most_roots*size(self%tally) + 1:k), ok)
     do k = size(self%tally) + 1, self%m%s%elements
       associate (state => self%ev%switches%state(k))
         if (state == before(k)) cycle
@@ -351,6 +366,7 @@ contains
     class(mechanism_system), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     if (self%roots == 0) return
+    call exchange_controls(self%ev, a)
     call exchange_states(self%ev, a)
     call a%exchange(self%longest_step)
     call a%exchange(self%shortest_limit)
@@ -387,6 +403,7 @@ contains
     self%nq = self%m%s%nq
     self%nz = self%m%s%nz
     self%nzd = self%m%s%nzd
+    self%linear = sum(self%m%s%controllers%states)
     self%rows = self%m%s%rows
     self%quadratures = 2 + self%m%s%elements
     self%blocks = count(self%m%s%bodies%flexible)
@@ -485,6 +502,7 @@ contains
     associate (in_step => self%ev%options%left_limit)
       self%shift = merge(light_shift, least_shift, self%m%redundant)
       if (hold .and. in_step) self%shift = strong_shift
+      call give_gains(self)
       call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
       if (hold .and. .not. in_step) call hold_weak_rows(self%t%t%rows)
     end associate
@@ -492,6 +510,22 @@ contains
     self%reach = scene_reach(self%m, self%ev, q)
     ok = .not. bad
   end subroutine mechanism_renew
+
+  !> What controllers make of motions that grow as the matrices say.
+  subroutine give_gains(self)
+    class(mechanism_system), intent(inout) :: self
+    integer :: k
+    if (size(self%m%s%controllers) == 0) return
+    do k = 1, size(self%m%s%forces)
+      associate (c => self%m%s%forces(k)%item%controller)
+        if (c == 0) cycle
+        associate (control => self%m%s%controllers(c), side => self%ev%control(c)%limited)
+          self%t%t%element_factor(k) = real(control%response(side, cmplx(self%t%t%c2, 0.0_wp, wp)), wp)
+          if (allocated(self%stages)) self%stages%element_factor(k) = control%response(side, self%stages%c2)
+        end associate
+      end associate
+    end do
+  end subroutine give_gains
 
   !> Corrections by the matrix that stands, of several stages the real one.
   subroutine mechanism_correction(self, gap, dq, dlambda)
@@ -552,6 +586,7 @@ contains
     a(1:self%nq) = self%ev%a
     a(self%nq + 1:) = self%ev%zdd
     call relaxation_rates(self%t, self%m, self%ev, q, self%closed_rates, zd, a(self%nq + 1:))
+    call control_slopes(self%m, self%ev, t, zd, a(self%nq + 1:))
     lambda = self%ev%lambda
     call powers_of(self%m, self%ev, powers)
   end subroutine accelerations
@@ -658,6 +693,7 @@ contains
     ok = .not. bad
     if (bad) return
     call stage_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
+    call give_gains(self)
     call condense(self%t%t, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
     if (.not. bad) call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
     ok = .not. bad
@@ -683,10 +719,20 @@ contains
   end subroutine complex_correction
 
   !> Deformations that internal variables follow.
-  subroutine deformations(self, q, v, delta)
+  subroutine deformations(self, t, q, v, delta)
     class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
     call term_deformations(self%t, self%m, self%ev, q, v, delta)
+    call control_inputs(self%m, self%ev, self%options, t, q, v, delta)
   end subroutine deformations
+
+  !> States of controllers.
+  subroutine solve_linear(self, c, x)
+    class(mechanism_system), intent(in) :: self
+    complex(wp), intent(in) :: c              !! [1/s]
+    complex(wp), intent(inout) :: x(:)        !! (linear) [any], then [any s]
+    call solve_controls(self%m, self%ev, c, x)
+  end subroutine solve_linear
 end module mechanism_ode

@@ -5,7 +5,7 @@ module deck_joints
   use deck_input, only: deck_source, required
   use deck_get, only: get, get_pair
   use deck_words, only: get_name, get_choice, get_column, get_reference, get_word
-  use deck_kinds, only: in_history
+  use deck_kinds, only: in_controller, in_history
   use deck_marker, only: read_marker, forbid_ground, forbid_rigid_pair
   use deck_properties, only: read_law
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record, &
@@ -131,6 +131,9 @@ contains
     call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')
     call get_reference(deck, 'history', in_history, f%history, deck%is_given('argument'))
     call get_column(deck, 'argument', f%argument%sensor, f%argument%suffix)
+    call get_reference(deck, 'controller', in_controller, f%controller)
+    if (deck%is_given('history') .and. deck%is_given('controller')) call deck%complain('controller', 'history and controller '// &
+      'are both given, expected one of them')
     call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])
   end subroutine read_force
 

@@ -6,7 +6,8 @@ module deck_reader
   use text, only: nearest_word, joined, quoted, exact_text
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_parameter, in_scene, in_material, &
-    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_static, in_modal, &
+    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, &
+    in_controller, in_static, in_modal, &
     in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
@@ -22,6 +23,7 @@ module deck_reader
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
   use deck_columns, only: find_column
+  use deck_controllers, only: read_controller, check_controllers
   use deck_sensors, only: read_sensor
   use deck_analyses, only: read_static, read_modal, read_response, read_transient
   implicit none (type, external)
@@ -65,6 +67,7 @@ contains
     call check_inertia()
     call check_response()
     call find_arguments()
+    call check_controllers(d, source)
     call check_histories(source, d%histories, d%transient%t_end)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
@@ -159,7 +162,8 @@ contains
       allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
       allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
       allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
-      allocate (d%stops(numbers(in_stop)), d%sensors(numbers(in_sensor)), source%body_known(numbers(in_body)))
+      allocate (d%stops(numbers(in_stop)), d%sensors(numbers(in_sensor)), &
+                d%controllers(numbers(in_controller)), source%body_known(numbers(in_body)))
       source%body_known = .false.
     end subroutine allocate_records
 
@@ -210,6 +214,8 @@ contains
         call read_stop(source, d, d%stops(number))
       case (in_sensor)
         call read_sensor(source, d, d%sensors(number))
+      case (in_controller)
+        call read_controller(source, d%controllers(number))
       case (in_static)
         call read_static(source, d%static)
       case (in_modal)

@@ -162,6 +162,7 @@ module deck_records
     real(wp) :: centre(2) = 0.0_wp           !! torque_about: global [m]
     integer :: history = 0                   !! index of its load history; 0: constant load
     type(column_record) :: argument          !! what the history is a function of, where that is not time
+    integer :: controller = 0                !! index of the controller whose output is its factor, 0: none
     character(10) :: stage = 'all'           !! 'all', 'static', 'transient'
   end type force_record
 
@@ -201,12 +202,28 @@ module deck_records
     integer :: force = 0                     !! power: index of the force
     integer :: spring = 0                    !! spring, power: index
     integer :: stop = 0                      !! stop: index
+    integer :: controller = 0                !! controller: index
     integer :: element = 0                   !! internal: element number of marker%body
     integer :: index = 0                     !! coordinate: number of the elastic coordinate of marker%body, >= 1 (upper
                                              !! bound is checked where the body's coordinates are known)
     real(wp) :: accuracy = 0.0_wp            !! of its columns, of their ranges; 0: that of the transient [-]
     real(wp) :: floor = 0.0_wp               !! error that its columns may have in any case [unit of each column]
   end type sensor_record
+
+  !> &controller
+  type, extends(named_record), public :: controller_record
+    type(column_record) :: argument          !! what it senses
+    integer :: history = 0                   !! index of what that is to follow
+    real(wp) :: kp = 0.0_wp                  !! [unit of the output over that of the quantity]
+    real(wp) :: ki = 0.0_wp                  !! [the same per second]
+    real(wp) :: kd = 0.0_wp                  !! [the same times a second]
+    real(wp) :: filter = 0.0_wp              !! [s]
+    real(wp) :: lower = -huge(1.0_wp)        !! limits; huge ones are not given [any]
+    real(wp) :: upper = huge(1.0_wp)         !! [any]
+    real(wp) :: windup_time = 0.0_wp         !! [s]
+    real(wp) :: sample = 0.0_wp              !! [s]
+    real(wp) :: delay = 0.0_wp               !! [s]
+  end type controller_record
 
   !> &static
   type, public :: static_record
@@ -281,6 +298,7 @@ module deck_records
     type(spring_record), allocatable :: springs(:)
     type(stop_record), allocatable :: stops(:)
     type(sensor_record), allocatable :: sensors(:)
+    type(controller_record), allocatable :: controllers(:)
     type(static_record) :: static
     type(modal_record) :: modal
     type(response_record) :: response

@@ -5,7 +5,7 @@ module deck_sensors
   use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
-  use deck_kinds, only: in_joint, in_drive, in_force, in_spring, in_stop
+  use deck_kinds, only: in_joint, in_drive, in_force, in_spring, in_stop, in_controller
   use deck_geometry, only: removed_coordinates
   use deck_marker, only: read_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
@@ -28,7 +28,7 @@ contains
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance', 'power', 'energy', 'stress', 'friction'], required)
+      'distance', 'power', 'energy', 'stress', 'friction', 'controller'], required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
@@ -40,6 +40,7 @@ contains
     call get_reference(deck, 'force', in_force, s%force, kinds='power')
     call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power')
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
+    call get_reference(deck, 'controller', in_controller, s%controller, required, kinds='controller')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
     call get(deck, 'accuracy', s%accuracy, above=0.0_wp, below=1.0_wp)

@@ -7,13 +7,13 @@ module deck_kinds
 
   integer, parameter, public :: in_include = 1, in_parameter = 2, in_scene = 3, in_material = 4, in_section = 5, &
     in_history = 6, in_body = 7, in_lump = 8, in_joint = 9, in_drive = 10, in_force = 11, in_spring = 12, in_stop = 13, &
-    in_sensor = 14, in_static = 15, in_modal = 16, in_response = 17, in_transient = 18
-  integer, parameter, public :: group_kinds = 18
+    in_sensor = 14, in_controller = 15, in_static = 16, in_modal = 17, in_response = 18, in_transient = 19
+  integer, parameter, public :: group_kinds = 19
 
   !> The word after `&`.
   character(18), parameter, public :: group_names(group_kinds) = [character(18) :: 'include', 'parameter', 'scene', &
-    'material', 'section', 'history', 'body', 'lump', 'joint', 'drive', 'force', 'spring', 'stop', 'sensor', 'static', &
-    'modal', 'frequency_response', 'transient']
+    'material', 'section', 'history', 'body', 'lump', 'joint', 'drive', 'force', 'spring', 'stop', 'sensor', 'controller', &
+    'static', 'modal', 'frequency_response', 'transient']
 
   integer :: k
 

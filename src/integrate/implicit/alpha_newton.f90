@@ -42,12 +42,24 @@ contains
     if (.not. ok .and. system%rows > 0) call newton(self, system, t1, exact, .true., ok, slowly)   ! a singular position
     if (.not. ok) return
     associate (nq => self%nq, z => self%nq + 1)
-      call system%deformations(self%x1(1:nq), self%v1(1:nq), self%dx(z:))
+      call system%deformations(t1, self%x1(1:nq), self%v1(1:nq), self%dx(z:))
+      if (system%linear > 0) call end_linear(self, system, size(self%x) - system%linear + 1)
       self%dx(z:) = self%gain*(self%dx(z:) - self%x1(z:) - system%viscosity*self%v1(z:) - system%inertia*self%vd1(z:))
       call add_correction(self, z, size(self%x))
     end associate
     call close_rates(self, system, t1, ok)
   end subroutine solve_trial
+
+  !> Linear states at the end of the step from what drives them there: their gain is 1.
+  subroutine end_linear(self, system, first)
+    type(alpha_solver), intent(inout) :: self
+    class(second_order_ode), intent(in) :: system
+    integer, intent(in) :: first              !! of them
+    complex(wp) :: y(system%linear)           ! [any]
+    y = self%dx(first:) + self%now%c2*self%x1(first:) - self%v1(first:)
+    call system%solve_linear(cmplx(self%now%c2, 0.0_wp, wp), y)
+    self%dx(first:) = real(y, wp)
+  end subroutine end_linear
 
   !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
   !> sequences carry in the directions that constraints hold (theory.md, section 7). Accelerations are off by c1 h times the error
@@ -123,6 +135,7 @@ contains
       self%gain = 1/(1 + system%viscosity*self%now%c2 + inertia)
       self%resolved = merge(inertia*self%gain, 1 - self%gain, inertia > 0.0_wp)
     end associate
+    self%resolved(self%nz - system%linear + 1:) = 1.0_wp
   end subroutine prepare_step
 
   !> Tells the system what internal variables would be at the end of a step at zero deformation, from their predictions.
@@ -132,6 +145,9 @@ contains
     real(wp), intent(in) :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     associate (offset => self%dx(self%nq + 1:))
       offset = z - self%gain*(z + system%viscosity*zd + system%inertia*zdd)
+      associate (first => self%nz - system%linear + 1)
+        offset(first:) = self%now%c2*z(first:) - zd(first:)
+      end associate
       call system%give_internal(offset)
     end associate
   end subroutine give_offsets

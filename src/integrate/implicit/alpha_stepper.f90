@@ -120,12 +120,11 @@ contains
     class(alpha_march), intent(in) :: self
     logical, intent(in) :: tried
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    call pack(self%solver, self%solver%x, self%solver%v, self%solver%energy%sums, y)
-    if (.not. tried) return
-    associate (nq => self%solver%nq)
-      y(1:nq) = self%solver%x1(1:nq)
-      y(nq + 1:2*nq) = self%solver%v1(1:nq)
-    end associate
+    if (tried) then
+      call pack(self%solver, self%solver%x1, self%solver%v1, self%solver%energy%sums, y)
+    else
+      call pack(self%solver, self%solver%x, self%solver%v, self%solver%energy%sums, y)
+    end if
   end subroutine pack_state
 
   !> The method's state and its rates, from which Hermite's interpolation follows.

@@ -124,8 +124,8 @@ contains
     integer :: i
     self%t = t
     self%h = h
-    if (self%nz > 0) call system%deformations(self%q0, self%v0, self%inner%delta0)
-    do i = self%nzd + 1, self%nz
+    if (self%nz > 0) call system%deformations(t, self%q0, self%v0, self%inner%delta0)
+    do i = self%nzd + 1, self%nz - system%linear
       self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
     end do
     do i = 1, 3
@@ -156,10 +156,10 @@ contains
       end do
       if (self%nz == 0) return
       do i = 1, 3
-        call system%deformations(self%q(:, i), self%v(:, i), self%inner%delta(:, i))
+        call system%deformations(self%t + self%method%c(i)*h, self%q(:, i), self%v(:, i), self%inner%delta(:, i))
       end do
     end associate
-    call internal_stages(self)
+    call internal_stages(self, system)
   end subroutine stage_states
 
   !> What the equations of the internal variables, which are linear and part by the eigenvectors, make of deformations.
@@ -189,8 +189,9 @@ contains
   end subroutine solve_internal
 
   !> Internal variables of the stages, their rates as those of all coordinates.
-  subroutine internal_stages(self)
+  subroutine internal_stages(self, system)
     type(radau_stage_values), intent(inout) :: self
+    class(second_order_ode), intent(in) :: system
     integer :: i, j
     associate (w => self%method%w, n => self%inner)
       if (abs(n%h - self%h) > 0.0_wp) call solve_internal(self)
@@ -201,6 +202,7 @@ contains
           n%z(i, j) = n%z0(i) + n%dz(i, j)
         end do
       end do
+      if (system%linear > 0) call linear_stages(self, system, self%nz - system%linear + 1)
       do j = 1, 3
         do i = 1, self%nz
           n%zd(i, j) = (w(j, 1)*n%dz(i, 1) + w(j, 2)*n%dz(i, 2) + w(j, 3)*n%dz(i, 3))/self%h
@@ -209,6 +211,35 @@ contains
       end do
     end associate
   end subroutine internal_stages
+
+  !> Linear states of the stages: with X their parts by the eigenvectors, (mu/h - A) X = parts of f + mu/h z0.
+  subroutine linear_stages(self, system, first)
+    type(radau_stage_values), intent(inout) :: self
+    class(second_order_ode), intent(in) :: system
+    integer, intent(in) :: first             !! of them
+    complex(wp) :: x(system%linear)          ! [any]
+    integer :: j, p
+    associate (m => self%method, n => self%inner)
+      do j = 1, 3
+        n%z(first:, j) = 0.0_wp
+      end do
+      do p = 1, 2
+        associate (c => m%mu(p)/self%h)
+          x = sum(m%from(p, :))*c*n%z0(first:)
+          do j = 1, 3
+            x = x + m%from(p, j)*n%delta(first:, j)
+          end do
+          call system%solve_linear(c, x)
+        end associate
+        do j = 1, 3
+          n%z(first:, j) = n%z(first:, j) + real(m%to(j, p)*x, wp)
+        end do
+      end do
+      do j = 1, 3
+        n%dz(first:, j) = n%z(first:, j) - n%z0(first:)
+      end do
+    end associate
+  end subroutine linear_stages
 
   !> The stages of a step from t; ok is false where Newton's method fails, also in a second trial, with dependent
   !> rows of the constraints regularised as near a singular position.

@@ -5,7 +5,8 @@
 !> The matrix of Newton's method stands for a step whose rates and accelerations are tied to positions, dv = c2 dq and
 !> da = c1 dq; a method of several stages solves with a real and a complex one, T(c2**2, c2), for the eigenvalues of its
 !> coefficients. The method itself solves the equations of the internal variables z: it tells the system what they are at zero
-!> deformation. The state y is q, v, z, z' and two quadratures, dissipated energy and work.
+!> deformation. The last of them may be linear states instead, z' = A z + f(t, q, v). The state y is q, v, z, z' and two
+!> quadratures, dissipated energy and work.
 module second_order_system
   use kinds, only: wp
   use ode_system, only: ode
@@ -18,6 +19,7 @@ module second_order_system
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables
     integer :: nzd = 0                        !! those of second order, the first ones; only their rates are part of the state
+    integer :: linear = 0                     !! linear states, the last of the internal variables
     integer :: rows = 0                       !! constraint rows
     integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
@@ -39,6 +41,7 @@ module second_order_system
     procedure(stage_point), deferred :: renew_stages
     procedure(complex_solution), deferred :: complex_correction
     procedure(find_deformations), deferred :: deformations
+    procedure(solve_states), deferred :: solve_linear
     procedure(find_powers), deferred :: powers
     procedure(find_product), deferred :: mass_product
     procedure(evaluate_state), deferred :: accelerations
@@ -66,7 +69,8 @@ module second_order_system
       real(wp), intent(in) :: near            !! of c1; 0: none serve again [-]
       logical, intent(out) :: ok
     end subroutine take_step
-    !> Takes the internal variables of residuals to come: what their past makes of them at zero deformation.
+    !> Takes the internal variables of residuals to come: what their past makes of them at zero deformation; of linear states
+    !> c2 z - z' of the method's prediction, or where stages are given them, the states.
     subroutine take_offsets(self, z)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
@@ -138,13 +142,21 @@ module second_order_system
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
     end subroutine complex_solution
-    !> The deformation that each internal variable follows.
-    subroutine find_deformations(self, q, v, delta)
+    !> The deformation that each internal variable follows, f of linear states; jumps at t are not yet felt.
+    subroutine find_deformations(self, t, q, v, delta)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
+      real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
       real(wp), intent(out), contiguous :: delta(:)    !! (nz) [m, rad]
     end subroutine find_deformations
+    !> Solves (c - A) y = x of the linear states.
+    subroutine solve_states(self, c, x)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(in) :: self
+      complex(wp), intent(in) :: c            !! [1/s]
+      complex(wp), intent(inout) :: x(:)      !! (linear) [any], then [any s]
+    end subroutine solve_states
     !> Power dissipated and put in at the end of a step or stage.
     subroutine find_powers(self, t, q, v, lambda, z, zd, power)
       import :: second_order_ode, wp

@@ -24,6 +24,8 @@ module force_element
     integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
+    real(wp) :: signal = 1.0_wp           !! output of the controller that it obeys [-]
+    real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by what it senses and by the rate of that, its states held [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
     integer :: state = by_position        !! discrete state of an element that switches
     real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
@@ -47,6 +49,7 @@ module force_element
     logical :: in_frame = .false.         !! its force on a keeps its direction in the axes of a's body
     real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
+    integer :: controller = 0             !! number of the controller whose output scales its force, 0: none
     real(wp) :: size = 1.0_wp             !! the scene's size: what lengths are small against [m]
     logical :: switches = .false.         !! it has discrete states, between which events lead
     integer :: switch_number = 0          !! its number among the elements that switch
@@ -159,10 +162,15 @@ contains
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     type(marker_stiffness), intent(inout) :: k
+    type(conditions) :: by_rate_of          ! by the rate of the argument
     real(wp) :: by_place(6), by_rate(6)     ! [-], [m], [1/s]
     call self%argument%gradient(p, by_place, by_rate)
     k%k = -outer(self%slope(p, with), by_place)
     k%c = -outer(self%slope(p, with), by_rate)
+    if (self%controller == 0 .or. .not. abs(with%slopes(2)) > 0.0_wp) return
+    by_rate_of = with
+    by_rate_of%slopes(1) = with%slopes(2)
+    k%c = k%c - outer(self%slope(p, by_rate_of), by_place)
   end subroutine argument_tangent
 
   !> Most elements do not follow a history.

@@ -76,6 +76,7 @@ contains
     s = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     s = with%load_factor
+    if (self%controller > 0) s = with%signal*with%load_factor
     if (.not. allocated(self%history)) return
     if (allocated(self%argument)) then
       call self%followed(p, with%stage, x, rate, rounding)
@@ -96,6 +97,10 @@ contains
     real(wp) :: h(0:2), x, rate, rounding
     w = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
+    if (self%controller > 0) then
+      w(1:3) = with%load_factor*with%slopes(1)*self%unit_wrench(p, with)
+      return
+    end if
     call self%followed(p, with%stage, x, rate, rounding)
     h = self%history_value(with, x)
     w(1:3) = with%load_factor*h(1)*self%unit_wrench(p, with)

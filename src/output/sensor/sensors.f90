@@ -5,6 +5,7 @@ module sensors
   use angle_sensor, only: angle_sensor_model
   use build_markers, only: begin_markers, find_marker, marker_table
   use build_quantities, only: make_quantity
+  use controller_sensor, only: controller_sensor_model
   use coordinate_sensor, only: coordinate_sensor_model
   use deck_records, only: deck, sensor_record
   use deflection_sensor, only: deflection_sensor_model
@@ -156,6 +157,14 @@ contains
       item = stop_sensor_model(element=m%s%switching(r%stop))
       suffixes = [character(suffix_length) :: '.f[N]', '.gap[m]', '.state[-]']
       if (m%s%forces(m%s%switching(r%stop))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.gap[rad]']
+    case ('controller')
+      item = controller_sensor_model(controller=r%controller)
+      unit = 'm'
+      associate (q => m%s%controllers(r%controller)%quantity)
+        if (q%angular) unit = 'rad'
+        if (q%rate) unit = unit//'/s'
+      end associate
+      suffixes = [character(suffix_length) :: '.out[-]', '.error['//unit//']', '.limited[-]']
     case default
       item = spring_sensor_model(element=r%spring)
       suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']

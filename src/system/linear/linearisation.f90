@@ -160,7 +160,7 @@ contains
         t%ib = f%ib
         call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], action(k)%force, t)
         call add_pair(m, ev, t, [t%ia, t%ib], v, lin%stiffness, lin%damping, lin%stiffness)
-        if (allocated(f%argument)) then
+        if (allocated(f%argument) .and. f%controller == 0) then    ! loops of controllers are closed by `closed_loops`
           call f%argument_tangent(ev%p, with, t)
           call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, lin%stiffness, lin%damping, lin%stiffness)
         end if

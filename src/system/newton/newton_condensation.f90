@@ -10,6 +10,7 @@ module newton_condensation
   use constraint, only: marker_stiffness
   use elastic_columns, only: fill_columns, seen
   use evaluation_results, only: evaluation, conditions_of
+  use force_element, only: conditions
   use marker, only: turn
   use mechanism, only: mechanism_model
   use row_sides, only: side_a, side_b, side_c
@@ -111,6 +112,7 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     type(marker_stiffness) :: p
+    type(conditions) :: with
     integer :: k
     do k = 1, size(self%rows%laws)
       associate (i => self%rows%laws(k)%item, r => self%rows)
@@ -119,7 +121,13 @@ contains
           r%k(:, :, k) = p%k
         else
           associate (f => m%s%forces(i)%item)
-            if (r%laws(k)%kind == from_argument) then
+            if (r%laws(k)%kind == from_argument .and. f%controller > 0) then
+              with = conditions_of(m, ev, i)
+              with%slopes = [1.0_wp, 0.0_wp]
+              call f%argument_tangent(ev%p, with, p)
+              r%k(:, :, k) = self%element_factor(i)*(p%k + self%c2*p%c)   ! of its controller
+              cycle
+            else if (r%laws(k)%kind == from_argument) then
               call f%argument_tangent(ev%p, conditions_of(m, ev, i), p)
             else
               call f%tangent(ev%p, conditions_of(m, ev, i), [1.0_wp, 1.0_wp], ev%action(i)%force, p)

@@ -5,6 +5,7 @@ module newton_equations
   use kinds, only: wp
   use body_tangents, only: find_tangents, find_wrenches, frame_acceleration
   use body_terms, only: body_residual
+  use controls, only: control_states
   use elastic_columns, only: factor_blocks
   use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
@@ -46,6 +47,7 @@ contains
   subroutine let_terms_follow(self)
     type(newton_matrix), intent(inout) :: self
     integer :: k
+    self%stages = .true.
     do k = 1, size(self%eq)
       if (self%eq(k)%n > 0) self%eq(k)%factor = 1.0_wp
     end do
@@ -131,6 +133,7 @@ contains
         self%element_z(t%first) = t%g*d + self%offset(t%first)
       end associate
     end do
+    if (size(m%s%controllers) > 0) call control_states(m, ev, self%t%c2, self%stages, self%offset, self%element_z)
   end subroutine element_state
 
   !> The tangent at the state of the last residual, whose arguments are given again, condensed and factored, together with the

@@ -17,6 +17,7 @@ module newton_system
     type(body_equations), allocatable :: eq(:)   !! (bodies)
     type(condensed_matrix) :: t
     type(condensed_term), allocatable :: terms(:)
+    logical :: stages = .false.              !! residuals are given the internal variables of stages
     real(wp), allocatable :: offset(:)       !! (nz) dissipative coordinates at zero deformation [m, rad]
     real(wp), allocatable :: element_z(:), element_zd(:) !! (nz) of force elements at the trial state [m, rad], unused rates
     real(wp), allocatable :: wrench(:, :)    !! (3, markers) residual force (body axes) and moment [N, N m]

@@ -1,0 +1,74 @@
+!> Reader of &controller.
+module deck_controllers
+  use kinds, only: wp
+  use text, only: to_text
+  use deck_columns, only: find_column
+  use deck_get, only: get
+  use deck_input, only: deck_source, required
+  use deck_kinds, only: in_history
+  use deck_records, only: controller_record, deck_record => deck
+  use deck_words, only: get_column, get_name, get_reference
+  implicit none (type, external)
+  private
+  public :: read_controller, check_controllers
+
+contains
+
+  !> &controller
+  subroutine read_controller(deck, r)
+    class(deck_source), intent(inout) :: deck
+    type(controller_record), intent(inout) :: r
+    call get_name(deck, r)
+    call get_column(deck, 'argument', r%argument%sensor, r%argument%suffix, required)
+    call get_reference(deck, 'history', in_history, r%history, required)
+    call get(deck, 'kp', r%kp)
+    call get(deck, 'ki', r%ki)
+    call get(deck, 'kd', r%kd)
+    call get(deck, 'filter', r%filter, least=0.0_wp)
+    call get(deck, 'lower', r%lower)
+    call get(deck, 'upper', r%upper)
+    call get(deck, 'windup_time', r%windup_time, above=0.0_wp)
+    call get(deck, 'sample', r%sample, above=0.0_wp)
+    call get(deck, 'delay', r%delay, above=0.0_wp)
+    if (.not. (deck%is_given('kp') .or. deck%is_given('ki') .or. deck%is_given('kd'))) call deck%note_missing('kp', &
+      'kp, ki or kd, or several of them')
+    if (deck%is_set('lower') .and. deck%is_set('upper') .and. r%lower >= r%upper) call deck%complain('upper', &
+      'upper='//to_text(r%upper)//' is not above lower='//to_text(r%lower)//', expected lower < upper')
+    if (deck%is_set('windup_time')) then
+      if (.not. (deck%is_given('ki') .and. (deck%is_given('lower') .or. deck%is_given('upper')))) call deck%complain( &
+        'windup_time', 'windup_time is how fast an integral follows a limited output, expected ki, and lower or upper')
+      if (deck%is_set('sample') .and. r%windup_time < r%sample) call deck%complain('windup_time', 'windup_time='// &
+        to_text(r%windup_time)//' is shorter than sample='//to_text(r%sample)//': the integral would jump beyond the limit, '// &
+        'expected windup_time >= sample')
+    end if
+    if (deck%is_set('filter') .and. r%filter > 0.0_wp .and. .not. deck%is_given('kd')) call deck%complain('filter', &
+      'filter is that of the derivative, expected kd')
+  end subroutine read_controller
+
+  !> What needs all records: columns that are sensed, derivatives of rates, analyses that cannot have samples.
+  subroutine check_controllers(d, deck)
+    type(deck_record), intent(inout) :: d         !! all groups are read
+    class(deck_source), intent(inout) :: deck
+    integer :: k
+    do k = 1, size(d%controllers)
+      associate (r => d%controllers(k))
+        call find_column(d, r%at, 'argument', r%argument, deck%faults)
+        if (r%argument%number > 0 .and. abs(r%kd) > 0.0_wp .and. .not. r%filter > 0.0_wp) then
+          if (is_rate(d%sensors(r%argument%sensor)%quantity, r%argument%suffix)) call r%at%blame(deck%faults, 'kd of a rate '// &
+            'needs accelerations, which follow from the forces themselves, expected filter > 0 (s), or the position as argument')
+        end if
+        if (.not. r%sample > 0.0_wp .and. (d%modal%present .or. d%response%present)) call r%at%blame(deck%faults, &
+          'closed loops have no &modal and &frequency_response yet, expected a deck without these')
+        if (r%sample > 0.0_wp .and. (d%modal%present .or. d%response%present)) call r%at%blame(deck%faults, 'sample holds the '// &
+          'output, and what is held has no poles; expected no sample in a deck with &modal or &frequency_response, or '// &
+          'delay=sample/2 in its place')
+      end associate
+    end do
+  end subroutine check_controllers
+
+  !> Whether a column of motion is a rate.
+  pure logical function is_rate(quantity, suffix)
+    character(*), intent(in) :: quantity, suffix
+    is_rate = any(quantity == [character(20) :: 'velocity', 'angular_velocity']) .or. suffix == '.qd'
+  end function is_rate
+end module deck_controllers

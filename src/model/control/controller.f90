@@ -1,0 +1,363 @@
+!> Controllers: PID of a sensed quantity against a history (theory.md, section 12). A controller is linear in each of its states,
+!> free or at a limit: with w its own states x, the sensed y and y', the reference r and r', and 1,
+!>
+!>   x' = rates w      wish = kp e + i + kd e'      output = wish, or the limit
+!>
+!> so that all methods, the linearisation and the transfer function read the same coefficients. What is sampled changes at samples.
+module controller
+  use kinds, only: wp
+  use history, only: breakpoint, history_model
+  use marker, only: marker_states
+  use quantity, only: quantity_model
+  implicit none (type, external)
+  private
+  public :: delay_limit
+
+  integer, parameter, public :: free = 0, at_upper = 1, at_lower = -1   !! states of one that is not sampled
+  integer, parameter, public :: unset = -huge(1)  !! no state is kept: it follows from the motion
+  integer, parameter :: order = 3                 !! of the Pade approximation of a delay
+  integer, parameter, public :: control_parts = 5 !! of w beside the states: y, y', r, r', 1
+
+  !> A controller.
+  type, public :: controller_model
+    character(32) :: name = ''
+    class(quantity_model), allocatable :: quantity  !! what it senses
+    class(history_model), allocatable :: reference  !! what that is to be
+    real(wp) :: kp = 0.0_wp                   !! [unit of the output over that of the quantity]
+    real(wp) :: ki = 0.0_wp                   !! [the same per second]
+    real(wp) :: kd = 0.0_wp                   !! [the same times a second]
+    real(wp) :: filter = 0.0_wp               !! time constant of the derivative's filter; 0: none [s]
+    real(wp) :: lower = -huge(1.0_wp)         !! of the output; huge ones are not given [any]
+    real(wp) :: upper = huge(1.0_wp)          !! [any]
+    real(wp) :: windup_time = 0.0_wp          !! in which the integral follows a limited output [s]
+    real(wp) :: sample = 0.0_wp               !! 0: continuous [s]
+    real(wp) :: delay = 0.0_wp                !! of what it senses [s]
+    integer :: states = 0                     !! first those of the delay
+    integer :: first = 0                      !! they stand behind so many of the scene's internal variables
+    integer :: smooth = 0, integral = 0, held = 0   !! numbers of states: filter, integral, sampled output; 0: none
+    real(wp), allocatable :: rates(:, :, :)   !! (states, states + 5, -1:1) of free ones and at a limit [any/s]
+    real(wp), allocatable :: output(:, :)     !! (states + 5, -1:1) [any]
+    real(wp), allocatable :: wish(:)          !! (states + 5) output without limits [any]
+    real(wp), allocatable :: error(:)         !! (states + 5) [unit of the quantity]
+    real(wp), allocatable :: change(:)        !! (states + 5) kd e', of a sampled one at a sample [any]
+  contains
+    procedure :: set_up
+    procedure :: inputs
+    procedure :: start
+    procedure :: side
+    procedure :: is_beyond
+    procedure :: law_in
+    procedure :: solve
+    procedure :: limited
+    procedure :: watch
+    procedure :: take_sample
+    procedure :: slopes
+    procedure :: response
+    procedure :: delayed
+    procedure :: breakpoints
+    procedure :: next_sample
+    procedure :: size_of
+  end type controller_model
+
+contains
+
+  !> Numbers the states and writes the coefficients.
+  subroutine set_up(self)
+    class(controller_model), intent(inout) :: self
+    real(wp), allocatable :: delayed(:), delayed_rate(:), error_rate(:)   ! coefficients of w
+    integer :: n, k, side
+    n = merge(order, 0, self%delay > 0.0_wp)
+    call number_state(self%filter > 0.0_wp .and. abs(self%kd) > 0.0_wp, self%smooth)
+    call number_state(abs(self%ki) > 0.0_wp, self%integral)
+    call number_state(self%sample > 0.0_wp, self%held)
+    self%states = n
+    allocate (self%rates(n, n + control_parts, -1:1), source=0.0_wp)
+    allocate (self%output(n + control_parts, -1:1), source=0.0_wp)
+    delayed = unit(n + 1)
+    delayed_rate = unit(n + 2)
+    if (self%delay > 0.0_wp) then             ! e^(-T s) = -1 + (240 + 24 (T s)^2)/(120 + 60 T s + 12 (T s)^2 + (T s)^3)
+      do k = 1, 2
+        self%rates(k, :, 0) = unit(k + 1)/self%delay
+      end do
+      self%rates(order, :, 0) = (unit(n + 1) - 120*unit(1) - 60*unit(2) - 12*unit(3))/self%delay
+      delayed = 240*unit(1) + 24*unit(3) - unit(n + 1)
+      delayed_rate = 240*self%rates(1, :, 0) + 24*self%rates(3, :, 0) - unit(n + 2)
+    end if
+    self%error = unit(n + 3) - delayed
+    error_rate = unit(n + 4) - delayed_rate
+    self%change = self%kd*error_rate
+    if (self%smooth > 0) then                 ! kd s/(filter s + 1)
+      self%change = self%kd/(self%filter + self%sample)*(self%error - unit(self%smooth))
+      self%rates(self%smooth, :, 0) = (self%error - unit(self%smooth))/self%filter
+    end if
+    self%wish = self%kp*self%error + self%change
+    if (self%integral > 0) then
+      self%wish = self%wish + unit(self%integral)
+      self%rates(self%integral, :, 0) = self%ki*self%error
+    end if
+    self%output(:, 0) = self%wish
+    if (self%sample > 0.0_wp) then
+      self%rates(n - count([self%smooth, self%integral, self%held] > 0) + 1:, :, :) = 0.0_wp
+      self%output(:, 0) = unit(self%held)
+    end if
+    do side = -1, 1, 2
+      self%rates(:, :, side) = self%rates(:, :, 0)
+      self%output(:, side) = merge(self%upper, self%lower, side > 0)*unit(n + control_parts)
+      if (self%integral > 0 .and. self%windup_time > 0.0_wp) self%rates(self%integral, :, side) = &
+        self%rates(self%integral, :, side) + (self%output(:, side) - self%wish)/self%windup_time
+    end do
+  contains
+    !> Gives a state the next number.
+    subroutine number_state(has_it, number)
+      logical, intent(in) :: has_it
+      integer, intent(out) :: number
+      n = n + merge(1, 0, has_it)
+      number = merge(n, 0, has_it)
+    end subroutine number_state
+
+    !> One part of w.
+    pure function unit(k) result(x)
+      integer, intent(in) :: k
+      real(wp) :: x(n + control_parts)
+      x = 0.0_wp
+      x(k) = 1.0_wp
+    end function unit
+  end subroutine set_up
+
+  !> w, from its states and those of the markers. The rate of a sensed rate is not known, and nothing asks for it.
+  pure function inputs(self, p, t, left_limit, x) result(w)
+    class(controller_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: t                 !! [s]
+    logical, intent(in) :: left_limit         !! a jump of the reference at t is not yet felt
+    real(wp), intent(in) :: x(:)              !! (states) [any]
+    real(wp) :: w(self%states + control_parts)        ! [any]
+    real(wp) :: h(-1:2), now, rate, g(6)
+    call self%quantity%measure(p, now, rate, g)
+    call self%reference%evaluate(t, left_limit, h)
+    w = [x, merge(rate, now - self%quantity%datum, self%quantity%rate), merge(0.0_wp, rate, self%quantity%rate), h(0), h(1), 1.0_wp]
+  end function inputs
+
+  !> States when it is switched on: the delay has seen the quantity stand still, the filter the error, the integral is 0.
+  pure subroutine start(self, p, t, x)
+    class(controller_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(out) :: x(:)             !! (states) [any]
+    real(wp) :: w(self%states + control_parts)
+    x = 0.0_wp
+    w = self%inputs(p, t, .false., x)
+    if (self%delay > 0.0_wp) x(1) = w(self%states + 1)/120
+    w = self%inputs(p, t, .false., x)
+    if (self%smooth > 0) x(self%smooth) = dot_product(self%error, w)
+  end subroutine start
+
+  !> Which of its laws holds: that of its state, or where no event has led to one that of its wish.
+  pure integer function side(self, state, w)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: state
+    real(wp), intent(in) :: w(:)              !! (states + 5) [any]
+    side = self%law_in(state)
+    if (state /= unset .or. self%sample > 0.0_wp) return
+    associate (wish => dot_product(self%wish, w))
+      if (wish > self%upper) side = at_upper
+      if (wish < self%lower) side = at_lower
+    end associate
+  end function side
+
+  !> Which of its laws holds in a state; free, where no state is kept.
+  pure integer function law_in(self, state) result(side)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: state
+    side = merge(free, state, self%sample > 0.0_wp .or. state == unset)
+  end function law_in
+
+  !> Whether its wish is beyond a limit by more than rounding.
+  pure logical function is_beyond(self, w) result(yes)
+    class(controller_model), intent(in) :: self
+    real(wp), intent(in) :: w(:)              !! (states + 5) [any]
+    real(wp) :: wish, slack
+    wish = dot_product(self%wish, w)
+    slack = 1.0e-9_wp*maxval(abs(self%wish*w))
+    yes = wish > self%upper + slack .or. wish < self%lower - slack
+  end function is_beyond
+
+  !> Whether its output is at a limit: 1 the upper, -1 the lower one.
+  pure integer function limited(self, side, output)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: side
+    real(wp), intent(in) :: output            !! [any]
+    limited = side
+    if (self%sample > 0.0_wp) limited = merge(1, merge(-1, 0, output <= self%lower), output >= self%upper)
+  end function limited
+
+  !> What it watches: the distance to both limits, the way back from one, or the time to the next sample.
+  pure subroutine watch(self, t, state, w, left_limit, g, rate, zero)
+    class(controller_model), intent(in) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    integer, intent(in) :: state              !! of a sampled one the number of the next sample
+    real(wp), intent(in) :: w(:)              !! (states + 5) [any]
+    logical, intent(in) :: left_limit         !! a jump of the reference at t is not yet felt
+    real(wp), intent(out) :: g(2)             !! positive until the event; huge: not watched [any] or [s]
+    real(wp), intent(out) :: rate(2)          !! huge: not known [any/s] or [-]
+    real(wp), intent(out) :: zero(2)          !! a value so small is rounding [any] or [s]
+    real(wp) :: now, slope, h(-1:2)
+    integer :: n
+    n = self%states
+    g = huge(1.0_wp)
+    rate = 0.0_wp
+    zero = 0.0_wp
+    if (self%sample > 0.0_wp) then
+      g(1) = self%next_sample(state) - t
+      rate(1) = -1.0_wp
+      zero(1) = 2*spacing(self%next_sample(state))
+      return
+    end if
+    now = dot_product(self%wish, w)
+    slope = huge(1.0_wp)
+    if (.not. (self%quantity%rate .or. abs(self%wish(n + 2)) > 0.0_wp)) then
+      call self%reference%evaluate(t, left_limit, h)
+      slope = dot_product(self%wish, [matmul(self%rates(:, :, state), w), w(n + 2), 0.0_wp, h(1), h(2), 0.0_wp])
+    end if
+    if (state /= at_lower .and. self%upper < huge(1.0_wp)) call set(merge(-1, 1, state == free), self%upper, 1, g, rate, zero)
+    if (state /= at_upper .and. self%lower > -huge(1.0_wp)) call set(merge(1, -1, state == free), self%lower, 2, g, rate, zero)
+  contains
+    !> One root: side times what the wish is above a limit.
+    pure subroutine set(side, limit, k, g, rate, zero)
+      integer, intent(in) :: side, k
+      real(wp), intent(in) :: limit           !! [any]
+      real(wp), intent(inout) :: g(2), rate(2), zero(2)   !! [any], [any/s], [any]
+      g(k) = side*(now - limit)
+      if (slope < huge(1.0_wp)) rate(k) = side*slope
+      if (slope >= huge(1.0_wp)) rate(k) = huge(1.0_wp)
+      zero(k) = 64*epsilon(1.0_wp)*max(abs(limit), maxval(abs(self%wish*w)))
+    end subroutine set
+  end subroutine watch
+
+  !> The sample number k: the output that is held until the next one, the filter and the integral in between.
+  pure subroutine take_sample(self, p, k, x)
+    class(controller_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    integer, intent(in) :: k
+    real(wp), intent(inout) :: x(:)           !! (states) [any]
+    real(wp) :: w(self%states + control_parts), wish, error
+    w = self%inputs(p, self%next_sample(k), .false., x)
+    wish = dot_product(self%wish, w)
+    error = dot_product(self%error, w)
+    associate (h => self%sample, held => min(max(wish, self%lower), self%upper))
+      if (self%smooth > 0) x(self%smooth) = (self%filter*x(self%smooth) + h*error)/(self%filter + h)
+      if (self%integral > 0) then
+        x(self%integral) = x(self%integral) + h*self%ki*error
+        if (self%windup_time > 0.0_wp) x(self%integral) = x(self%integral) + h*(held - wish)/self%windup_time
+      end if
+      x(self%held) = held
+    end associate
+  end subroutine take_sample
+
+  !> Time of a sample.
+  pure real(wp) function next_sample(self, k) result(t)   ! [s]
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: k
+    t = k*self%sample
+  end function next_sample
+
+  !> Derivatives of the output by what it senses and by the rate of that, its states held.
+  pure function slopes(self, limited) result(d)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: limited            !! 1, -1: at a limit
+    real(wp) :: d(2)                          !! [any]
+    d = self%output(self%states + 1:self%states + 2, merge(free, limited, self%sample > 0.0_wp))
+  end function slopes
+
+  !> Output over sensed quantity at s: output_y + s output_y' + output_x (s - A)^-1 (b_y + s b_y').
+  pure complex(wp) function response(self, state, s) result(h)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: state
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp) :: x(self%states)             ! [any]
+    integer :: side
+    side = self%law_in(state)
+    associate (n => self%states)
+      x = self%rates(:, n + 1, side) + s*self%rates(:, n + 2, side)
+      call self%solve(side, s, x)
+      h = self%output(n + 1, side) + s*self%output(n + 2, side) + sum(self%output(1:n, side)*x)
+    end associate
+  end function response
+
+  !> Solves (c - A) y = x of its states: Gauss elimination with row exchanges, of 6 unknowns at most.
+  pure subroutine solve(self, side, c, x)
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: side
+    complex(wp), intent(in) :: c              !! [1/s]
+    complex(wp), intent(inout) :: x(:)        !! (states) [any], then [any s]
+    complex(wp) :: a(self%states, self%states + 1), row(self%states + 1), factor
+    integer :: n, i, j, k
+    n = self%states
+    a(:, 1:n) = -self%rates(:, 1:n, side)
+    a(:, n + 1) = x
+    do k = 1, n
+      a(k, k) = a(k, k) + c
+    end do
+    do k = 1, n
+      i = k - 1 + maxloc(abs(a(k:, k)), 1)
+      row = a(k, :)
+      a(k, :) = a(i, :)
+      a(i, :) = row
+      if (.not. abs(a(k, k)) > 0.0_wp) a(k, k) = epsilon(1.0_wp)*max(1.0_wp, abs(c))
+      do j = 1, n
+        if (j == k) cycle
+        factor = a(j, k)/a(k, k)
+        a(j, :) = a(j, :) - factor*a(k, :)
+      end do
+    end do
+    do k = 1, n
+      x(k) = a(k, n + 1)/a(k, k)
+    end do
+  end subroutine solve
+
+  !> What a delay makes of a vibration, by its approximation [-].
+  pure complex(wp) function delayed(self, s)
+    class(controller_model), intent(in) :: self
+    complex(wp), intent(in) :: s              !! [1/s]
+    complex(wp) :: x
+    x = self%delay*s
+    delayed = (120 - x*(60 - x*(12 - x)))/(120 + x*(60 + x*(12 + x)))
+  end function delayed
+
+  !> How large a state is where the quantity changes by as much as it may in the scene.
+  pure real(wp) function size_of(self, k, change) result(size)   ! [any]
+    class(controller_model), intent(in) :: self
+    integer, intent(in) :: k                  !! state
+    real(wp), intent(in) :: change            !! [m] or [rad]
+    size = change
+    if (any(k == [self%integral, self%held])) size = change*(abs(self%kp) + abs(self%ki) + abs(self%kd))   ! in a second
+  end function size_of
+
+  !> Times at which its output is not smooth: a derivative without a filter follows the reference's slope.
+  pure function breakpoints(self, until) result(list)
+    class(controller_model), intent(in) :: self
+    real(wp), intent(in) :: until             !! end of the run [s]
+    type(breakpoint), allocatable :: list(:)
+    list = self%reference%breakpoints(until)
+    if (abs(self%kd) > 0.0_wp .and. self%smooth == 0) list%order = max(0, list%order - 1)
+  end function breakpoints
+
+  !> Frequency up to which the phase of a delay's approximation errs by less than 5 degrees: T omega is the least root of
+  !> omega - 2 atan(omega (1/2 - omega^2/120)/(1 - omega^2/10)) = 5 degrees.
+  pure real(wp) function delay_limit(delay) result(f)   ! [Hz]
+    real(wp), intent(in) :: delay             !! [s]
+    real(wp), parameter :: pi = acos(-1.0_wp)
+    real(wp) :: low, high, x
+    low = 0.0_wp
+    high = 2*pi
+    do while (high - low > 1.0e-12_wp)
+      x = 0.5_wp*(low + high)
+      if (x - 2*atan2(x*(0.5_wp - x**2/120), 1 - x**2/10) < 5*pi/180) then
+        low = x
+      else
+        high = x
+      end if
+    end do
+    f = low/(2*pi*delay)
+  end function delay_limit
+end module controller

@@ -1,0 +1,47 @@
+!> Output and error of a controller, and whether its output is at a limit.
+module controller_sensor
+  use kinds, only: wp
+  use controller, only: free
+  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
+  implicit none (type, external)
+  private
+
+  !> What a controller does.
+  type, extends(sensor_model), public :: controller_sensor_model
+    integer :: controller = 0                 !! its number
+  contains
+    procedure :: read => read_controller
+    procedure :: respond
+  end type controller_sensor_model
+
+contains
+
+  !> As evaluated.
+  subroutine read_controller(self, at, x)
+    class(controller_sensor_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    real(wp), intent(inout) :: x(:)           !! [any], [m, rad, or per second], [-]
+    associate (c => at%ev%control(self%controller))
+      x(1:3) = [c%output, c%error, real(c%limited, wp)]
+    end associate
+  end subroutine read_controller
+
+  !> By its transfer function.
+  subroutine respond(self, at, motion, x)
+    class(controller_sensor_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! [any], [m, rad, or per second], [-]
+    complex(wp) :: u(6), sensed               ! [m], [rad]
+    real(wp) :: by_place(6), by_rate(6)       ! [-], [m], [1/s]
+    associate (c => at%m%s%controllers(self%controller), q => at%m%s%controllers(self%controller)%quantity)
+      call q%gradient(at%ev%p, by_place, by_rate)
+      u(1:3) = scene_motion(at%m, at%ev, q%ia, motion%x)
+      u(4:6) = scene_motion(at%m, at%ev, q%ib, motion%x)
+      sensed = sum((by_place + motion%s*by_rate)*u)
+      x(1) = c%response(at%ev%control(self%controller)%limited, motion%s)*sensed
+      x(2) = -c%delayed(motion%s)*sensed
+      x(3) = 0.0_wp
+    end associate
+  end subroutine respond
+end module controller_sensor

@@ -1,0 +1,263 @@
+!> Controllers along a run: what they put out at a state of motion, what they watch, what their events change. Their states are the
+!> last of the internal variables.
+module controls
+  use kinds, only: wp
+  use archive, only: value_archive
+  use controller, only: free, at_upper, at_lower, unset, control_parts
+  use evaluation_results, only: evaluation
+  use evaluation_settings, only: evaluation_options
+  use force_element, only: stage_static
+  use marker_motion, only: set_frames, marker_displacement, marker_kinematics
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: put_out, rest_controls, start_controls, watch_controls, pass_control_events, exchange_controls
+  public :: control_inputs, solve_controls, control_states, control_slopes
+
+contains
+
+  !> Outputs, and rates of the states, in the motion of the markers; a static analysis comes before they are switched on.
+  pure subroutine put_out(m, ev, options, t, z)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(evaluation_options), intent(in) :: options
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: z(:)              !! (nz) all internal variables [m, rad, any]
+    integer :: k
+    do k = 1, size(m%s%controllers)
+      call one_output(m, ev, options, t, z, k)
+    end do
+  end subroutine put_out
+
+  !> The output of one.
+  pure subroutine one_output(m, ev, options, t, z, k)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(evaluation_options), intent(in) :: options
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
+    integer, intent(in) :: k                  !! controller
+    real(wp) :: w(m%s%controllers(k)%states + control_parts)   ! [any]
+    integer :: side
+    associate (c => m%s%controllers(k), x => ev%control(k))
+      associate (first => c%first + 1, last => c%first + c%states)
+        if (options%stage == stage_static) then
+          ev%zdd(first:last) = 0.0_wp
+          x%output = 0.0_wp
+          return
+        end if
+        w = c%inputs(ev%p, t, options%left_limit .or. t >= options%t_end, z(first:last))
+        side = c%side(x%state, w)
+        ev%zdd(first:last) = matmul(c%rates(:, :, side), w)
+        x%output = dot_product(c%output(:, side), w)
+        x%error = dot_product(c%error, w)
+        x%limited = c%limited(side, x%output)
+      end associate
+    end associate
+  end subroutine one_output
+
+  !> States of a motion at which they are switched on.
+  subroutine rest_controls(m, ev, q, v, z)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
+    integer :: k
+    if (size(m%s%controllers) == 0) return
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k))
+        call c%start(ev%p, 0.0_wp, z(c%first + 1:c%first + c%states))
+        ev%control(k)%state = unset
+      end associate
+    end do
+  end subroutine rest_controls
+
+  !> From now on they keep their discrete states; the first sample is taken.
+  subroutine start_controls(m, ev, q, v, z)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
+    integer :: k
+    call rest_controls(m, ev, q, v, z)
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k), x => ev%control(k))
+        if (c%sample > 0.0_wp) then
+          call c%take_sample(ev%p, 0, z(c%first + 1:c%first + c%states))
+          x%state = 1
+        else
+          x%state = c%side(unset, c%inputs(ev%p, 0.0_wp, .false., z(c%first + 1:c%first + c%states)))
+        end if
+      end associate
+    end do
+  end subroutine start_controls
+
+  !> Roots, two of each.
+  subroutine watch_controls(m, ev, t, left_limit, q, v, z, g, rate, zero)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    logical, intent(in) :: left_limit         !! a jump of a reference at t is not yet felt
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
+    real(wp), intent(out) :: g(:), rate(:), zero(:)  !! (2 controllers) as `find_roots` says [any], [any/s], [any]
+    integer :: k
+    if (size(m%s%controllers) == 0) return
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k), i => 2*k - 1)
+        call c%watch(t, ev%control(k)%state, c%inputs(ev%p, t, left_limit, z(c%first + 1:c%first + c%states)), &
+                     left_limit, g(i:i + 1), rate(i:i + 1), zero(i:i + 1))
+      end associate
+    end do
+  end subroutine watch_controls
+
+  !> Events: a sample is taken, a limit reached or left. A jump of the reference may lead beyond a limit at once.
+  subroutine pass_control_events(m, ev, t, q, v, z, fallen)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
+    logical, intent(in) :: fallen(:)          !! (2 controllers)
+    real(wp), allocatable :: w(:)
+    integer :: k
+    if (size(m%s%controllers) == 0) return
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k), x => ev%control(k), i => m%s%controllers(k)%first)
+        if (.not. any(fallen(2*k - 1:2*k))) cycle
+        if (c%sample > 0.0_wp) then
+          call c%take_sample(ev%p, x%state, z(i + 1:i + c%states))
+          x%state = x%state + 1
+          cycle
+        end if
+        w = c%inputs(ev%p, t, .false., z(i + 1:i + c%states))
+        if (c%is_beyond(w)) then
+          x%state = c%side(unset, w)
+        else if (x%state == free) then
+          x%state = merge(at_upper, at_lower, fallen(2*k - 1))
+        else
+          x%state = free
+        end if
+      end associate
+    end do
+  end subroutine pass_control_events
+
+  !> What drives the states beside themselves.
+  subroutine control_inputs(m, ev, options, t, q, v, f)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(evaluation_options), intent(in) :: options
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    real(wp), intent(inout) :: f(:)           !! (nz) those of controllers are set [any/s]
+    integer :: k
+    if (size(m%s%controllers) == 0 .or. options%stage == stage_static) return
+    call set_frames(m, ev, q)
+    call marker_kinematics(m, ev, q, v)
+    do k = 1, size(m%s%controllers)
+      call one_input(m, ev, t, k, f)
+    end do
+  end subroutine control_inputs
+
+  !> Of one controller, in the motion of the markers.
+  pure subroutine one_input(m, ev, t, k, f)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    integer, intent(in) :: k                  !! controller
+    real(wp), intent(inout) :: f(:)           !! (nz) [any/s]
+    real(wp), dimension(m%s%controllers(k)%states) :: none
+    real(wp) :: w(m%s%controllers(k)%states + control_parts)   ! [any]
+    associate (c => m%s%controllers(k))
+      none = 0.0_wp
+      w = c%inputs(ev%p, t, .true., none)
+      f(c%first + 1:c%first + c%states) = matmul(c%rates(:, :, c%side(ev%control(k)%state, w)), w)
+    end associate
+  end subroutine one_input
+
+  !> Solves (c - A) y = x of all states.
+  pure subroutine solve_controls(m, ev, c, x)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    complex(wp), intent(in) :: c              !! [1/s]
+    complex(wp), intent(inout) :: x(:)        !! (states) [any], then [any s]
+    integer :: k, first
+    first = 1
+    do k = 1, size(m%s%controllers)
+      associate (control => m%s%controllers(k))
+        call control%solve(control%law_in(ev%control(k)%state), c, x(first:first + control%states - 1))
+        first = first + control%states
+      end associate
+    end do
+  end subroutine solve_controls
+
+  !> States at a trial state of an implicit step: those that stages give, or those that follow from what the step has come from.
+  pure subroutine control_states(m, ev, c2, given, offset, z)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: c2                !! [1/s]
+    logical, intent(in) :: given              !! by stages
+    real(wp), intent(in) :: offset(:)         !! (nz) the states, or c2 z - z' of the prediction [any], [any/s]
+    real(wp), intent(inout) :: z(:)           !! (nz) [any]
+    complex(wp), allocatable :: x(:)
+    integer :: k
+    associate (first => m%s%controllers(1)%first + 1)
+      z(first:) = offset(first:)
+      if (given) return
+      do k = 1, size(m%s%controllers)
+        call one_input(m, ev, ev%t, k, z)
+      end do
+      x = z(first:) + offset(first:)
+      call solve_controls(m, ev, cmplx(c2, 0.0_wp, wp), x)
+      z(first:) = real(x, wp)
+    end associate
+  end subroutine control_states
+
+  !> Derivatives of the states' rates at the last evaluation, A z' + f'.
+  subroutine control_slopes(m, ev, t, zd, a)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: zd(:)             !! (nz) [any/s]
+    real(wp), intent(inout) :: a(:)           !! (nz) those of controllers are set [any/s2]
+    real(wp) :: x, rate, g(6), h(6, 6), second, speeds(6), r(-1:2)
+    integer :: k
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k), quantity => m%s%controllers(k)%quantity)
+        associate (first => c%first + 1, last => c%first + c%states)
+          call quantity%measure(ev%p, x, rate, g)
+          call quantity%curvature(ev%p, h)
+          speeds = [ev%p%v(:, quantity%ia), ev%p%rate(quantity%ia), ev%p%v(:, quantity%ib), ev%p%rate(quantity%ib)]
+          second = dot_product(g, [acceleration(quantity%ia), acceleration(quantity%ib)]) &
+                   + dot_product(speeds, matmul(h, speeds))
+          call c%reference%evaluate(t, ev%options%left_limit, r)
+          a(first:last) = matmul(c%rates(:, :, c%law_in(ev%control(k)%state)), &
+                                 [zd(first:last), merge(second, rate, quantity%rate), second, r(1), r(2), 0.0_wp])
+        end associate
+      end associate
+    end do
+  contains
+    !> Of a marker: x, y, section angle.
+    pure function acceleration(marker) result(y)
+      integer, intent(in) :: marker
+      real(wp) :: y(3)                        !! [m/s2], [rad/s2]
+      y = marker_displacement(m, ev, marker, ev%a) + [ev%p%bias(:, marker), 0.0_wp]
+    end function acceleration
+  end subroutine control_slopes
+
+  !> Saves or restores the discrete states.
+  subroutine exchange_controls(ev, a)
+    type(evaluation), intent(inout) :: ev
+    type(value_archive), intent(inout) :: a
+    integer :: k
+    do k = 1, size(ev%control)
+      call a%exchange(ev%control(k)%state)
+    end do
+  end subroutine exchange_controls
+end module controls

@@ -1,0 +1,169 @@
+"""Controllers: their law against independent integrations of it, in all methods, sampled, delayed and at their limits."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+J, C, K, T_END = 0.1, 0.05, 2.0, 2.0
+PLANT = f"""&body name='arm' kind='rigid' mass=1.0 inertia={J} angular_velocity=1.0 /
+&joint name='j' type='revolute' body_a='arm' /
+&spring name='k' type='torsional' body_a='arm' stiffness={K} damping={C} free_angle=0.0 /
+&sensor name='a' quantity='angle' body='arm' /
+&sensor name='v' quantity='angular_velocity' body='arm' /
+&history name='r' kind='sine' amplitude=1.0 frequency=1.0 phase=0.5 /
+&force name='m' type='torque' body='arm' moment=2.0 controller='pid' /
+&sensor name='c' quantity='controller' controller='pid' /
+"""
+
+
+def reference(t):
+    """Return the reference and its rate."""
+    return np.sin(2 * np.pi * t + 0.5), 2 * np.pi * np.cos(2 * np.pi * t + 0.5)
+
+
+class Pid:
+    """A continuous controller as its equations stand in text books, states I, filter, delay."""
+
+    def __init__(
+        self, argument="a", kp=0.0, ki=0.0, kd=0.0, filter=0.0, lower=-np.inf, upper=np.inf, windup_time=np.inf, delay=0.0
+    ):
+        self.argument, self.kp, self.ki, self.kd, self.filter = argument, kp, ki, kd, filter
+        self.lower, self.upper, self.windup_time, self.delay = lower, upper, windup_time, delay
+
+    def start(self, angle, rate):
+        """Return the states at the start."""
+        y = angle if self.argument == "a" else rate
+        return [0.0, reference(0.0)[0] - y, y / 120, 0.0, 0.0]
+
+    def law(self, t, angle, rate, x):
+        """Return the output, its error and the rates of the states."""
+        y, yd = (angle, rate) if self.argument == "a" else (rate, np.nan)
+        rates = np.zeros(5)
+        if self.delay:
+            rates[2:] = np.array([x[3], x[4], y - 120 * x[2] - 60 * x[3] - 12 * x[4]]) / self.delay
+            y, yd = 240 * x[2] + 24 * x[4] - y, 240 * rates[2] + 24 * rates[4] - yd
+        r, rd = reference(t)
+        error = r - y
+        wish = self.kp * error + x[0]
+        if self.filter:
+            rates[1] = (error - x[1]) / self.filter
+            wish += self.kd * rates[1]
+        elif self.kd:
+            wish += self.kd * (rd - yd)
+        out = min(max(wish, self.lower), self.upper)
+        rates[0] = self.ki * error + (out - wish) / self.windup_time
+        return out, error, rates
+
+
+def truth(pid, times):
+    """Return angle, rate, output and error at times, by an eighth-order method that steps over no kink of the output."""
+
+    def motion(t, y):
+        out, _, rates = pid.law(t, y[0], y[1], y[2:])
+        return [y[1], (2.0 * out - C * y[1] - K * y[0]) / J, *rates]
+
+    y = solve_ivp(
+        motion, (0, times[-1]), [0.0, 1.0, *pid.start(0.0, 1.0)], "DOP853", times, rtol=1e-13, atol=1e-13, max_step=2e-3
+    ).y
+    output = [pid.law(t, *x[:2], x[2:])[:2] for t, x in zip(times, y.T)]
+    return {"a": y[0], "v": y[1], "c.out": np.array(output)[:, 0], "c.error": np.array(output)[:, 1]}
+
+
+def group(**values):
+    """Return the deck's &controller."""
+    return "&controller name='pid' history='r' " + " ".join(f"{k}={v!r}" for k, v in values.items()) + " /\n"
+
+
+LIMITED = {"argument": "a", "kp": 8.0, "ki": 20.0, "kd": 0.4, "lower": -1.2, "upper": 1.5, "windup_time": 0.2}
+LAWS = {
+    "pid at limits": LIMITED,
+    "filtered": {**LIMITED, "filter": 0.01},
+    "delayed": {**LIMITED, "kp": 2.0, "ki": 4.0, "kd": 0.2, "delay": 0.03},
+    "of a rate": {
+        "argument": "v",
+        "kp": 0.3,
+        "ki": 2.0,
+        "kd": 0.01,
+        "filter": 0.02,
+        "lower": -0.12,
+        "upper": 0.1,
+        "windup_time": 0.1,
+    },
+    "winding up": {k: v for k, v in LIMITED.items() if k != "windup_time"},
+    "integral alone": {"argument": "a", "ki": 3.0},
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_controller_follows_its_law(run_deck, name):
+    """Every column within 1e-8 of its range at a tolerance of 1e-10, through at least five saturations."""
+    deck = PLANT + group(**LAWS[name]) + f"&transient t_end={T_END} method='dopri5' tolerance=1e-10 output_step=0.02 /\n"
+    h = run_deck(deck).history
+    expected = truth(Pid(**LAWS[name]), h.time)
+    for column, values in expected.items():
+        np.testing.assert_allclose(h[column], values, rtol=0, atol=1e-8 * np.ptp(values), err_msg=column)
+    if "lower" in LAWS[name]:
+        assert sum(a != b for a, b in pairwise(h["c.limited"])) >= 5
+        np.testing.assert_array_equal(
+            h["c.limited"], (h["c.out"] >= LAWS[name]["upper"]) * 1.0 - (h["c.out"] <= LAWS[name]["lower"])
+        )
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("dopri5", 5), ("radau", 5), ("generalized_alpha", 2)])
+@pytest.mark.parametrize("name", ["pid at limits", "delayed"])
+def test_methods_keep_their_order_across_saturations(run_deck, method, order, name):
+    deck = PLANT + group(**LAWS[name]) + "&transient t_end={} method='{}' step={} output_step=0.25 /\n"
+    expected = truth(Pid(**LAWS[name]), np.arange(9) * T_END / 8)
+    errors = []
+    for step in {"rk4": (2e-3, 1e-3), "generalized_alpha": (1e-3, 5e-4)}.get(method, (1e-2, 5e-3)):
+        h = run_deck(deck.format(T_END, method, step), name=f"s{step}").history
+        errors.append(max(np.abs(h[column] - values).max() / np.ptp(values) for column, values in expected.items()))
+    assert errors[1] < errors[0] / 2 ** (order - 0.5) or errors[1] < 1e-9
+    assert errors[1] < 1e-4
+
+
+def test_a_jump_of_the_reference_leads_to_a_limit_at_once(run_deck):
+    """A pulse: the output is at its limit from the jump on, in one step of each method, and comes back between."""
+    law = {"argument": "a", "kp": 8.0, "kd": 0.8, "filter": 0.02, "lower": -1.2, "upper": 1.5}
+    deck = PLANT.replace(
+        "kind='sine' amplitude=1.0 frequency=1.0 phase=0.5", "kind='pulse' value=1.0 start=0.3 finish=0.9"
+    ) + group(**law)
+    ends = []
+    for method, how in [("dopri5", "tolerance=1e-9"), ("radau", "tolerance=1e-9"), ("rk4", "step=1e-3")]:
+        h = run_deck(deck + f"&transient t_end=1.2 method='{method}' {how} output_step=0.005 /\n", name=method).history
+        limited = h["c.limited"]
+        assert not limited[h.time < 0.2975].any()
+        assert limited[np.searchsorted(h.time, 0.3025)] == 1.0
+        assert limited[np.searchsorted(h.time, 0.9025)] == -1.0
+        assert (limited == 0.0)[(h.time > 0.35) & (h.time < 0.89)].any()
+        ends.append([h[c][-1] for c in ("a", "v", "c.out")])
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5", "radau", "generalized_alpha"])
+def test_a_sampled_controller_changes_at_its_samples_alone(run_deck, method):
+    """The plant between samples exactly, the controller by its recursion: held output, Euler's integral, backward filter."""
+    kp, ki, kd, filter_time, upper, windup, h = 4.0, 10.0, 0.3, 0.015, 1.0, 0.1, 0.02
+    law = {"kp": kp, "ki": ki, "kd": kd, "filter": filter_time, "lower": -upper, "upper": upper, "windup_time": windup, "sample": h}
+    march = "tolerance=1e-10" if method != "generalized_alpha" else "step=1e-4"
+    deck = PLANT + group(argument="a", **law) + f"&transient t_end=0.99 method='{method}' {march} output_step=0.01 /\n"
+    found = run_deck(deck.replace("tolerance=1e-10", "step=1e-3") if method == "rk4" else deck).history
+    a = np.array([[0.0, 1.0], [-K / J, -C / J]])
+    values, vectors = np.linalg.eig(a)
+    x, integral, smooth, held = np.array([0.0, 1.0]), 0.0, reference(0.0)[0], 0.0
+    for k, t in enumerate(found.time):
+        if k % 2 == 0:
+            error = reference(t)[0] - x[0]
+            wish = kp * error + integral + kd * (error - smooth) / (filter_time + h)
+            held = min(max(wish, -upper), upper)
+            smooth = (filter_time * smooth + h * error) / (filter_time + h)
+            integral += h * (ki * error + (held - wish) / windup)
+        else:  # rows at samples show what was held before
+            assert found["c.out"][k] == pytest.approx(held, abs=1e-7 if method != "generalized_alpha" else 1e-3)
+        assert found["a"][k] == pytest.approx(x[0], abs=1e-8 if method != "generalized_alpha" else 2e-4)
+        rest = np.array([2.0 * held / K, 0.0])
+        x = rest + np.real(vectors @ (np.exp(0.01 * values) * np.linalg.solve(vectors, x - rest)))
