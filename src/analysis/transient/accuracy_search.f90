@@ -60,7 +60,7 @@ module accuracy_search
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
     real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
-    integer, private :: stalls = 0, differs = 0   !! refinements without effect; those after which events still differ
+    integer, private :: stalls = 0            !! refinements without effect
     integer(ip), private :: began = 0         !! count of the clock, for `most_seconds` alone
   contains
     procedure :: begin
@@ -255,17 +255,17 @@ contains
   subroutine refine(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
-    if (pass%worst >= 0.0_wp .and. pass%worst <= 1.0_wp .and. pass%differ_at < 0.0_wp) then
+    if (pass%worst >= 0.0_wp .and. pass%worst <= 1.0_wp) then
       if (pass%method == 'dopri5') then
         call finish(self, .true., '')
       else
         call add(self, pass_record(witness, method='dopri5', setting=finer**3*self%accuracy, budget=witness_share*pass%cost))
       end if
-    else if (stuck(self, pass)) then
-      return
     else if (self%free .and. pass%method == 'radau' .and. falls_slowly(self, pass)) then
       self%choice = 'errors of radau fall as slowly as where it damps vibrations that a column shows'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
+    else if (stuck(self, pass)) then
+      return
     else if (self%free .and. pass%method == 'radau' .and. growth*pass%cost > self%explicit_cost) then
       self%choice = 'the next pass of radau would cost more than the stable step of dopri5 asks for'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
@@ -302,23 +302,20 @@ contains
   logical function stuck(self, pass) result(yes)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
-    if (pass%differ_at >= 0.0_wp) then
-      self%differs = self%differs + 1
-    else if (falls_slowly(self, pass)) then
-      self%stalls = self%stalls + 1
+    if (falls_slowly(self, pass)) self%stalls = self%stalls + 1
+    yes = self%stalls == 2
+    if (yes .and. pass%differ_at >= 0.0_wp) then
+      call finish(self, .false., 'finer passes have other sequences of events: the motion cannot be predicted')
+    else if (yes) then
+      call finish(self, .false., 'finer passes come no closer: rounding or chaos')
     end if
-    yes = max(self%stalls, self%differs) == 3
-    if (.not. yes) return
-    call finish(self, .false., trim(merge('finer passes have other sequences of events: the motion cannot be predicted', &
-                                          'finer passes come no closer: rounding or chaos                             ', &
-                                          self%differs == 3)))
   end function stuck
 
   !> What a witness tells of the pass before it.
   subroutine hear(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass     !! of the witness
-    if (pass%worst <= 1.0_wp .and. pass%differ_at < 0.0_wp) then
+    if (pass%worst <= 1.0_wp) then
       call finish(self, .true., '')
     else if (self%free) then
       self%choice = 'radau damps vibrations that a column shows'
@@ -386,7 +383,6 @@ contains
     call self%found%exchange(a)
     call a%exchange(self%explicit_cost)
     call a%exchange(self%stalls)
-    call a%exchange(self%differs)
     call self%rows%exchange(a)
   end subroutine exchange
 end module accuracy_search

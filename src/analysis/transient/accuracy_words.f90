@@ -115,6 +115,7 @@ contains
       range = c%ranges(run%sys%m%s, names, run%d%transient%t_end)
       asked = [(huge(1.0_wp), k=1, size(e))]
       if (c%stored) asked = asked_errors(run, c)
+      if (c%stored .and. any(e > asked) .and. c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
       x = [(0.0_wp, k=1, size(e))]
       where (range > 0.0_wp) x = e/range
       if (c%stored) then
@@ -136,7 +137,7 @@ contains
         call text%line(share)
       end do
       call text%close()
-      call event_words(run, c, text)
+      call event_words(run, c, c%stored .and. all(c%error_ratio*c%error <= asked), text)
       if (c%stored) return
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
@@ -198,17 +199,23 @@ contains
   end function setting_words
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.
-  subroutine event_words(run, c, text)
+  subroutine event_words(run, c, within, text)
     type(run_state), intent(in) :: run
     type(error_watch), intent(in) :: c
+    logical, intent(in) :: within              !! all rows agree as well as is asked
     type(summary_record), intent(inout) :: text
+    character(:), allocatable :: from
     if (run%sys%roots == 0) return
     call text%figure('  events of both runs: ', 'events_compared', c%matched)
     call text%figure(', their times err by an estimated ', 'event_time_error', c%error_ratio*c%event_error, 2, rest=' s at most')
     if (c%differ_at < 0.0_wp) return
     call text%member('events_differ_from', json_number(c%differ_at))
-    call warn(run, 'from t = '//trim(adjustl(es_text(c%differ_at, 6)))//' s on the event sequences of both runs differ: rows '// &
-              'beyond are not predictable, and their errors not estimated', text)
+    from = 'from t = '//trim(adjustl(es_text(c%differ_at, 6)))//' s on the event sequences of both runs differ'
+    if (within) then
+      call text%line('  '//from//', but their rows agree as is asked')
+    else
+      call warn(run, from//': rows beyond are not predictable, and their errors not estimated', text)
+    end if
   end subroutine event_words
 
   !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second

@@ -43,6 +43,7 @@ module error_check
     integer(ip) :: matched = 0                !! events of both runs
     real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
     real(wp) :: differ_at = -1.0_wp           !! time from which the events of both runs differ, < 0: they do not [s]
+    real(wp), allocatable :: agreed(:)        !! (columns) a stored run: largest difference before that time [of the column]
     logical, private :: between = .false.     !! the present row lies between an event of one run and that of the other
   contains
     procedure :: begin
@@ -102,7 +103,7 @@ contains
     columns = size(rows%values, 1)
     self%active = .true.
     self%stored = .true.
-    allocate (self%values(columns), self%error(columns), source=0.0_wp)
+    allocate (self%values(columns), self%error(columns), self%agreed(columns), source=0.0_wp)
     self%low = minval(rows%values, 2)
     self%high = maxval(rows%values, 2)
     if (part) return
@@ -209,15 +210,18 @@ contains
     end subroutine judge
   end subroutine match_events
 
-  !> Compares a row of the first run with that of the second.
+  !> Compares a row of the first run with that of the second. A pass is compared to its end: where motion is damped it may come
+  !> closer than its events, of which small vibrations can make others.
   subroutine compare(self, values)
     class(error_watch), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     if (.not. self%active) return
     self%low = min(self%low, values)
     self%high = max(self%high, values)
-    if (self%lost_at >= 0.0_wp .or. self%differ_at >= 0.0_wp .or. self%between) return
+    if (self%lost_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
+    if (self%differ_at >= 0.0_wp .and. .not. self%stored) return
     self%error = max(self%error, abs(values - self%values))
+    if (self%stored .and. self%differ_at < 0.0_wp) self%agreed = self%error
   end subroutine compare
 
   !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
@@ -282,7 +286,10 @@ contains
     call a%exchange(self%matched)
     call a%exchange(self%event_error)
     call a%exchange(self%differ_at)
-    if (self%stored) return
+    if (self%stored) then
+      call a%exchange(self%agreed)
+      return
+    end if
     call a%exchange(self%done)
     call a%exchange(self%lost_at)
     call a%exchange(self%y, self%values)
