@@ -14,9 +14,6 @@ def start(name: str) -> None:
         os.execv(python, [python, os.path.join(HERE, name + ".py"), *sys.argv[1:]])
     sys.path[0] = HERE
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # to start threads takes longer than what they would compute
-    try:
-        from biela import tools
+    from biela import tools
 
-        getattr(tools, name)()
-    except ModuleNotFoundError as fault:
-        sys.exit(f"{name}: the Python package {fault.name!r} is missing: `make setup` installs it")
+    getattr(tools, name)()

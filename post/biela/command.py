@@ -69,6 +69,14 @@ def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
         return failed
 
 
+def missing(fault: ModuleNotFoundError) -> str:
+    """Return the words on a library that is not installed; a module of this package that is not there is a fault of the program."""
+    name = (fault.name or "").partition(".")[0]
+    if name in ("", "biela"):
+        raise fault
+    return f"the Python package {name!r} is missing: `make setup` installs it, or pip install {name}"
+
+
 def run(main: Callable[[], int]) -> NoReturn:
     """Call a tool and end with its status; what it prints never ends it.
 
@@ -84,6 +92,10 @@ def run(main: Callable[[], int]) -> NoReturn:
         status = main()
         if sys.stdout is not None:
             sys.stdout.flush()
+    except ModuleNotFoundError as fault:
+        tool = Path(sys.argv[0]).stem.removeprefix("biela-")
+        print(f"{tool}: {missing(fault)}", file=sys.stderr)
+        status = 2
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is still buffered has no reader
         status = CLOSED

@@ -8,6 +8,7 @@ Every fault is a `HistoryError` of one line, the file and where possible the lin
 from __future__ import annotations
 
 import fnmatch
+import functools
 import json
 import re
 from dataclasses import dataclass
@@ -16,12 +17,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .number_text import read_rows
 from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
     import pandas
 
 HEADER = "# columns:"
+LARGE = 20_000_000  # bytes of a table beyond which it is worth while to load a faster parser
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
 
@@ -33,7 +36,7 @@ class History:
         path: the file they come from
         names: column names; the first is the independent one, `t` in every file of a transient
         units: unit of each name, '' where the file states none
-        data: array of shape (rows, columns), in the columns' units
+        data: array of shape (rows, columns), in the columns' units; a column's values lie side by side
     """
 
     path: Path
@@ -54,6 +57,16 @@ class History:
         if name not in self.names:
             raise HistoryError(f"{self.path}: no column {name!r}; {self._have()}")
         return self.data[:, self.names.index(name)]
+
+    @functools.cached_property
+    def ends(self) -> dict[str, tuple[float, float]]:
+        """Least and largest value of each column."""
+        low, high = self.data.min(axis=0), self.data.max(axis=0)
+        return {name: (float(low[k]), float(high[k])) for k, name in enumerate(self.names)}
+
+    def size(self, name: str) -> float:
+        """Return the largest size of a column's values."""
+        return max(map(abs, self.ends[name]))
 
     def label(self, name: str) -> str:
         """Return the name with its unit in brackets, as axes show it."""
@@ -107,21 +120,63 @@ def read(source: str | Path, kind: str = "history") -> History:
     path = Path(source)
     if path.is_dir():
         path = path / RESULT_FILES[kind]
+    separator = "," if path.suffix == ".csv" else None
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        head, size = _head(path, separator)
+        _, columns = _header(path, head, separator)
+        names = [name for name, _ in columns]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
+        data = None
+        if not separator:
+            data = read_rows(path, size, len(names))
+        elif path.stat().st_size > LARGE:
+            data = _large_table(path, len(names))
+        if data is None or not len(data):
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+            data = np.asfortranarray(_rows(path, lines, _header(path, lines, separator)[0], len(names), separator))
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
     except OSError as fault:
         raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
-    separator = "," if path.suffix == ".csv" else None
-    first, columns = _header(path, lines, separator)
-    names = [name for name, _ in columns]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
-    data = _rows(path, lines, first, len(names), separator)
+    except MemoryError:
+        raise HistoryError(f"{path}: is larger than the memory") from None
     _check_order(path, names[0], data[:, 0])
     return History(path, names, dict(columns), data)
+
+
+def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
+    """Return the first lines of a file, as far as the first one of its rows, and how many bytes stand before the rows."""
+    lines, size = [], 0
+    with path.open("rb") as file:
+        for line in file:
+            lines.append(line.decode("utf-8", "replace").rstrip("\r\n"))
+            if separator or not line.startswith(b"#"):
+                break
+            size += len(line)
+    return lines, size
+
+
+def _large_table(path: Path, width: int) -> np.ndarray | None:
+    """Return the rows of a large table with commas by the parser of pyarrow, None where it is missing or does not understand."""
+    try:
+        from pyarrow import csv, float64, lib
+    except ImportError:
+        return None
+    names = [str(k) for k in range(width)]
+    try:
+        table = csv.read_csv(
+            path,
+            csv.ReadOptions(skip_rows=1, column_names=names),
+            convert_options=csv.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[]),
+        )
+    except (lib.ArrowInvalid, OSError):
+        return None
+    data = np.empty((table.num_rows, width), order="F")
+    for k, name in enumerate(names):
+        data[:, k] = table.column(name).to_numpy()
+    return data if np.isfinite(data).all() else None
 
 
 class Event(NamedTuple):

@@ -25,6 +25,8 @@ FLAT = 50.0
 STEADY = 1.0e-9  # share of its size by which a column varies that is constant
 ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
 PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
+THINNED = 4000  # parts of a column, more than a picture has dots across
+MOST_PANELS = 24  # of one picture
 ONE_COLUMN = 5  # more panels stand in two columns
 LOOK = {
     "font.size": 10,
@@ -91,7 +93,7 @@ def panels(runs: list[History], names: list[str]) -> list[list[str]]:
     A panel holds no more columns than there are line styles.
     """
     result: list[list[str]] = []
-    ends = {name: [(run[name].min(), run[name].max()) for run in runs if name in run] for name in names}
+    ends = {name: [run.ends[name] for run in runs if name in run] for name in names}
     low, high = ({name: pick(one[k] for one in ends[name]) for name in names} for k, pick in enumerate((min, max)))
     span = {name: high[name] - low[name] for name in names}
     for name in names:
@@ -175,13 +177,31 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
             style = STYLES[(j if len(group) > 1 else k) % len(STYLES)]
             words = [label] if len(runs) > 1 else []
             words += [name] if len(group) > 1 else []
-            axis.plot(run[abscissa], run[name], ls=style, color=colour, label=": ".join(words) or None)
+            axis.plot(*thinned(run[abscissa], run[name]), ls=style, color=colour, label=": ".join(words) or None)
     axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
     if len(group) > 1:
         handles = axis.lines
         if len(runs) > 1:
             handles = [plt.Line2D([], [], color="#333333", ls=STYLES[j % len(STYLES)]) for j in range(len(group))]
         axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+
+
+def thinned(along: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows that a picture can show: of a long column the first, least and largest of each of many parts, and the last.
+
+    Args:
+        along: the horizontal axis; where it turns back, as a path does, all rows are returned
+        values: as many
+    """
+    part = values.size // THINNED
+    if part < 8 or np.any(np.diff(along) < 0.0):
+        return along, values
+    whole = part * (values.size // part)
+    parts = values[:whole].reshape(-1, part)
+    begins = np.arange(0, whole, part)
+    rows = np.concatenate([begins, begins + parts.argmin(axis=1), begins + parts.argmax(axis=1), np.arange(whole, values.size)])
+    rows = np.unique(np.append(rows, values.size - 1))
+    return along[rows], values[rows]
 
 
 def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa: str) -> None:
@@ -202,7 +222,7 @@ def usual_columns(run: History) -> list[str]:
     Raises:
         HistoryError: the rows are modes, which no line should join.
     """
-    names = [name for name in run.match(None) if np.any(run[name])] or run.match(None)
+    names = [name for name in run.match(None) if run.size(name) > 0.0] or run.match(None)
     if run.path.name == RESULT_FILES["modes"]:
         raise HistoryError(f"{run.path}: its rows are modes, not times: name --columns, or draw them with post/modes.py")
     if run.path.name == RESULT_FILES["static"]:
@@ -216,7 +236,7 @@ def usual_columns(run: History) -> list[str]:
 
 def moving(runs: list[History], names: list[str]) -> list[str]:
     """Return the columns whose values exceed rounding, compared with the largest column of their unit, in any of the runs."""
-    size = {name: max((float(np.max(np.abs(run[name]))) for run in runs if name in run), default=0.0) for name in names}
+    size = {name: max((run.size(name) for run in runs if name in run), default=0.0) for name in names}
     units = {name: unit_of(runs, name) for name in names}
     largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}
     time = min((float(np.ptp(run.time)) for run in runs if run.names[0] == "t"), default=0.0) or np.inf
@@ -237,7 +257,7 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
         for name in names:
             run[name]
     if runs[0].path.name == RESULT_FILES["energy"]:  # its residual and violations tell something as rounding, too
-        idle = [name for name in runs[0].names[1:] if not any(np.any(run[name]) for run in runs if name in run)]
+        idle = [name for name in runs[0].names[1:] if not any(run.size(name) > 0.0 for run in runs if name in run)]
     else:
         large = moving(runs, runs[0].names[1:])
         idle = [name for name in runs[0].names[1:] if name not in large]
@@ -245,7 +265,7 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
         return names, []
     names = [name for name in names if name not in idle] or names
     idle = [name for name in idle if name not in names]
-    constant = [name for name in names if all(np.ptp(run[name]) <= STEADY * np.abs(run[name]).max() for run in runs)]
+    constant = [name for name in names if all(run.ends[name][1] - run.ends[name][0] <= STEADY * run.size(name) for run in runs)]
     told = [f"{name} = {runs[0][name][0]:.6g} {pretty_unit(unit_of(runs, name))}".rstrip() for name in constant]
     return [name for name in names if name not in constant] or names, idle + (told if len(constant) < len(names) else [])
 
@@ -287,6 +307,9 @@ def plot(args: argparse.Namespace) -> int:
         raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
     names, idle = chosen_columns(runs, args.columns, args.against)
     labels = args.labels or names_of([run.path for run in runs])
+    groups = panels(runs, names)
+    crowded = [name for group in groups[MOST_PANELS:] for name in group]
+    names = [name for name in names if name not in crowded]
     figure = draw(runs, labels, names, args.against, args.title or f"{args.file} of {', '.join(labels)}")
     if args.events:
         if (args.against or runs[0].names[0]) != "t":
@@ -296,5 +319,7 @@ def plot(args: argparse.Namespace) -> int:
     path = save(figure, args.output or runs[0].path.parent / usual_stem(words))
     if idle:
         print(f"left out, zero, rounding or constant throughout: {', '.join(idle)}")
+    if crowded:
+        print(f"left out, {MOST_PANELS} panels are full: {', '.join(crowded)}; --columns chooses")
     print(f"wrote {path}")
     return 0

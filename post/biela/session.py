@@ -221,6 +221,8 @@ def _tool(name: str, *words: object, **options: object) -> tuple[int, str]:
             status = import_module(f".commands.{name}", __package__).main(line)
         except SystemExit:
             status = 2
+        except ModuleNotFoundError as fault:
+            raise BielaError(f"{name}: {command.missing(fault)}") from None
     if status not in (0, 1):
         raise BielaError(wrong.getvalue().strip() or f"{name} ended with status {status}")
     return status, told.getvalue()

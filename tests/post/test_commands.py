@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import biela
+import known_optima
 import pytest
 from biela import command, deck_runs, histories, tools
 from biela.commands import compare as compare_command
@@ -24,6 +25,28 @@ def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:
     return subprocess.Popen(words, stderr=subprocess.PIPE, env=environment, **keywords)
 
 
+@pytest.mark.parametrize(
+    ("tool", "library", "words"),
+    [("spectrum", "scipy", ["run", "--columns", "a"]), ("plot", "matplotlib", ["run"]), ("optimise", "scipy", ["study.toml"])],
+)
+def test_a_library_that_is_missing_is_told(tmp_path, biela, tool, library, words):
+    """A search loads scipy in a thread, when it begins."""
+    known_optima.write(tmp_path, known_optima.PROBLEMS["Branin, three minima"])
+    (tmp_path / "deck.nml").write_text(MOVING)
+    code = f"import sys; sys.modules['{library}'] = None; from biela import tools; tools.{tool}()"
+    environment = {**os.environ, "PYTHONPATH": str(POST), "BIELA": str(biela)}
+    line = [sys.executable, "-c", code, *words]
+    done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    told = f"the Python package '{library}' is missing: `make setup` installs it, or pip install {library}"
+    assert (done.returncode, done.stderr.partition(": ")[2]) == (2, told + "\n")
+
+
+MOVING = """&parameter name='x' value=1 /
+&parameter name='y' value=1 /
+&body name='b' mass=1 inertia=1 /
+&sensor name='f' quantity='angle' body='b' /
+&transient t_end=1 step=1 /
+"""
 SHOWN = {"ascii": "4 ?s, ? = ? 0", "latin-1": "4 µs, ? = ? 0", "utf-8": "4 µs, α = ζ 0"}
 
 

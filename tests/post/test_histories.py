@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from biela import histories
 from biela.histories import HistoryError, read, read_summary
 
 GOOD = "# biela: sensors\n# columns: t[s] a.q[rad] a.qd[rad/s] b\n0.0 1.0 -2.5e3 1\n1.0e-3 2.0 1E-300 2\n"
@@ -129,3 +130,25 @@ def test_figures_that_are_missing_or_damaged(write, tmp_path, text, told):
     with pytest.raises(HistoryError) as fault:
         read_summary(tmp_path)
     assert str(fault.value).startswith(f"{tmp_path}/summary.json: {told}")
+
+
+def test_tables_of_the_solver_and_large_ones_are_read_by_fast_parsers(write, monkeypatch):
+    """Row by row what float() reads; a damaged number is named with its line, whichever parser met it first."""
+    values = np.random.default_rng(1).normal(size=(700, 31)) * 10.0 ** np.random.default_rng(2).integers(-300, 300, (700, 31))
+    values[:, 0] = np.arange(700)
+    digits = [[f"{value:.16E}".partition("E") for value in row] for row in values]
+    words = [[f"{mantissa}E{power[0]}{power[1:].zfill(3)}".rjust(25) for mantissa, _, power in row] for row in digits]
+    head = "# title: µ\n# columns: t[s] " + " ".join(f"c{k}[m]" for k in range(30)) + "\n"
+    text = head + "".join("".join(row) + "\n" for row in words)
+    found = read(write(text))
+    np.testing.assert_allclose(found.data, values, rtol=5.0e-16)
+    assert found.data.flags.f_contiguous
+    assert found.ends["c3"] == (found["c3"].min(), found["c3"].max())
+    for odd in ("NaN", "1.2345678901234567D+000", "1.23456789012345x7E+000"):
+        with pytest.raises(HistoryError, match=rf"history.txt:702: '{odd}' is no finite number"):
+            read(write(head + "".join("".join(row) + "\n" for row in [*words[:699], [*words[699][:-1], odd.rjust(25)]])))
+    monkeypatch.setattr(histories, "LARGE", 1000)
+    table = "t,a\n" + "".join(f"{k},{k}.5\n" for k in range(500))
+    np.testing.assert_array_equal(read(write(table, "a.csv"))["a"], np.arange(500) + 0.5)
+    with pytest.raises(HistoryError, match="a.csv:103: 'x' is no finite number"):
+        read(write(table.replace("101.5", "x"), "a.csv"))

@@ -383,3 +383,13 @@ def test_events_are_marked_in_every_panel(runs, capsys):
     (runs[0] / "events.txt").write_text("1e-3 pad open\n")
     assert plot_command.main([str(runs[0]), "--columns", "large", "--events", "--output", str(picture)]) == 2
     assert "events.txt:1: is no event" in capsys.readouterr().err
+
+
+def test_long_columns_keep_their_crests_in_few_points():
+    time = np.linspace(0.0, 1.0, 200_001)
+    values = np.sin(2.0e4 * time) * (1.0 + time)
+    values[77_777] = 9.0
+    along, shown = plot.thinned(time, values)
+    assert len(shown) < 4 * plot.THINNED
+    assert (along[0], along[-1], shown.max(), shown.min()) == (0.0, 1.0, 9.0, values.min())
+    assert plot.thinned(np.cos(time), values)[0].size == time.size, "a path that turns back keeps all"

@@ -215,12 +215,17 @@ class Pool:
         """There is nothing to end."""
 
 
+def write(folder: Path, problem: Problem, runs: int = 1000) -> None:
+    """Write study.toml and deck.nml of a problem into a folder."""
+    (folder / "deck.nml").write_text(deck_text(problem), encoding="utf-8")
+    (folder / "study.toml").write_text(study_text(problem, "deck.nml", runs), encoding="utf-8")
+
+
 def install(monkeypatch, folder: Path, problem: Problem, runs: int = 1000) -> Pool:
     """Write study.toml and deck.nml of a problem into a folder and let sweeps run its function; returns the executor."""
     from biela import sweep_work
 
-    (folder / "deck.nml").write_text(deck_text(problem), encoding="utf-8")
-    (folder / "study.toml").write_text(study_text(problem, "deck.nml", runs), encoding="utf-8")
+    write(folder, problem, runs)
     pool = Pool(problem.function)
     monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pool)
     return pool
