@@ -79,14 +79,22 @@ def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mec
         yield f"power of drive {drive['name']}", f"{_peak(table.time[inside], np.abs(power), 'W') or '0 W'}; energy {energy:.4g} J"
 
 
-def of_energy(table: History) -> Iterator[tuple[str, str]]:
-    """Yield largest kinetic energy, losses, each with its share of all where there are several, and work."""
+def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
+    """Yield largest kinetic energy, losses, each with its share of all where there are several, and work.
+
+    Args:
+        table: of energies
+        transient: figures of the run, whose lists tell what each stop and each joint with friction has lost
+    """
     if np.any(table["kinetic"]):
         yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
     lost = losses(table)
     for name, energy in lost.items():
         share = f", {100.0 * energy / table['dissipated'][-1]:.3g} % of all" if len(lost) > 1 else ""
         yield f"energy lost in {name}", f"{energy:.4g} J{share}"
+        items = [(one["name"], one["lost"]) for one in transient.get(name, []) if one.get("lost")]
+        for element, part in sorted(items, key=lambda one: -abs(one[1])) if len(items) > 1 else []:
+            yield f"energy lost in {name}, {element}", f"{part:.4g} J, {100.0 * part / table['dissipated'][-1]:.3g} % of all"
     if np.any(table["work"]):
         yield "work of drives and loads", f"{table['work'][-1]:.4g} J"
 

@@ -187,7 +187,7 @@ def findings(run: Run) -> dict[str, str]:
         found += engineering.of_history(table, kinds, rounding)
         found += engineering.of_drives(table, scene, deck, moved)
     if energies is not None:
-        found += engineering.of_energy(energies)
+        found += engineering.of_energy(energies, run.figures.get("transient", {}))
     return dict([*found, *engineering.of_modes(run.figures)])
 
 
