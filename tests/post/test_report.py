@@ -114,8 +114,14 @@ def test_what_a_designer_asks_comes_first(run_deck):
 
 @pytest.mark.long
 @pytest.mark.skipif(not shutil.which("chromium"), reason="needs a browser")
-@pytest.mark.parametrize("width", [500, 1920])
-def test_the_page_is_as_wide_as_its_window(page, tmp_path, width):
+@pytest.mark.parametrize(("width", "printed"), [(500, False), (1920, False), (718, True)])
+def test_the_page_is_as_wide_as_its_window_or_its_paper(biela, tmp_path, width, printed):
+    """Two runs with long findings; on paper nothing can be scrolled."""
+    for deck in ("four_bar", "friction_slider_crank"):
+        subprocess.run([biela, "--quiet", "--output", tmp_path / deck, f"{ROOT}/input/{deck}.nml"], check=True, capture_output=True)
+    report(tmp_path, tmp_path / "four_bar", tmp_path / "friction_slider_crank", "--output", tmp_path / "both.html")
+    page = (tmp_path / "both.html").read_text()
+    page = page.replace("@media print", "@media all") if printed else page
     script = "<script>document.body.dataset.width = document.documentElement.scrollWidth</script></body>"
     (tmp_path / "page.html").write_text(page.replace("</body>", script))
     words = ["--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900", "--dump-dom", f"{tmp_path}/page.html"]
