@@ -1,9 +1,11 @@
 !> The solver's inside for the tests: coordinates, accelerations, multipliers, energies at states given on standard input.
 !> probe layout DECK | probe evaluate DECK < states (a line each: t, q, v, z, z') | probe linear DECK < states: the same
 !> and the matrices of the linearisation. | probe completeness DECK: what a modal analysis says that knows its k-th mode not, for
-!> k = 1 to the number asked for. | probe numbers < bit patterns of reals as integers: each as result files show it.
+!> k = 1 to the number asked for. | probe error DECK: radau's estimated error of a step `first_step`. | probe numbers < bit
+!> patterns of reals as integers: each as result files show it.
 program probe
   use kinds, only: wp
+  use choose_stepper, only: make_stepper
   use complex_modes, only: find_modes
   use decimal, only: number_width, write_number
   use deck_reader, only: read_deck
@@ -17,6 +19,8 @@ program probe
   use linearisation, only: linearise
   use mode_list, only: mode_set, undamped_mode
   use pole_check, only: check_undamped, say_what_is_missing
+  use radau_stepper, only: radau_march
+  use time_stepper, only: stepper
   use triplets, only: triplet_matrix
   use, intrinsic :: iso_fortran_env, only: error_unit, input_unit, int64, iostat_end
   implicit none (type, external)
@@ -44,6 +48,8 @@ program probe
     call layout()
   else if (word == 'completeness') then
     call completeness()
+  else if (word == 'error') then
+    call estimated_error()
   else
     call evaluate_all()
   end if
@@ -104,6 +110,23 @@ contains
       call show('initial', run%y(s%nq + 1:2*s%nq))
     end associate
   end subroutine layout
+
+  !> The error of the first step, in the layout of the state, and over what is allowed.
+  subroutine estimated_error()
+    class(stepper), allocatable :: march
+    real(wp) :: error
+    logical :: ok
+    call make_stepper(run%d%transient, run%sys%m%s, 0.0_wp, march)
+    call march%begin(run%sys, 0.0_wp, run%y)
+    march%tried = run%d%transient%first_step
+    select type (march)
+    type is (radau_march)
+      call march%try_step(run%sys, march%tried, ok)
+      call march%measure_step(run%sys, march%tried, error)
+      call show('error', march%stages%work%e)
+    end select
+    write (*, '(a, es24.16)') 'allowed', error
+  end subroutine estimated_error
 
   !> The count and the verdict with each undamped mode left out of the list in turn.
   subroutine completeness()

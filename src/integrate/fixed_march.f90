@@ -29,7 +29,7 @@ contains
       return
     end if
     n = step_count(from, to, self%settings%step)
-    call aim(self, from, to, n, system%longest_fixed((to - from)/real(n, wp), self%accuracy), h, ends)
+    call aim(self, from, to, n, system%longest_fixed((to - from)/real(n, wp), self%settings%order), h, ends)
     if (self%row_due) return
     call self%try_step(system, h, ok)
     at_event = .false.

@@ -23,6 +23,7 @@ module time_stepper
   !> What a deck asks of the steps.
   type, public :: step_settings
     logical :: adaptive = .false.             !! steps are chosen by their errors
+    integer :: order = 1                      !! of the method
     real(wp) :: step = 0.0_wp                 !! fixed: as written in the deck [s]
     real(wp) :: tolerance = 0.0_wp            !! adaptive [-]
     real(wp) :: first_step = 0.0_wp           !! adaptive [s], 0: chosen by the method
@@ -60,7 +61,6 @@ module time_stepper
   type, abstract, public :: stepper
     type(step_settings) :: settings
     type(error_norm) :: norm                  !! scales of errors, bounds of what means anything
-    integer :: accuracy = 2                   !! order of the method in fixed steps
     real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]
     integer(ip) :: steps = 0                  !! accepted
     integer(ip) :: rejected = 0               !! tried and given up

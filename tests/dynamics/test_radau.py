@@ -1,6 +1,7 @@
 """method='radau': order 5 of every column, tolerances that are kept, L-stability, evaluations beside scipy's Radau, energies."""
 
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -318,3 +319,48 @@ def test_the_first_step_is_short_beside_the_motion_at_the_start(run_deck, tolera
     )
     first = float(re.search(r"accepted steps from +(\S+) to", run.summary)[1])
     assert 0.0 < 100.0 * first <= tolerance**0.25
+
+
+def first_error(matrix, start, h, twice):
+    """Return the estimate of Hairer & Wanner, IV.8, of a step of x' = A x, filtered once or twice."""
+    root = np.sqrt(6.0)
+    a = np.array([
+        [(88 - 7 * root) / 360, (296 - 169 * root) / 1800, (-2 + 3 * root) / 225],
+        [(296 + 169 * root) / 1800, (88 + 7 * root) / 360, (-2 - 3 * root) / 225],
+        [(16 - root) / 36, (16 + root) / 36, 1 / 9],
+    ])  # fmt: skip
+    n = len(start)
+    stages = np.linalg.solve(np.eye(3 * n) - h * np.kron(a, matrix), h * np.kron(a.sum(1), matrix @ start)).reshape(3, n)
+    embedded = np.array([-13 - 7 * root, -13 + 7 * root, -1.0]) @ stages / 3 / h
+    filtered = (3 - 3 ** (1 / 3) + 3 ** (2 / 3)) / h * np.eye(n) - matrix
+    error = np.linalg.solve(filtered, matrix @ start + embedded)
+    return np.linalg.solve(filtered, matrix @ (start + error) + embedded) if twice else error
+
+
+@pytest.mark.parametrize(("terms", "tolerance"), [(True, 1e-1), (False, 1e-12)])
+def test_the_estimated_error_is_that_of_the_reference(terms, tolerance, probe, tmp_path):
+    """Of each unknown, internal variables and their rates too, at a step as long as the vibration is fast."""
+    inertia, k, c, h, alpha, zeta, omega, tau = 0.3, 40.0, 0.7, 0.05, 0.8, 0.6, 30.0, 0.06
+    deck = f"&body name='b' mass=1.0 inertia={inertia} angle=0.2 angular_velocity=2.0 /\n"
+    words = f"ghm_alpha={alpha} ghm_zeta={zeta} ghm_omega={omega} prony_alpha=0.5 prony_tau={tau}" if terms else ""
+    deck += f"&spring name='s' type='torsional' body_a='b' stiffness={k} damping={c} free_angle=0.7 {words} /\n"
+    deck += "&sensor name='a' quantity='angle' body='b' /\n"
+    deck += f"&transient t_end=1.0 method='radau' tolerance={tolerance} first_step={h} output_step=0.5 /\n"
+    (tmp_path / "d.nml").write_text(deck, encoding="utf-8")
+    done = subprocess.run([str(probe), "error", str(tmp_path / "d.nml")], check=True, capture_output=True, text=True)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    found = np.array([float(x) for x in lines[0][1:]])
+    assert (float(lines[1][1]) > 1.0) == (tolerance < 1e-6)
+    stiff = k * (1 + 1.3 * terms)  # unknowns: angle less that of rest, rate; z of the GHM term and of the Maxwell term, z' of the first
+    matrix = np.array([
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [-stiff / inertia, -c / inertia, k * alpha / inertia, 0.5 * k / inertia, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0],
+        [1 / tau, 0.0, 0.0, -1 / tau, 0.0],
+        [omega**2, 0.0, -(omega**2), 0.0, -2 * zeta * omega],
+    ])  # fmt: skip
+    n = 5 if terms else 2
+    start = np.array([-0.5, 2.0, -0.5, -0.5, 0.0])[:n]
+    expected = first_error(matrix[:n, :n], start, h, not terms)
+    assert np.abs(expected).min() > 1e-6
+    assert found[[2, 5, 6, 7, 8][:n]] == pytest.approx(expected, rel=1e-9, abs=1e-12)

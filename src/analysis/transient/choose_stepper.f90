@@ -50,6 +50,7 @@ contains
     end if
     associate (settings => march%settings)
       settings%adaptive = r%adaptive
+      settings%order = method_order(r%method)
       settings%step = r%step
       settings%tolerance = r%tolerance
       settings%first_step = r%first_step

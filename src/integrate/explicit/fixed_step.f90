@@ -34,7 +34,6 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: y(:)              !! (n) [unit]
     call self%stages%prepare(self%method, size(y))
-    self%accuracy = self%method%order
     self%t = t
     self%y = y
     self%trial = y

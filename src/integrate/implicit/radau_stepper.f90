@@ -39,7 +39,6 @@ contains
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     self%order = 4
-    self%accuracy = 5
     self%patience = 4
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
