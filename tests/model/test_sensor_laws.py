@@ -224,23 +224,24 @@ def test_a_linear_spring_between_two_bodies(run_deck):
         close(0.4 * (acceleration - gravity), (h["k.f"] * line[k] / length)[6:-6], 1e-5)
 
 
-def test_internal_forces_of_a_clamped_element_in_statics(run_deck):
+@pytest.mark.parametrize("pull", [0.5, -0.5])
+def test_internal_forces_of_a_clamped_element_in_statics(pull, run_deck):
     """F across the tip, slowly: q = F, m1 = F L, m2 = 0; with P along it n = P; the stress is |N|/A + |M| (h/2)/I."""
     text = HEAD.replace("gravity=0.6,-9.81", "").replace("1.0e-5", "1.0e-3")
     text += "&body name='b' kind='beam' length=0.4 elements=1 material='m' section='s' reference='clamped' angle=0.7 /\n"
     text += "&joint name='w' type='weld' body_a='b' node_a=1 /\n"
     text += "&history name='slow' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=2.0 /\n"
-    text += "&force name='f' type='force' body='b' node=2 fx=0.5 fy=0.02 axes='body' history='slow' /\n"
+    text += f"&force name='f' type='force' body='b' node=2 fx={pull} fy=0.02 axes='body' history='slow' /\n"
     text += "&sensor name='d' quantity='deflection' body='b' node=2 /\n"
     text += "&sensor name='i' quantity='internal' body='b' element=1 /\n&sensor name='w' quantity='reaction' joint='w' /\n"
     h = run_deck(text + "&transient t_end=3.0 method='rk4' step=2.0e-5 output_step=0.1 /\n").history
     n, q, m1, m2, s = (h[f"i.{c}"][-1] for c in ("n", "q", "m1", "m2", "s"))
-    assert n == pytest.approx(0.5, rel=1e-6)
+    assert n == pytest.approx(pull, rel=1e-6)
     assert q == pytest.approx(0.02, rel=1e-4)
     assert m1 == pytest.approx(0.02 * 0.4, rel=1e-4)
     assert abs(m2) < 1e-4 * m1
-    assert s == pytest.approx(n / AREA + m1 * 0.006 / (0.02 * 0.012**3 / 12), rel=1e-12)
-    moment = 0.02 * (0.4 + h["d.u"][-1]) - 0.5 * h["d.v"][-1]  # of both forces where they act, about the wall
+    assert s == pytest.approx(abs(n) / AREA + m1 * 0.006 / (0.02 * 0.012**3 / 12), rel=1e-12)
+    moment = 0.02 * (0.4 + h["d.u"][-1]) - pull * h["d.v"][-1]  # of both forces where they act, about the wall
     assert h["w.m"][-1] == pytest.approx(-moment, rel=1e-4)
     assert np.hypot(h["w.fx"][-1], h["w.fy"][-1]) == pytest.approx(np.hypot(0.5, 0.02), rel=1e-6)
 
