@@ -88,13 +88,13 @@ contains
     integer, intent(in) :: k                   !! constraint
     real(wp), intent(in), optional :: row(:)   !! (rows) in place of Phi: its rate [m/s]
     character(:), allocatable :: text
-    real(wp) :: gap                            ! [m], [rad], or per second
+    real(wp) :: open(self%s%rows), gap         ! [m], [rad], or per second
     integer :: i
+    open = abs(ev%rows%phi)
+    if (present(row)) open = abs(row)
     associate (c => self%s%constraints(k)%item)
-      i = c%first - 1 + maxloc(abs(ev%rows%phi(c%first:c%first + c%rows - 1)), 1)
-      if (present(row)) i = c%first - 1 + maxloc(abs(row(c%first:c%first + c%rows - 1)), 1)
-      gap = abs(ev%rows%phi(i))
-      if (present(row)) gap = abs(row(i))
+      i = c%first - 1 + maxloc(open(c%first:c%first + c%rows - 1), 1)
+      gap = open(i)
       if (norm2([ev%rows%na(:, i), ev%rows%nb(:, i)]) > 0.0_wp) then
         text = to_text(gap)//' m'
       else

@@ -121,10 +121,12 @@ contains
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
     real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
-    integer, intent(in), optional :: segment !! of viscoelastic terms
+    integer, intent(in), optional :: segment !! of viscoelastic terms; 0: none
     real(wp) :: b
-    integer :: j, info
+    integer :: j, info, chosen
     logical :: last
+    chosen = 0
+    if (present(segment)) chosen = segment
     lambda = 0.0_wp
     self%steps = 0
     self%w(:, 0) = 0.0_wp
@@ -136,8 +138,8 @@ contains
     self%w(:, 1) = self%r/b
     self%beta(0) = 0.0_wp
     do j = 1, min(most, size(self%alpha))
-      if (present(segment)) then
-        call multiply_segment(self, m, ev, segment, self%v(:, j), self%r)
+      if (chosen > 0) then
+        call multiply_segment(self, m, ev, chosen, self%v(:, j), self%r)
       else
         call multiply(self, m, ev, mix, self%v(:, j), self%r)
       end if

@@ -112,11 +112,7 @@ contains
       integer, intent(in) :: segment
       type(followed_motion) :: motion
       integer :: i
-      if (segment > 0) then
-        call self%fast%largest(m, work, .false., mix, 100, lambda, segment)
-      else
-        call self%fast%largest(m, work, .false., mix, 100, lambda)
-      end if
+      call self%fast%largest(m, work, .false., mix, 100, lambda, segment)
       if (.not. lambda > 0.0_wp) return
       motion%mix = mix
       motion%segment = segment
@@ -185,11 +181,7 @@ contains
     logical, intent(out) :: exists
     real(wp) :: lambda                         ! [rad2/s2] or [1/s]
     self%fast%start(:) = self%motions(k)%start
-    if (self%motions(k)%segment > 0) then
-      call self%fast%largest(m, ev, .true., self%motions(k)%mix, self%steps, lambda, self%motions(k)%segment)
-    else
-      call self%fast%largest(m, ev, .true., self%motions(k)%mix, self%steps, lambda)
-    end if
+    call self%fast%largest(m, ev, .true., self%motions(k)%mix, self%steps, lambda, self%motions(k)%segment)
     exists = lambda > 0.0_wp
     if (exists) call self%fast%mode(m, ev, 1, self%mode)
   end subroutine iterate
