@@ -138,6 +138,19 @@ def test_masses_beyond_double_precision_are_told(run_deck, analysis):
     assert not run.folder.exists()
 
 
+def test_masses_that_become_too_uneven_in_a_run_are_told_with_the_weakest_joint(run_deck):
+    text, x, y = "&scene gravity=1.0,0.5 /\n", 0.0, 0.0
+    for k in range(3):
+        text += f"&body name='l{k}' mass={1e9**k} inertia={0.1 * 1e9**k} position={x},{y} angle={0.3 * k} /\n"
+        text += f"&joint name='j{k}' type='revolute' body_a='l{k}' " + (f"body_b='l{k - 1}' point_b=1.0,0.0 /\n" if k else "/\n")
+        x, y = x + np.cos(0.3 * k), y + np.sin(0.3 * k)
+    text += "&sensor name='s' quantity='angle' body='l0' /\n"
+    run = run_deck(text + "&transient t_end=10.0 method='rk4' step=1e-2 output_step=0.1 accept_unstable=.true. /\n", expect=1)
+    place = re.match(r"\S+\.nml:(\d+): the run cannot go on after .*, most of all at joint \"(\w+)\"\. Results", run.stderr)
+    assert place[2] == "j2"
+    assert text.splitlines()[int(place[1]) - 1].startswith("&joint name='j2'")
+
+
 @pytest.mark.parametrize("ratio", [1e-9, 1.0, 1e9])
 def test_bodies_left_free_are_named_whatever_their_masses(run_deck, ratio):
     text = "&scene gravity=0.0,-9.81 /\n"

@@ -5,7 +5,7 @@ module march_failure
   use errors, only: failure, status_failed
   use friction_row, only: friction_model
   use assembly_conflict, only: deck_line_of
-  use assembly_reports, only: too_uneven
+  use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use projection, only: open_constraints
   use scene_run, only: run_state
   use step_control, only: error_norm
@@ -51,7 +51,7 @@ contains
     case (trouble_system)
       text = friction_fault(run, march%t)
     case (trouble_masses)
-      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//strongest(run)
+      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)
       call open_constraints(run%sys%m, run%sys%ev, names, gap)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
@@ -90,7 +90,9 @@ contains
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
     end select
     call fail%raise(status_failed, text//'. '//kept(last))
-    if (trouble == trouble_masses) fail%deck_line = deck_line_of(run%d, maxloc(reactions(run), 1))
+    if (trouble /= trouble_masses) return
+    b = weakest_constraint(run%sys%m, run%sys%ev)
+    if (b > 0) fail%deck_line = deck_line_of(run%d, b)
   end subroutine explain_loss
 
   !> Whether friction presses joints so hard that rigid bodies have no motion, or hardly one.
