@@ -187,10 +187,10 @@ def promises(table, program: Path, count: int, seed: int) -> None:
         for kind in [*KINDS, "all"]:
             mine = [v[asked] for (name, _), v in found if v and asked in v and kind in (name, "all")]
             promised = [v for v in mine if v["promised"]]
-            ratios = sorted(v["ratio"] for v in promised if v["ratio"] == v["ratio"])
+            ratios = [v["ratio"] for v in promised if v["ratio"] == v["ratio"]]
             if not ratios:
                 continue
-            middle, most = ratios[len(ratios) // 2], ratios[int(0.95 * (len(ratios) - 1))]
+            middle, most = np.median(ratios), np.percentile(ratios, 95, method="higher")
             kept = sum(v["error"] <= 1.0 for v in promised)
             words = f"{len(mine)} settled, {len(promised)} promised, {kept} kept; median {middle:.1f}, 95 of 100 at most {most:.1f}"
             table.add(f"  {asked:.0e} {kind}: {words}")

@@ -122,3 +122,9 @@ def test_most_seconds_ends_a_search_with_what_is_there(run_deck):
     run = run_deck(BAR.format(damping="", override="", words="accuracy=1e-5 most_seconds=1e-6"))
     assert run.figures["accuracy"]["results_of_pass"] == 1
     assert "the accuracy is not kept: most_seconds ended the search" in run.stderr
+
+
+def test_an_accuracy_beyond_the_digits_is_told(run_deck):
+    run = run_deck(PENDULUM + "&transient t_end=1.0 output_step=0.1 accuracy=1e-30 /\n")
+    assert [p[2] for p in passes(run)] == pytest.approx([1e-12, 1e-13])
+    assert "the accuracy is not kept: tolerances end at 1e-13; the worst column of the results, b.angle[rad], errs by" in run.stderr

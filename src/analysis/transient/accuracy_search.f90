@@ -112,6 +112,7 @@ contains
     if (method == 'dopri5') setting = finer*self%accuracy
     if (method == 'rk4') setting = self%first_step
     if (method == 'radau' .and. self%free) setting = min(self%accuracy, finer*pilot_tolerance)
+    if (method /= 'rk4') setting = max(setting, least_tolerance/finer)   ! a finer pass is possible
   end function first_setting
 
   !> The next pass.
@@ -242,12 +243,9 @@ contains
       call add(self, pass_record(member, method='radau', setting=first_setting(self, 'radau')))
     else
       self%choice = 'the stable step of dopri5 asks for less than radau'
-      if (pass%outcome == finished) then
-        call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'), &
-                                   budget=hopeless*max(self%explicit_cost, cost, least_budget)))
-      else
-        call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
-      end if
+      if (pass%outcome /= finished) cost = 0.0_wp
+      call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'), &
+                                 budget=hopeless*max(self%explicit_cost, cost, least_budget)))
     end if
   end subroutine choose
 
@@ -255,18 +253,21 @@ contains
   subroutine refine(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
+    logical :: leaves_radau                   ! dopri5 may follow: it has not cost too much
+    leaves_radau = self%free .and. pass%method == 'radau' .and. self%explicit_cost < huge(1.0_wp)
     if (pass%worst >= 0.0_wp .and. pass%worst <= 1.0_wp) then
       if (pass%method == 'dopri5') then
         call finish(self, .true., '')
       else
-        call add(self, pass_record(witness, method='dopri5', setting=finer**3*self%accuracy, budget=witness_share*pass%cost))
+        call add(self, pass_record(witness, method='dopri5', setting=max(finer**3*self%accuracy, least_tolerance), &
+                                   budget=witness_share*pass%cost))
       end if
-    else if (self%free .and. pass%method == 'radau' .and. falls_slowly(self, pass)) then
+    else if (leaves_radau .and. falls_slowly(self, pass)) then
       self%choice = 'errors of radau fall as slowly as where it damps vibrations that a column shows'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
     else if (stuck(self, pass)) then
       return
-    else if (self%free .and. pass%method == 'radau' .and. growth*pass%cost > self%explicit_cost) then
+    else if (leaves_radau .and. growth*pass%cost > self%explicit_cost) then
       self%choice = 'the next pass of radau would cost more than the stable step of dopri5 asks for'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
     else
@@ -317,7 +318,7 @@ contains
     type(pass_record), intent(in) :: pass     !! of the witness
     if (pass%worst <= 1.0_wp) then
       call finish(self, .true., '')
-    else if (self%free) then
+    else if (self%free .and. self%explicit_cost < huge(1.0_wp)) then
       self%choice = 'radau damps vibrations that a column shows'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
     else
