@@ -38,6 +38,7 @@ contains
       end if
     end do
     s%stops = size(d%stops)
+    s%laws = any(d%springs%characteristic > 0) .or. any(d%forces%argument%sensor > 0)
     order = [(k, k=loads + 1, size(s%forces)), (k, k=1, loads)]
     s%switching = pack(order, [(s%forces(order(k))%item%switches, k=1, size(order))])
     do k = 1, size(s%switching)

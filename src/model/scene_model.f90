@@ -29,6 +29,7 @@ module scene_model
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
     integer :: stops = 0                        !! how many of them are stops
+    logical :: laws = .false.                   !! some of them follow a motion by a history
     type(controller_model), allocatable :: controllers(:)
     integer, allocatable :: switching(:)        !! those of them that have discrete states: stops, then functions of motion
     integer :: elements = 0                     !! that have such: these, then the rows that switch

@@ -193,7 +193,7 @@ contains
     integer :: steps, attempt
     start = run%y
     steps = 0
-    do attempt = merge(2, 1, loose), merge(2, 1, run%sys%m%s%stops > 0)
+    do attempt = merge(2, 1, loose), merge(2, 1, run%sys%m%s%stops > 0 .or. run%sys%m%s%laws)
       run%y = start
       if (attempt == 2) call find_contacts(run, part, run%d%static%tolerance, report)
       steps = steps + report%steps

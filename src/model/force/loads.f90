@@ -88,7 +88,7 @@ contains
     end if
   end function present_factor
 
-  !> How the wrench grows with the argument.
+  !> How the wrench grows with the argument; where no load acts and the question is what holds at all, at most.
   pure function load_slope(self, p, with) result(w)
     class(load_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -99,11 +99,13 @@ contains
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     if (self%controller > 0) then
       w(1:3) = with%load_factor*with%slopes(1)*self%unit_wrench(p, with)
-      return
+    else if (with%load_factor > 0.0_wp) then
+      call self%followed(p, with%stage, x, rate, rounding)
+      h = self%history_value(with, x)
+      w(1:3) = with%load_factor*h(1)*self%unit_wrench(p, with)
+    else
+      w(1:3) = -self%history%steepest()*self%unit_wrench(p, with)
     end if
-    call self%followed(p, with%stage, x, rate, rounding)
-    h = self%history_value(with, x)
-    w(1:3) = with%load_factor*h(1)*self%unit_wrench(p, with)
   end function load_slope
 
   !> The free length of a spring whose deformation it follows.

@@ -147,14 +147,14 @@ contains
     rounding = root_rounding*rounding
   end subroutine spring_followed
 
-  !> Static stiffness at a deformation.
+  !> Static stiffness at a deformation; of a characteristic the largest where no load acts and the question is what holds at all.
   pure real(wp) function present_stiffness(self, with, d) result(k)   ! [N/m] or [N m/rad]
     class(spring_model), intent(in) :: self
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: d              !! [m] or [rad]
     real(wp) :: h(0:2)
     k = self%stiffness
-    if (.not. allocated(self%history)) return
+    if (.not. allocated(self%history) .or. .not. with%load_factor > 0.0_wp) return
     h = self%history_value(with, d - self%unprestressed(with%prestress))
     k = h(1)
   end function present_stiffness

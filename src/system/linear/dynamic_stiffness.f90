@@ -66,6 +66,7 @@ contains
     real(wp), intent(in) :: largest_force      !! that acts anywhere: frames' stiffness from forces is known to its rounding [N]
     logical, intent(in) :: dependent(:)        !! (rows) rows that follow from others
     integer, allocatable :: block_of(:), number_of(:)
+    real(wp), allocatable :: loops(:)          ! (entries) of the damping, what loops add [as c]
     real(wp) :: spring                         ! [N/m]
     integer :: b, k, nt
     self%n = lin%n
@@ -89,7 +90,9 @@ contains
       self%joint(b) = self%joint(b) + lin%jacobian%values(k)
     end do
     call make_groups(self, lin, self%groups)
-    call classify(self)
+    allocate (loops(size(self%row)), source=0.0_wp)
+    call gather(self, lin%loops, loops)
+    call classify(self, loops)
     allocate (block_of(nt), source=0)
     allocate (self%forces(self%n), source=0.0_wp)
     do b = 1, size(m%s%bodies)
@@ -102,12 +105,14 @@ contains
     call self%solver%set_up(nt, self%row, self%col, block_of)
   end subroutine build
 
-  !> Skew part of C; whether the undamped system is symmetric and whether there is damping at all.
-  subroutine classify(self)
+  !> Skew part of C without loops, which need not be symmetric to damp; whether the undamped system is symmetric and whether there
+  !> is damping at all.
+  subroutine classify(self, loops)
     class(stiffness_system), intent(inout) :: self
+    real(wp), intent(in) :: loops(:)                  !! (entries) [as c]
     real(wp), parameter :: unequal = 1.0e-9_wp        !! relative difference of an entry and its mirror that is no rounding [-]
     real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
-    self%gyro = 0.5_wp*(self%c - self%c(self%mirror))
+    self%gyro = 0.5_wp*((self%c - loops) - (self%c(self%mirror) - loops(self%mirror)))
     where (abs(self%gyro) <= rounding*(abs(self%c) + abs(self%c(self%mirror)))) self%gyro = 0.0_wp
     self%conservative = all(abs(self%k - self%k(self%mirror)) <= unequal*(abs(self%k) + abs(self%k(self%mirror))))
     if (self%conservative) self%k = 0.5_wp*(self%k + self%k(self%mirror))

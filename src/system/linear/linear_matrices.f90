@@ -22,6 +22,7 @@ module linear_matrices
     integer :: n = 0                         !! unknowns (as many as coordinates, same offsets)
     integer :: rows = 0                      !! constraint rows
     type(triplet_matrix) :: mass, damping, stiffness   !! n x n
+    type(triplet_matrix) :: loops            !! n x n: of the damping, what forces that follow rates of others add
     type(triplet_matrix) :: jacobian         !! rows x n
     type(linear_segment), allocatable :: segments(:)
     integer, allocatable :: before(:)        !! (bodies) segments of the bodies before

@@ -143,6 +143,7 @@ contains
     type(element_action), intent(in) :: action(:)   !! (force elements)
     type(linear_mechanism), intent(inout) :: lin
     type(marker_stiffness) :: t
+    type(triplet_matrix) :: unused
     integer :: k, segment
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
@@ -163,6 +164,8 @@ contains
         if (allocated(f%argument) .and. f%controller == 0) then    ! loops of controllers are closed by `closed_loops`
           call f%argument_tangent(ev%p, with, t)
           call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, lin%stiffness, lin%damping, lin%stiffness)
+          t%k = 0.0_wp
+          call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, unused, lin%loops, unused)
         end if
         if (f%law%order() == 0) cycle
         segment = segment + 1
