@@ -159,6 +159,8 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         kind = dice.choice(["linear", "torsional"])
         text += f"&spring name='k{k}' type='{kind}' {sides(dice, bodies, turns=kind == 'torsional')} stiffness={some(dice, 0, 4)}"
         text += terms(dice) + maybe(dice, 0.4, " damping=0.3") + " /\n"
+        if dice.random() < 0.2:
+            text = re.sub(r"stiffness=\S+(.*)/\n$", rf"characteristic='h{dice.randint(0, 2)}'\1/\n", text)
     for k in range(dice.choice([0, 1, 1, 2])):
         name, nodes = dice.choice(bodies)
         kind = dice.choice(
@@ -173,6 +175,8 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         more = maybe(dice, 0.5, f" history='h{dice.randint(0, 2)}'") + maybe(
             dice, 0.2, dice.choice([" stage='static'", " stage='transient'"])
         )
+        column = dice.choice("position.x velocity.y angle angular_velocity far u.v q.qd s.d acceleration.x".split())
+        more += maybe(dice, 0.2, f" argument='{column}'" + ("" if "history" in more else " history='h0'"))
         text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
     if dice.random() < 0.3:
         more = dice.choice(["", " rate=.true.", " relative=.true.", " rate=.true. relative=.true."])

@@ -1,5 +1,4 @@
-"""Forces whose history is a function of a motion, and springs with a characteristic: tangents against differences, orders, energies,
-an independent integration, modes, statics and responses of the closed loop, bounds of steps, restart."""
+"""Forces over the motion and spring characteristics: tangents, orders, energies, scipy's solution, closed loops, stable steps."""
 
 from __future__ import annotations
 
@@ -132,7 +131,7 @@ def test_press_and_motor_against_scipy(run_deck):
         push = 4.0 * np.cos(20 * t) + 3.0 - np.interp(y[0], places, forces)
         return [y[1], push / 3.0, np.interp(y[2], speeds, torques) / 0.02]
 
-    crossings = [lambda t, y, c=c: y[0] - c for c in places[1:-1]] + [lambda t, y, c=c: y[2] - c for c in speeds[1:-1]]
+    crossings = [lambda _, y, c=c: y[0] - c for c in places[1:-1]] + [lambda _, y, c=c: y[2] - c for c in speeds[1:-1]]
     for crossing in crossings:
         crossing.terminal = True
     t, y, found = 0.0, np.array([0.0, 0.0, 3.0]), 0
