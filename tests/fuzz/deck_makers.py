@@ -175,7 +175,8 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         more = maybe(dice, 0.5, f" history='h{dice.randint(0, 2)}'") + maybe(
             dice, 0.2, dice.choice([" stage='static'", " stage='transient'"])
         )
-        column = dice.choice("position.x velocity.y angle angular_velocity far u.v q.qd s.d acceleration.x".split())
+        columns = ["position.x", "velocity.y", "angle", "angular_velocity", "far", "u.v", "q.qd", "s.d", "acceleration.x"]
+        column = dice.choice(columns)
         more += maybe(dice, 0.2, f" argument='{column}'" + ("" if "history" in more else " history='h0'"))
         text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
     if dice.random() < 0.3:
