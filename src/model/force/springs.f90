@@ -1,7 +1,7 @@
 !> Springs and dampers between two markers, with viscoelastic terms on their one deformation (a viscoelastic joint). Kinds say what
 !> the deformation is: the angle between two sections, or the distance of two markers minus a free length. Linear springs without a
 !> free length are bushes, which pull their markers together in whatever direction these move apart. theory.md, section 5. A
-!> characteristic, a history of the deformation, may stand for the stiffness (section 13).
+!> characteristic, a history of the deformation, may stand for the stiffness (section 3).
 module springs
   use kinds, only: wp
   use constraint, only: marker_stiffness

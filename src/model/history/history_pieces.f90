@@ -1,6 +1,6 @@
 !> Histories as functions of motion. A history goes by pieces between its corners, where its slope jumps. A step stays on one piece,
 !> which is continued beyond its ends, so that the method sees a smooth function; that the motion leaves the piece is an event
-!> (theory.md, section 13). A piece is named by a point within it.
+!> (theory.md, section 3). A piece is named by a point within it.
 module history_pieces
   use kinds, only: wp
   use history, only: history_model
