@@ -14,13 +14,14 @@ module friction_tally
     integer(ip) :: slips = 0                  !! it broke away
     integer(ip) :: turns = 0                  !! it went on the other way
     real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
-    real(wp) :: slid = 0.0_wp                 !! to and fro [m] or [rad]
+    real(wp) :: slid = 0.0_wp                 !! to and fro until the last event of any element [m] or [rad]
+    real(wp) :: place = 0.0_wp                !! where it was then [m] or [rad]
     real(wp) :: rest = 0.0_wp                 !! time at rest [s]
     real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
   contains
     procedure :: note_event
     procedure :: note_rest
-    procedure :: note_slip
+    procedure :: note_place
   end type joint_tally
 
 contains
@@ -60,14 +61,13 @@ contains
     self%share = max(self%share, share)
   end subroutine note_rest
 
-  !> An accepted step in which it slides: the integral of the cubic with these rates and their derivatives at both ends.
-  pure subroutine note_slip(self, h, rate, change)
+  !> Where it is at an event: between two of them it slides one way, or not at all.
+  pure subroutine note_place(self, place)
     class(joint_tally), intent(inout) :: self
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: rate(0:1)         !! [m/s] or [rad/s]
-    real(wp), intent(in) :: change(0:1)       !! per second [m/s2] or [rad/s2]
-    self%slid = self%slid + abs(0.5_wp*h*(rate(0) + rate(1)) + h**2*(change(0) - change(1))/12)
-  end subroutine note_slip
+    real(wp), intent(in) :: place             !! [m] or [rad]
+    self%slid = self%slid + abs(place - self%place)
+    self%place = place
+  end subroutine note_place
 
   !> Saves or restores all of them.
   subroutine exchange_friction(list, a)
@@ -82,6 +82,7 @@ contains
         call a%exchange(x%first)
         call a%exchange(x%last)
         call a%exchange(x%slid)
+        call a%exchange(x%place)
         call a%exchange(x%rest)
         call a%exchange(x%share)
       end associate

@@ -30,12 +30,14 @@ contains
     integer, intent(in) :: i                   !! its number among those with friction
     type(summary_record), intent(inout) :: text
     real(wp) :: lost                           ! [J]
+    real(wp) :: slid                           ! [m] or [rad]
     associate (m => run%sys%m, x => run%sys%friction(i))
       associate (row => m%s%constraints(m%s%switching_rows(i))%item)
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
+        slid = x%slid + abs(run%sys%place_of(i) - x%place)
         call text%open('', '{')
         call text%member('name', json_text(trim(row%name)))
-        call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', x%slid, 4)
+        call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)
         call text%figure(trim(merge(' rad', ' m  ', row%angular))//', lost ', 'lost', lost, 4)
         call text%figure(' J; came to rest ', 'sticks', x%sticks)
         call text%figure(' times, broke away ', 'slips', x%slips)

@@ -83,6 +83,7 @@ module mechanism_ode
     procedure :: derivative
     procedure :: project => mechanism_project
     procedure :: start_switching
+    procedure :: place_of
     procedure :: hold_friction
     procedure :: free_friction
     procedure :: find_roots
@@ -158,7 +159,19 @@ contains
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
                                                 self%ev%switches%state(:self%m%s%stops) /= 0)
     call self%hold_friction(t, y)
+    do k = 1, size(self%friction)
+      self%friction(k)%place = self%place_of(k)
+    end do
   end subroutine start_switching
+
+  !> Where joint k of those with friction stands in its last evaluation [m] or [rad].
+  pure real(wp) function place_of(self, k)
+    class(mechanism_system), intent(in) :: self
+    integer, intent(in) :: k
+    associate (row => self%m%s%constraints(self%m%s%switching_rows(k))%item)
+      place_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
+    end associate
+  end function place_of
 
   !> Joints with friction stick or slip as at a state that no event has led to.
   subroutine hold_friction(self, t, y)
@@ -258,6 +271,9 @@ contains
         call self%friction(k - size(self%tally))%note_event(t, before(k), state)
       end associate
     end do
+    do k = 1, size(self%friction)
+      call self%friction(k)%note_place(self%place_of(k))
+    end do
     call judge_friction(self, ok)
     if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
   end subroutine resolve_friction
@@ -326,15 +342,10 @@ contains
       end associate
     end do
     do i = 1, size(self%friction)
-      k = most_roots*(size(self%tally) + i - 1) + 1   ! where it slips, the speed
       select type (row => self%m%s%constraints(self%m%s%switching_rows(i))%item)
       class is (friction_model)
-        associate (state => self%ev%switches%state(row%switch_number), unit => merge(row%size, 1.0_wp, row%angular))
-          if (row%slides(state) == 0) then
-            call self%friction(i)%note_rest(h, row%share(state, self%ev%lambda))
-          else
-            call self%friction(i)%note_slip(h, [g0(k), g1(k)]/unit, [rate0(k), rate1(k)]/unit)
-          end if
+        associate (state => self%ev%switches%state(row%switch_number))
+          if (row%slides(state) == 0) call self%friction(i)%note_rest(h, row%share(state, self%ev%lambda))
         end associate
       end select
     end do
