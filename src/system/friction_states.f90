@@ -1,4 +1,4 @@
-!> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 12). All joints at
+!> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 13). All joints at
 !> rest stick first. A share beyond its static limit is taken off: its joint slips, or is carried at its limit where the others hold
 !> it all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
 module friction_states
@@ -160,27 +160,36 @@ contains
     if (any(carried)) call look(m, ev, at)
   end subroutine sort_dependent
 
-  !> Rows at rest that are off: one that would move against its force sticks, one that is carried no longer slips.
+  !> Rows at rest that are off, one reason after the other: where one is carried by a force along the motion that would begin, its
+  !> force changes sign, and what was taken off sticks again; one that would move against its force sticks again; those that are
+  !> carried no longer slip.
   subroutine check_released(m, ev, rests, changed)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: rests(:)              !! (rows that switch)
     logical, intent(out) :: changed
+    integer :: way(size(rests))                  ! in which it is accelerated
+    logical, dimension(size(rests)) :: slips, turns
     integer :: k
-    changed = .false.
+    way = 0
     do k = 1, size(rests)
-      if (.not. rests(k)) cycle
-      associate (x => motion_of_row(m, ev, k), state => ev%switches%state(number(m, k)))
-        if (abs(x%acceleration) <= still*ev%rows%largest) cycle
-        if (abs(state) == row_slips .and. state*x%acceleration < 0.0_wp) then
-          state = row_stuck
-          changed = .true.
-        else if (abs(state) == row_carried .or. state == row_idle) then
-          state = nint(sign(1.0_wp, x%acceleration))*row_slips
-          changed = .true.
-        end if
+      associate (x => motion_of_row(m, ev, k))
+        if (rests(k) .and. abs(x%acceleration) > still*ev%rows%largest) way(k) = nint(sign(1.0_wp, x%acceleration))
       end associate
     end do
+    associate (state => ev%switches%state(number(m, 1):))
+      slips = rests .and. abs(state) == row_slips
+      turns = abs(state) == row_carried .and. state*way < 0
+      changed = any(way /= 0 .and. state /= row_stuck .and. .not. (slips .and. state == way))
+      if (any(turns)) then
+        where (turns) state = -state
+        where (slips) state = row_stuck
+      else if (any(slips .and. state*way < 0)) then
+        state(findloc(slips .and. state*way < 0, .true., 1)) = row_stuck
+      else
+        where (way /= 0 .and. state /= row_stuck) state = way*row_slips
+      end if
+    end associate
   end subroutine check_released
 
   !> Takes off the row that is farthest beyond its static limit.

@@ -1,4 +1,4 @@
-!> Multipliers of joints that slip: friction follows from the same multipliers that it changes (theory.md, section 12),
+!> Multipliers of joints that slip: friction follows from the same multipliers that it changes (theory.md, section 13),
 !>
 !>   S_nn lambda = b - S_nt sigma c(lambda)                                 (A)
 !>

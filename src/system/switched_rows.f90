@@ -1,5 +1,5 @@
 !> Rows that switch, where they are off: they hold nothing, and their multipliers follow a law. Of friction, where it slips, the
-!> multiplier is the friction force, a function of the joint's other multipliers (theory.md, section 12).
+!> multiplier is the friction force, a function of the joint's other multipliers (theory.md, section 13).
 module switched_rows
   use kinds, only: wp
   use evaluation_results, only: evaluation

@@ -1,5 +1,5 @@
 !> Coulomb's law of a joint: up to which tangential force its surfaces stick, and with which they slip, from the joint's own
-!> multipliers (theory.md, section 12). A pin presses by the size of its force, a slider by its normal force, a prismatic joint by
+!> multipliers (theory.md, section 13). A pin presses by the size of its force, a slider by its normal force, a prismatic joint by
 !> those of two pads, which also take its moment.
 module friction_law
   use kinds, only: wp
