@@ -224,7 +224,7 @@ def test_slider_crank_with_friction_in_four_joints(run_deck):
     assert times[:2] == pytest.approx(found, abs=1e-9)
     assert [word[0] for word in words[:2]] == ["small", "rail"]
     assert run.history["a"][: len(angles)] == pytest.approx(angles, abs=1e-8)
-    x, m, f, _ = SliderCrank([1, -1, -1, -1]).forces(0.7, 30.0)
+    _, m, f, _ = SliderCrank([1, -1, -1, -1]).forces(0.7, 30.0)
     assert run.history["rail.fx"][0] == pytest.approx(-f[3], rel=1e-10)
     assert run.history["rail.fy"][0] == pytest.approx(-m[6], rel=1e-10)
     assert run.history["main.m"][0] == pytest.approx(-f[0], rel=1e-10)
@@ -233,13 +233,13 @@ def test_slider_crank_with_friction_in_four_joints(run_deck):
 def test_mechanism_at_rest_stays_for_an_hour(run_deck):
     """It comes to rest in several joints at once; not a digit moves in an hour, by steps of any kind."""
     deck = CRANK.replace("angular_velocity=30", "angular_velocity=1")
-    for name, method in (("free", "method='dopri5' tolerance=1e-8"), ("fixed", "method='rk4' step=2.0 accept_unstable=.true.")):
+    for method in ("method='dopri5' tolerance=1e-4", "method='rk4' step=2.0 accept_unstable=.true."):
         first = deck.replace("friction=0.1", "friction=0.1 preload=1.0").replace("angular_velocity=1", "angular_velocity=0")
-        run = run_deck(first.replace("METHOD", f"{method} t_end=3600 output_step=100"), name=name)
+        run = run_deck(first.replace("METHOD", f"{method} t_end=3600 output_step=100"), name=method[8:11])
         assert np.ptp(run.history["a"]) < 1e-14
         assert not events_of(run)[1]
         assert abs(run.history["rail.fy"]).min() > 0.0
-    run = run_deck(deck.replace("METHOD", "method='dopri5' tolerance=1e-8 t_end=3 output_step=0.1"), name="stops")
+    run = run_deck(deck.replace("METHOD", "method='dopri5' tolerance=1e-6 t_end=3 output_step=0.1"), name="stops")
     assert sorted(word[0] for word in events_of(run)[1][-4:]) == ["big", "main", "rail", "small"]
     assert events_of(run)[1][-1][2] == "stuck"
     assert np.ptp(run.history["a"][-3:]) < 1e-15
@@ -258,7 +258,8 @@ def test_loads_that_vary_and_jump(method, run_deck):
     assert times[0] == pytest.approx(np.arcsin(0.25 * 2 * G / 6) / (2 * pi), abs=1e-9)
     assert words[0] == ["rail", "stuck", "forward"]
     run = run_deck(
-        BLOCK.replace("FRICTION", "").replace("HISTORY", "kind='pulse' value=6 start=1.013 finish=1.513")
+        BLOCK.replace("FRICTION", "")
+        .replace("HISTORY", "kind='pulse' value=6 start=1.013 finish=1.513")
         .replace("METHOD", f"{method} t_end=3 output_step=0.05"),
         name="jumps",
     )
