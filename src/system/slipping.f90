@@ -41,7 +41,7 @@ contains
       before = f
       call friction(m, ev, x, f)
       change = maxval(abs(f - before))
-      if (change <= settled*maxval(abs(f))) exit
+      if (change*min(1.0_wp, change/last) <= settled*maxval(abs(f))) exit   ! so is the next change
       if (change > slow*last .and. change > 64*settled*maxval(abs(f))) then
         call newton(m, ev, b, x, f)
         exit
@@ -107,10 +107,11 @@ contains
   !> How hard the friction of row k of those that switch presses its own joint, of what it brakes: where that is 1 or more, rigid
   !> bodies have no motion with friction, or two (Painleve 1895). With y the multipliers that a unit of friction asks for, the
   !> largest of dc/dlambda y over all directions of lambda is what c makes of y itself.
-  real(wp) function pressing(m, ev, k) result(ratio)   ! [-]
+  real(wp) function pressing(m, ev, k, others) result(ratio)   ! [-]
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k
+    logical, intent(in) :: others                    !! with the friction of other joints, linearised; else without
     real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix without that friction [1/kg]
     real(wp), dimension(size(ev%lambda)) :: y, unit  ! [-]
     integer :: pivots(ev%schur%n), info
@@ -122,13 +123,17 @@ contains
       unit(c%first) = -1.0_wp
       y = 0.0_wp
       call ev%schur%whole_product(unit, y)
-      where (ev%rows%off) y = 0.0_wp
-      call sum_matrix(m, ev, ev%lambda, c%first, ab)
-      call dgbtrf(size(y), size(y), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
-      y(ev%schur%position) = y*ev%schur%scale
-      if (info == 0) call dgbtrs('N', size(y), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, y, size(y), info)
-      if (info /= 0) return
-      y = y(ev%schur%position)*ev%schur%scale
+      if (others) then
+        where (ev%rows%off) y = 0.0_wp
+        call sum_matrix(m, ev, ev%lambda, c%first, ab)
+        call dgbtrf(size(y), size(y), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
+        y(ev%schur%position) = y*ev%schur%scale
+        if (info == 0) call dgbtrs('N', size(y), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, y, size(y), info)
+        if (info /= 0) return
+        y = y(ev%schur%position)*ev%schur%scale
+      else
+        call ev%schur%solve(y)
+      end if
       ratio = c%law%kinetic*c%law%pressure(c%size, y(c%joint_first:c%joint_first + c%joint_rows - 1))
       if (c%angular) ratio = ratio/c%size
     end select
@@ -143,7 +148,7 @@ contains
     real(wp), intent(out) :: ab(:, :)                !! [1/kg]
     real(wp), allocatable :: d(:)                    ! [-]
     real(wp) :: t                                    ! [1/kg]
-    integer :: i, j, k, l, n, kd, row
+    integer :: i, j, k, l, n, kd
     n = ev%schur%n
     kd = ev%schur%kd
     ab = 0.0_wp
@@ -160,9 +165,8 @@ contains
         if (c%first == without) cycle
         d = c%force_slope(ev%switches%state(c%switch_number), lambda)
         associate (at => ev%schur%position(c%first), scale => ev%schur%scale)
-          do row = 1, n
-            i = ev%schur%position(row)
-            if (abs(i - at) > kd .or. ev%rows%off(row)) cycle
+          do i = max(1, at - kd), min(n, at + kd)
+            if (ev%rows%off(ev%schur%row(i))) cycle
             t = ev%schur%whole(abs(i - at), min(i, at))/scale(c%first)
             if (.not. abs(t) > 0.0_wp) cycle
             do l = 1, c%joint_rows

@@ -284,7 +284,7 @@ contains
     logical, intent(in) :: settled
     integer :: k
     do k = 1, size(self%pressing)
-      self%pressing(k) = pressing(self%m, self%ev, k)
+      self%pressing(k) = pressing(self%m, self%ev, k, .true.)
     end do
     self%fault = .not. settled .or. any(self%pressing >= 1.0_wp)
     call limit_resting(self)
@@ -352,7 +352,7 @@ contains
     call limit_steps(self)
     if (.not. allocated(self%pressing)) return
     self%turn = 1 + mod(self%turn, size(self%pressing))
-    self%pressing(self%turn) = pressing(self%m, self%ev, self%turn)
+    self%pressing(self%turn) = pressing(self%m, self%ev, self%turn, .false.)
     self%fault = self%pressing(self%turn) >= 1.0_wp
   end subroutine note_step
 

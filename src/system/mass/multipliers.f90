@@ -22,6 +22,7 @@ module multipliers
     integer :: n = 0
     integer :: kd = 0                          !! half band width
     integer, allocatable :: position(:)        !! (n) place of each row in the ordering
+    integer, allocatable :: row(:)             !! (n) the row at each place
     real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
     real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j) [1/kg]
     real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed [-]
@@ -70,6 +71,7 @@ contains
     call reverse_cuthill_mckee(n, rows, cols, order, starts)
     allocate (self%position(n), self%scale(n), self%r(n), self%best(n))
     self%position(order) = [(k, k=1, n)]
+    self%row = order(1:n)
     self%scale = 1.0_wp
     self%kd = 0
     do k = 1, size(rows)
