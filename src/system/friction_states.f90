@@ -6,7 +6,7 @@ module friction_states
   use dynamics, only: evaluate
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation, motion_of_row
-  use friction_row, only: friction_model, creeping, row_stuck, row_slips, row_carried, row_idle
+  use friction_row, only: friction_model, creeping, stopped, row_stuck, row_slips, row_carried, row_idle
   use joint_geometry, only: condense_geometry
   use mechanism, only: mechanism_model
   use root_watch, only: by_position, most_roots, root_rounding
@@ -70,7 +70,7 @@ contains
     yes = .false.
     do k = 1, size(m%s%switching_rows)
       associate (x => motion_of_row(m, ev, k))
-        yes = yes .or. (abs(x%state) == row_slips .and. abs(x%rate) <= creeping*m%s%size .and. &
+        yes = yes .or. (abs(x%state) == row_slips .and. abs(x%rate) <= stopped*m%s%size .and. &
                         abs(x%acceleration) <= still*ev%rows%largest)
       end associate
     end do
@@ -99,7 +99,7 @@ contains
       class is (friction_model)
         associate (x => motion_of_row(m, ev, k), state => ev%switches%state(c%switch_number), &
                    memory => ev%switches%memory(c%switch_number), down => fallen(most_roots*(k - 1) + 1:most_roots*k))
-          rests(k) = state == row_stuck .or. abs(x%rate) <= creeping*c%size
+          rests(k) = state == row_stuck .or. abs(x%rate) <= merge(creeping, stopped, abs(state) > row_slips)*c%size
           if (abs(state) == row_slips) rests(k) = rests(k) .or. down(1)
           if (rests(k) .and. state /= row_stuck) memory = c%measure(ev%p)
           breaks(k) = state == row_stuck .and. down(1)
@@ -169,12 +169,14 @@ contains
     logical, intent(in) :: rests(:)              !! (rows that switch)
     logical, intent(out) :: changed
     integer :: way(size(rests))                  ! in which it is accelerated
+    real(wp) :: least                            ! acceleration that is one [m/s2]
     logical, dimension(size(rests)) :: slips, turns
     integer :: k
     way = 0
     do k = 1, size(rests)
       associate (x => motion_of_row(m, ev, k))
-        if (rests(k) .and. abs(x%acceleration) > still*ev%rows%largest) way(k) = nint(sign(1.0_wp, x%acceleration))
+        least = still*ev%rows%largest*merge(0.01_wp, 1.0_wp, abs(x%state) == row_slips)
+        if (rests(k) .and. abs(x%acceleration) > least) way(k) = nint(sign(1.0_wp, x%acceleration))
       end associate
     end do
     associate (state => ev%switches%state(number(m, 1):))

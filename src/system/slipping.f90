@@ -41,7 +41,7 @@ contains
       before = f
       call friction(m, ev, x, f)
       change = maxval(abs(f - before))
-      if (change*min(1.0_wp, change/last) <= settled*maxval(abs(f))) exit   ! so is the next change
+      if (change <= settled*maxval(abs(f))) exit
       if (change > slow*last .and. change > 64*settled*maxval(abs(f))) then
         call newton(m, ev, b, x, f)
         exit

@@ -16,7 +16,7 @@ module friction_row
   integer, parameter, public :: row_stuck = 0, row_slips = 1, row_carried = 2, row_idle = 3
   real(wp), parameter, public :: creeping = 1.0e-10_wp   !! a slower joint is at rest, sizes a second [1/s]
 
-  real(wp), parameter :: stopped = 1.0e-14_wp   !! a rate so small is zero where an event is located, sizes a second [1/s]
+  real(wp), parameter, public :: stopped = 1.0e-13_wp    !! a rate so small is zero where one slips, sizes a second [1/s]
 
   !> The row.
   type, extends(line_model), public :: friction_model
