@@ -175,7 +175,7 @@ contains
     way = 0
     do k = 1, size(rests)
       associate (x => motion_of_row(m, ev, k))
-        least = still*ev%rows%largest*merge(0.01_wp, 1.0_wp, abs(x%state) == row_slips)
+        least = merge(root_rounding, still, abs(x%state) == row_slips)*ev%rows%largest
         if (rests(k) .and. abs(x%acceleration) > least) way(k) = nint(sign(1.0_wp, x%acceleration))
       end associate
     end do
