@@ -121,3 +121,18 @@ def test_events_without_end_are_told_with_names(run_deck):
     run = run_deck(deck + "&transient t_end=1000 method='dopri5' tolerance=1e-6 output_step=1 /\n", expect=1)
     assert "events follow one another without end at t = " in run.stderr
     assert 's, in "tight": more than 1000 in a millionth of the run' in run.stderr
+
+
+@pytest.mark.parametrize("method", ["'rk4' step=1e-3", "'radau' step=5e-3", "'generalized_alpha' step=5e-3"])
+def test_open_stops_take_no_part_in_a_step(method, run_deck):
+    """A chain with a stop at each joint that nothing reaches moves as without, to the last digit."""
+    links, stops = "&scene gravity=0.0,-9.81 /\n", ""
+    for k in range(6):
+        other = f"body_b='b{k - 1}' " if k else ""
+        links += f"&body name='b{k}' mass=1.0 inertia=0.1 position={k + 0.5},0.0 /\n"
+        links += f"&joint name='j{k}' type='revolute' body_a='b{k}' point_a=-0.5,0.0 {other}point_b={0.5 if k else 0.0},0.0 /\n"
+        stops += f"&stop name='t{k}' type='rotation' body_a='b{k}' {other}lower=-50 upper=50 stiffness=1e5 /\n"
+    links += "&sensor name='x' quantity='position' body='b5' /\n"
+    text = f"&transient t_end=0.5 method={method} output_step=0.1 /\n"
+    found = [(run_deck(links + extra + text, name=f"n{len(extra)}").folder / "history.txt").read_text() for extra in ("", stops)]
+    assert found[0].splitlines()[-5:] == found[1].splitlines()[-5:]
