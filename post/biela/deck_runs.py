@@ -91,6 +91,7 @@ class Outcome:
         seconds: of the processor, analyses only; median of the repeats where it was timed alone [s]
         counts: steps, evaluations, newton, residuals, solves, coordinates, dissipative,
             first_order, multipliers
+        warnings: of the solver, a sentence each
     """
 
     status: int
@@ -100,6 +101,7 @@ class Outcome:
     data: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     seconds: float = float("nan")
     counts: dict[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -334,7 +336,8 @@ class Runner:
         counts = {name: summary[part][key] for name, (part, key) in COUNTS.items() if key in summary.get(part, {})}
         seconds = summary["timing"]["processor_seconds"]
         units = tuple(history.units[name] for name in history.names[1:])
-        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts)
+        warnings = tuple(summary.get("warnings", ()))
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings)
 
     def _show(self, stage: str, done: int, count: int) -> None:
         """Draw the progress bar on a terminal."""
@@ -393,5 +396,5 @@ def _load(path: Path) -> Outcome:
     """Return a kept run."""
     with np.load(path) as kept:
         rest = json.loads(str(kept["rest"]))
-        rest["names"], rest["units"] = tuple(rest["names"]), tuple(rest["units"])
+        rest |= {name: tuple(rest.get(name, ())) for name in ("names", "units", "warnings")}
         return Outcome(data=kept["data"], **rest)

@@ -93,9 +93,21 @@ def scale_of(outcome: Outcome, sizes: dict[str, float]) -> np.ndarray:
     return np.array([found[name] for name in outcome.names])
 
 
+def rounding_columns(outcome: Outcome, sizes: dict[str, float]) -> list[str]:
+    """Return the columns that move by rounding alone, beside the largest of their unit or the scene's size; none where all do."""
+    moved = np.ptp(outcome.data[:, 1:], axis=0)
+    units = dict(zip(outcome.names, outcome.units))
+    largest = {unit: max([sizes.get(unit, 0.0), *moved[[one == unit for one in outcome.units]]]) for unit in units.values()}
+    forces = max((moved[k] for k, unit in enumerate(outcome.units) if unit == "N"), default=0.0)
+    largest["Nm"] = max(largest.get("Nm", 0.0), forces * sizes.get("m", 0.0))
+    found = [name for name, move in zip(outcome.names, moved) if units[name] and move < NOISE * largest[units[name]]]
+    return found if len(found) < len(outcome.names) else []
+
+
 def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:
-    """Return a run as the truth."""
-    keep = [k for k, name in enumerate(outcome.names) if name in compared.columns or not compared.columns]
+    """Return a run as the truth, without the columns that are rounding, unless they were asked for."""
+    wanted = compared.columns or set(outcome.names) - set(rounding_columns(outcome, compared.sizes))
+    keep = [k for k, name in enumerate(outcome.names) if name in wanted]
     scale = scale_of(outcome, compared.sizes)[keep]
     names = tuple(outcome.names[k] for k in keep)
     return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words)

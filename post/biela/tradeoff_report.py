@@ -33,6 +33,9 @@ class Result:
         budget: solver seconds that the recommended run may take, infinite without [s]
         parts: (what, time, mesh, model) parts of errors
         important: what a user should know before he trusts the recommendation
+        doubts: what the solver warns of in the deck as written: said before everything else
+        dropped: columns that are rounding alone and were not compared
+        absent: methods that are not in the curves, each with the reason
     """
 
     deck_name: str
@@ -48,6 +51,9 @@ class Result:
     budget: float = math.inf
     parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
     important: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    absent: list[str] = field(default_factory=list)
 
 
 def asked_for(study: Study) -> list[str]:
@@ -189,7 +195,7 @@ def _wrapped(notes: list[str]) -> list[str]:
 def head(study: Study, result: Result) -> str:
     """Return the comment on top of recommended.nml."""
     lines = textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
-    lines += _wrapped(result.important)
+    lines += _wrapped([*result.doubts, *result.important])
     lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(asked_for(study))}.", WIDTH - 2)
     if not study.grid.stated:
         lines += textwrap.wrap(
@@ -205,6 +211,7 @@ def table(study: Study, result: Result) -> str:
     lines = [
         f"Speed against accuracy of {result.deck_name}",
         "",
+        *_wrapped(result.doubts),
         *textwrap.wrap(verdict(study, result), WIDTH),
         *_wrapped(result.important),
         "",
@@ -212,6 +219,8 @@ def table(study: Study, result: Result) -> str:
         f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (finest levels and meshes, the other explicit method)",
         *(f"  {note}" for note in result.notes),
         f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
+        *textwrap.wrap("rounding alone, not compared: " + ", ".join(result.dropped), WIDTH) * bool(result.dropped),
+        *(f"left out: {words}" for words in result.absent),
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",
         "seconds: of the processor, analyses alone, without start-up; the last rows: of several runs in turn, the median",

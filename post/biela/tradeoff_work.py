@@ -175,6 +175,15 @@ def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) ->
     study.compared = replace(study.compared, columns=columns(names, wanted))
 
 
+def absent(args: argparse.Namespace, base: Base) -> list[str]:
+    """Return the methods that no curve shows, each with the reason."""
+    shown = {made.family for made in base.curves}
+    missing = {name: method for name, (method, _) in FAMILIES.items() if name not in shown}
+    failed, unasked = "its runs failed or took too long", "not in --methods"
+    why = {name: failed if method in args.methods else unasked for name, method in missing.items()}
+    return [f"{name}: {reason}" for name, reason in why.items()]
+
+
 def run(args: argparse.Namespace) -> int:
     """Make the whole study; the exit status."""
     deck = read(args.deck, biela=args.biela)
@@ -195,6 +204,10 @@ def run(args: argparse.Namespace) -> int:
         return 1
     own = Point("deck as written", None, deck, written, gap(written, study.truth))
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
+    result.doubts = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
+    known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
+    result.dropped = [name for name in known if name not in study.truth.names]
+    result.absent = absent(args, base)
     runner.share = SEARCH
     explore(study, base, result)
     runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
@@ -205,6 +218,7 @@ def run(args: argparse.Namespace) -> int:
     runner.clear_line()
     (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
     draw(study, result, folder / "work_precision.png")
+    print("".join(f"- {line}\n" for line in result.doubts), end="")
     print(verdict(study, result))
     print("".join(f"- {line}\n" for line in result.important), end="")
     print(f"Table, deck and picture: {folder}/tradeoff.txt, recommended.nml, work_precision.png")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from biela import deck_models, deck_text, tradeoff_search, tradeoff_truth, tradeoff_work
+from biela import deck_models, deck_text, tradeoff_errors, tradeoff_search, tradeoff_truth, tradeoff_work
 from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import Outcome, OutOfTimeError, RunsError
 from biela.tradeoff_curves import Curve
 from biela.tradeoff_errors import Compared, Gap, gap, truth_of
-from biela.tradeoff_report import Result, head, verdict
+from biela.tradeoff_report import Result, head, table, verdict
 from biela.tradeoff_settings import Setting
 from biela.tradeoff_study import FULL, Step, Study
 from biela.tradeoff_truth import Base, deck_truth, refined_truth
@@ -251,3 +252,37 @@ def test_an_error_that_is_not_split_leaves_a_note(study, monkeypatch, fault, why
     result = Result("deck.nml", "refined", [], [], point(1e-3, 0.0, 2.0), [])
     tradeoff_work.split(study, result, DECK, 1)
     assert (result.parts, result.notes) == ([], [f"deck as written: its error is not split: {why}"])
+
+
+def test_columns_of_rounding_are_not_compared_unless_they_are_asked_for():
+    """Beside a motion of the same unit, or of the scene's size; where all are rounding all are kept."""
+    small = 1.0e-15 * np.sin(50.0 * TIMES)
+    run = outcome(TIMES, small, names=("a.x", "a.y"))
+    assert tradeoff_errors.rounding_columns(run, {}) == ["a.y"]
+    assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)
+    assert tradeoff_errors.truth_of(run, Compared({}, frozenset({"a.y"}))).names == ("a.y",)
+    still = outcome(small, small)
+    assert tradeoff_errors.rounding_columns(still, {}) == []
+    assert tradeoff_errors.rounding_columns(outcome(small, 1.0e-3 * TIMES), {"m": 1.0}) == ["a.x"]
+
+
+def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
+    curve = Curve("rk4", [], [])
+    args = argparse.Namespace(methods=["rk4", "radau"])
+    base = SimpleNamespace(curves=[curve])
+    assert tradeoff_work.absent(args, base) == [
+        "dopri5: not in --methods",
+        "generalized_alpha: not in --methods",
+        "generalized_alpha adaptive: not in --methods",
+        "radau: its runs failed or took too long",
+        "radau adaptive: its runs failed or took too long",
+    ]
+    study = study_with(tmp_path, point(1e-3, 1e-3, 1.0))
+    doubt = "the solver warns of the deck as written: body bends too far"
+    told = dict(doubts=[doubt], dropped=["a.y"], absent=["dopri5: not in --methods"])
+    result = Result("a.nml", "deck", [], [], study.points[0], [], **told)
+    lines = table(study, result).splitlines()
+    assert lines[2] == f"- {doubt}"
+    assert "rounding alone, not compared: a.y" in lines
+    assert "left out: dopri5: not in --methods" in lines
+    assert doubt in head(study, result)
