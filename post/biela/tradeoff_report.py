@@ -232,10 +232,14 @@ def table(study: Study, result: Result) -> str:
         seen = orders(study, made)
         if seen:
             lines.append(f"  {made.family}: " + ", ".join(f"{order:.2f}" for order in seen))
+    if lines[-1].startswith("Observed"):
+        lines.append("  none: fewer than two of a method's runs lie far above the error of its finest one")
     if result.parts:
         lines += ["", f"{'Parts of the error':44} {'time':>9} {'mesh':>9} {'model':>9}"]
         lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
-    lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *_removals(study)]
+    cut = "--time ended the search before" if study.runner.late() else "there is no adequate setting, or nothing to remove"
+    removals = _removals(study) if study.steps else [f"  none was tried: {cut}"]
+    lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *removals]
     lines += ["", "Every run (* Pareto front; < below the truth's own uncertainty)", *_points(study)]
     lines += [_line(study, point) for point in (result.written, result.promised, result.chosen) if point and point.outcome.ok]
     return "\n".join(lines) + "\n"

@@ -285,4 +285,5 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     assert lines[2] == f"- {doubt}"
     assert "rounding alone, not compared: a.y" in lines
     assert "left out: dopri5: not in --methods" in lines
+    assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
     assert doubt in head(study, result)
